@@ -224,7 +224,7 @@ else:
     __all__, __dir__, _load = lazy_interface(__name__, _NAMES, *_PACKAGES, "__version__")
 
     def __getattr__(name: str) -> object:
-        """A public name or package of jaxball, or one of its internal packages, which ``dir`` does not show."""
+        """Returns a public name or package of jaxball, or one of its internal packages, which ``dir`` does not show."""
         if name in __all__:
             return _load(name)
         module = f"{__name__}.{_PACKAGES.get(name, name)}"

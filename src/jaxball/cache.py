@@ -73,12 +73,12 @@ def enable(folder: str | os.PathLike[str] | None = None) -> bool:
 
 
 def disable() -> None:
-    """Neither keeps nor uses programs from now on; existing ones remain."""
+    """Stops keeping and using programs from now on; existing ones remain."""
     current.keep_in(None)
 
 
 def contents(folder: str | os.PathLike[str] | None = None) -> Contents:
-    """The contents of the cache, and whether it is used. Does not need JAX.
+    """Returns the contents of the cache, and whether it is used. Does not need JAX.
 
     **Arguments:**
 
@@ -127,7 +127,7 @@ def load_early() -> None:
 
 
 def in_use() -> Path | None:
-    """The folder in which this process keeps its programs."""
+    """Returns the folder in which this process keeps its programs."""
     return current.store.folder.path if isinstance(current.store, FolderStore) else None
 
 

@@ -25,7 +25,7 @@ try:
 except ImportError:  # in a version that has it elsewhere
 
     def trace_context() -> Any:
-        """What, besides a function and its arguments, determines how the function is traced."""
+        """Returns what, besides a function and its arguments, determines how the function is traced."""
         return tuple(settings().items())
 
 
@@ -91,12 +91,12 @@ __all__ = [
 
 
 def is_traced(x: Any) -> bool:
-    """Whether ``x`` is traced, so that its value is unknown, as within jit, vmap and grad."""
+    """Returns whether ``x`` is traced, so that its value is unknown, as within jit, vmap and grad."""
     return isinstance(x, Tracer)
 
 
 def is_tracer_type(of: type) -> bool:
-    """Whether it is the type of a traced value."""
+    """Returns whether ``of`` is the type of a traced value."""
     return issubclass(of, Tracer)
 
 
@@ -108,17 +108,18 @@ def unvmap_any(x: Any) -> Any:
 
 
 def settings() -> Mapping[str, Any]:
-    """JAX's settings by name, as they are at this point of the program."""
+    """Returns JAX's settings by name, with their values at this point of the program."""
     return jax.config.values
 
 
 def setting_of_traces(default: Any) -> Any:
-    """A setting of one's own by which JAX's caches tell traced functions apart, where this version has such settings.
+    """Makes a setting of one's own by which JAX's caches tell traced functions apart, where this version has such
+    settings.
 
     Called with a value, it is the context in which its ``value`` is that.
     """
-    own: Any = getattr(jax, "make_user_context", _Setting)
-    return own(default)
+    constructor: Any = getattr(jax, "make_user_context", _Setting)
+    return constructor(default)
 
 
 class _Setting(threading.local):
@@ -135,7 +136,7 @@ class _Setting(threading.local):
 
 
 def same_mesh() -> contextlib.AbstractContextManager[Any]:
-    """A context for a trace, in which JAX finds functions again that it has traced.
+    """Returns a context for a trace, in which JAX finds functions again that it has traced.
 
     Within the rules of derivatives in reverse mode, JAX has entered the mesh of no devices that is also the default,
     and takes that for another context than none.
@@ -145,7 +146,7 @@ def same_mesh() -> contextlib.AbstractContextManager[Any]:
 
 
 def without_locations() -> contextlib.AbstractContextManager[Any]:
-    """A context in which operations are lowered without the lines of Python that they are from.
+    """Returns a context in which operations are lowered without the lines of Python that they are from.
 
     To find and to write these takes about a tenth of the time, and nothing here reads them.
     """
@@ -153,7 +154,7 @@ def without_locations() -> contextlib.AbstractContextManager[Any]:
 
 
 def stablehlo_bindings() -> tuple[Any, Any]:
-    """The modules in which a lowered program is read: those of its types and of StableHLO's attributes."""
+    """Returns the modules in which a lowered program is read: one for its types and one for StableHLO's attributes."""
     from jax.extend.mlir import ir
     from jax.extend.mlir.dialects import stablehlo
 
@@ -162,7 +163,7 @@ def stablehlo_bindings() -> tuple[Any, Any]:
 
 @functools.cache
 def stablehlo_passes() -> Any:
-    """What reads lowered programs and runs passes over them, including those of StableHLO."""
+    """Returns the class that reads lowered programs and runs passes over them, including the passes of StableHLO."""
     from jax.extend.mlir import passmanager
     from jax.extend.mlir.dialects import stablehlo
 
@@ -171,12 +172,12 @@ def stablehlo_passes() -> Any:
 
 
 def array_type(shape: tuple[int, ...], dtype: np.dtype, weak: bool) -> Any:
-    """The type of an array, as JAX gives it to the results of a program."""
+    """Returns the type of an array, as JAX gives it to the results of a program."""
     return ShapedArray(shape, dtype, weak_type=weak)
 
 
 def put(array: np.ndarray, aval: Any, sharding: Any, device: Any) -> jax.Array | np.ndarray:
-    """An array of JAX of the type ``aval``, which is not copied where it need not be.
+    """Makes an array of JAX of the type ``aval``, which is not copied where it need not be.
 
     For a type without numbers, such as that of derivatives of integers, JAX uses NumPy arrays, and so does this.
     """
@@ -188,12 +189,12 @@ def put(array: np.ndarray, aval: Any, sharding: Any, device: Any) -> jax.Array |
 
 
 def node_of(structure: Any) -> tuple[type, Any] | None:
-    """The type at the root of a PyTree and its auxiliary data; None for a leaf."""
+    """Returns the type at the root of a PyTree and its auxiliary data; None for a leaf."""
     return structure.node_data()
 
 
 def node_functions(of: type) -> tuple[Any, ...]:
-    """The functions that take objects of a class apart and put them together, if it is a node of PyTrees.
+    """Returns the functions that take objects of a class apart and put them together, if it is a node of PyTrees.
 
     **Raises:** ``RuntimeError`` where this version of JAX does not tell.
     """
@@ -222,7 +223,7 @@ _jitted: Any = jax.jit(lambda x: x)  # of whose type are all that it returns
 
 
 def primitive(name: str, function: Callable[..., Any], results: int | None = None) -> Any:
-    """An operation of JAX that computes ``function`` of an array.
+    """Makes an operation of JAX that computes ``function`` of an array.
 
     It returns as many arrays of the same shape and type as ``results`` says, or a single one outside any tuple.
     """
@@ -235,7 +236,10 @@ def primitive(name: str, function: Callable[..., Any], results: int | None = Non
     new.def_impl(function)
     new.def_abstract_eval(lambda x, **_: of_each(x))
     mlir.register_lowering(new, mlir.lower_fun(function, multiple_results=new.multiple_results))
-    batching.primitive_batchers[new] = lambda given, axes, **params: (new.bind(*given, **params), of_each(axes[0]))
+    batching.primitive_batchers[new] = lambda operands, axes, **params: (
+        new.bind(*operands, **params),
+        of_each(axes[0]),
+    )
     return new
 
 
@@ -262,13 +266,13 @@ class Rules(NamedTuple):
 
 
 def new_primitive(name: str, rules: Rules) -> Any:
-    """An operation of JAX with these rules."""
+    """Makes an operation of JAX with these rules."""
     new = Primitive(name)
     new.multiple_results = True
     new.def_impl(rules.compute)
     new.def_abstract_eval(
         lambda *arrays, **params: [
-            ShapedArray(one.shape, one.dtype, weak_type=bool(one.weak_type)) for one in rules.types(*arrays, **params)
+            ShapedArray(of.shape, of.dtype, weak_type=bool(of.weak_type)) for of in rules.types(*arrays, **params)
         ]
     )
     written = mlir.lower_fun(rules.write, multiple_results=True)
@@ -290,22 +294,26 @@ def new_primitive(name: str, rules: Rules) -> Any:
 
 
 def no_tangent(tangent: Any) -> bool:
-    """Whether a tangent or a cotangent is zero by its kind, as those of integers are."""
+    """Returns whether a tangent or a cotangent is zero by its kind, as for integers."""
     return type(tangent) is ad.Zero or getattr(tangent, "dtype", None) == jax.dtypes.float0
 
 
 def zero_tangent(primal: Any) -> Any:
-    """The tangent of a value that does not vary."""
+    """Returns the tangent of a value that does not vary."""
     return ad.Zero(primal.aval.to_tangent_aval())
 
 
 def is_for_export(context: Any) -> bool:
-    """Whether what is lowered is to be run in another process, from the context that a rule for lowering is given."""
+    """Returns whether the program being lowered is to be run in another process, by the context that a rule for
+    lowering receives.
+    """
     return bool(getattr(context.module_context.lowering_parameters, "for_export", False))
 
 
 def is_for_one_device(context: Any) -> bool:
-    """Whether what is lowered is to be run by a single device, from the context that a rule for lowering is given."""
+    """Returns whether the program being lowered is to be run by a single device, by the context that a rule for
+    lowering receives.
+    """
     return getattr(context.module_context.axis_context, "num_devices", None) == 1
 
 
@@ -342,7 +350,9 @@ class Loop(NamedTuple):
 
 
 def loop(equation: Any) -> Loop:
-    """The loop that an equation is. Releases of JAX count its operands in several ways; sequences have an axis more."""
+    """Describes the loop of an equation. Releases of JAX count its operands in several ways; sequences have an axis
+    more.
+    """
     body = argument(equation, "jaxpr")
 
     def of_one_rank(outer: Any, inner: Any) -> int:
@@ -354,7 +364,7 @@ def loop(equation: Any) -> Loop:
 
 
 def branches(equation: Any) -> tuple[Program, ...]:
-    """The branches of the equation of a ``jax.lax.cond`` or ``jax.lax.switch``."""
+    """Returns the branches of the equation of a ``jax.lax.cond`` or ``jax.lax.switch``."""
     return argument(equation, "branches")
 
 
@@ -367,7 +377,9 @@ def inner_program(equation: Any) -> Program | None:
 
 
 def program_within(equation: Any) -> Program | None:
-    """The program that an equation calls once, even where it has a rule for derivatives; None of a loop or a choice."""
+    """Returns the program that an equation calls once, even where it has a rule for derivatives; None for a loop or a
+    choice.
+    """
     if equation.primitive.name in ("scan", "while", "cond"):
         return None
     for name in ("jaxpr", "call_jaxpr", "fun_jaxpr"):
@@ -380,23 +392,23 @@ def program_within(equation: Any) -> Program | None:
 
 
 def is_within_trace() -> bool:
-    """Whether JAX is tracing anything, so that a function may have captured something traced."""
+    """Returns whether JAX is tracing anything, so that a function may have captured something traced."""
     return not _is_outside_traces()
 
 
 def captures(traced: Any) -> list[Any]:
-    """What is traced around a function that ``jax.jit`` has traced: the first arrays that its program takes."""
-    kept = getattr(traced, "_consts", None)
-    return list(getattr(traced, "_args_flat", ())[: traced._num_consts] if kept is None else kept)
+    """Returns what is traced around a function that ``jax.jit`` has traced: the first arrays that its program takes."""
+    constants = getattr(traced, "_consts", None)
+    return list(getattr(traced, "_args_flat", ())[: traced._num_consts] if constants is None else constants)
 
 
 def evaluate(program: Program, constants: Sequence[Any], operands: Sequence[Any]) -> list[Any]:
-    """The results of a program for these constants, instead of its own, and operands."""
+    """Computes the results of a program for these constants, instead of its own, and operands."""
     return _core.jaxpr_as_fun(ClosedJaxpr(program.jaxpr, list(constants)))(*operands)
 
 
 def argument(equation: Any, name: str) -> Any:
-    """The argument with this name of the function of ``jax.lax`` that an equation stands for.
+    """Returns the argument with this name of the function of ``jax.lax`` that an equation stands for.
 
     **Raises:** ``RuntimeError`` where this version of JAX stores it differently.
     """
@@ -410,7 +422,9 @@ def argument(equation: Any, name: str) -> Any:
 
 
 def function_of(equation: Any) -> Callable[..., Any]:
-    """What an equation computes, with its own rules of derivatives; releases of JAX keep these in two ways."""
+    """Returns the function that an equation computes, with its own rules of derivatives; releases of JAX keep these in
+    two ways.
+    """
     bound = equation.primitive.get_bind_params(equation.params)
     functions, params = ((), bound) if isinstance(bound, Mapping) else bound
     return lambda *operands: equation.primitive.bind(*functions, *operands, **params)

@@ -46,9 +46,9 @@ def prepare() -> bool:
     present = os.environ.get("XLA_FLAGS", "").split()
     if any(flag.startswith(EXTRA) for flag in present):
         return FLAGS[0] in present
-    own = {flag.split("=")[0] for flag in present}
+    names = {flag.split("=")[0] for flag in present}
     version = tuple(int(part) for part in re.findall(r"\d+", importlib.metadata.version("jaxlib"))[:3])
-    flags = " ".join([*present, *(flag for flag in flags_of(version) if flag.split("=")[0] not in own)])
+    flags = " ".join([*present, *(flag for flag in flags_of(version) if flag.split("=")[0] not in names)])
     if not KNOWN_GOOD[0] <= version < KNOWN_GOOD[1] and not _accepts(flags):
         return False
     os.environ["XLA_FLAGS"] = flags
@@ -56,12 +56,12 @@ def prepare() -> bool:
 
 
 def flags_of(version: tuple[int, ...]) -> tuple[str, ...]:
-    """The flags for a version of jaxlib."""
+    """Returns the flags for a version of jaxlib."""
     return FLAGS if version >= WITHOUT_OLDER else (*FLAGS, OLDER)
 
 
 def cores() -> int:
-    """How many cores this process may use."""
+    """Counts the cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -72,7 +72,7 @@ def _run_in_the_calling_thread() -> None:
 
 
 def _accepts(flags: str) -> bool:
-    """Whether a process that runs a compiled loop with these flags succeeds."""
+    """Returns whether a process that runs a compiled loop with these flags succeeds."""
     program = "import jax; jax.jit(lambda x: jax.lax.fori_loop(0, 3, lambda i, x: x + i, x))(0.0)"
     environment = {**os.environ, "XLA_FLAGS": flags}
     done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, check=False)

@@ -40,7 +40,8 @@ class Grid(NamedTuple):
         workers: int | None,
         progress: Callable[[int, int], Any] | None,
     ) -> Any:
-        """What ``solve`` returns for each cell, as arrays with the cells as first axis; ``chunk`` of them at a time.
+        """Computes what ``solve`` returns for each cell, as arrays with the cells as first axis; ``chunk`` of them at a
+        time.
 
         ``workers`` threads, by default as many as this process has cores, solve chunks at the same time, and share the
         rows of a chunk where there are fewer chunks. ``progress`` is called with the number of cells done and the
@@ -66,7 +67,9 @@ class Grid(NamedTuple):
     def dataset(
         self, variables: Mapping[str, tuple[Any, str, str]], attributes: Mapping[str, Any] | None = None
     ) -> "xarray.Dataset":
-        """Variables over both parameters, each an array with the cells as only axis, its meaning and its units."""
+        """Builds a data set of variables over both parameters, each an array with the cells as only axis, its meaning
+        and its units.
+        """
         # Imported here, because it takes longer than all of jaxball's own modules.
         import xarray
 
@@ -82,7 +85,7 @@ class Grid(NamedTuple):
 
 
 def grid_of(parameters: Mapping[str, Numbers]) -> Grid:
-    """The grid of two named parameters, each with a row of values.
+    """Builds the grid of two named parameters, each with a row of values.
 
     **Raises:** ``TypeError`` and ``ValueError`` for other parameters.
     """

@@ -73,3 +73,62 @@ def test_exceptions_are_in_use():
     }
     assert {*TERMS, *PUBLIC} <= names
     assert all(PARTICIPLE.match(name) for name in (*TERMS, *PUBLIC))
+
+
+# First words of docstrings that end like a verb and are none.
+NOUNS = {
+    "angles",
+    "arguments",
+    "coefficients",
+    "components",
+    "conditions",
+    "indices",
+    "numbers",
+    "parameters",
+    "programs",
+    "this",
+    "those",
+    "times",
+    "values",
+    "variables",
+}
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_docstrings_of_functions_begin_with_a_verb(room):
+    """Write "Returns the rates" for "The rates"; what is read as an attribute may begin with its noun."""
+    place = SOURCE / room
+    others = [
+        f"{file.relative_to(SOURCE)}:{node.lineno}: {docstring.splitlines()[0]}"
+        for file in (sorted(place.rglob("*.py")) if place.is_dir() else [place])
+        for node in ast.walk(ast.parse(file.read_text()))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        and (docstring := ast.get_docstring(node))
+        and not (is_property(node) or begins_with_verb(docstring))
+    ]
+    assert not others, "\n".join(others)
+
+
+def begins_with_verb(docstring: str) -> bool:
+    """Whether the first word is a verb of the third person, such as Returns."""
+    word = docstring.split()[0].rstrip(",.:")
+    return re.fullmatch("[A-Z][a-z]+s", word) is not None and word.lower() not in NOUNS
+
+
+# Names of local variables that say how a value came about, or which of several it is, and not what it is.
+VAGUE = {"at", "found", "given", "kept", "known", "made", "mine", "one", "own", "taken", "theirs", "told", "wanted"}
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_locals_are_named_for_what_they_hold(room):
+    """Write ``roots`` or ``columns`` for ``found``, and ``time`` or ``position`` for ``at``."""
+    place = SOURCE / room
+    vague = {
+        f"{file.relative_to(SOURCE)}:{name.lineno}: {name.id}"
+        for file in (sorted(place.rglob("*.py")) if place.is_dir() else [place])
+        for function in ast.walk(ast.parse(file.read_text()))
+        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef)
+        for name in ast.walk(function)
+        if isinstance(name, ast.Name) and isinstance(name.ctx, ast.Store) and name.id in VAGUE
+    }
+    assert not vague, "\n".join(sorted(vague))

@@ -39,7 +39,7 @@ def chart(
     workers: int | None = None,
     progress: Callable[[int, int], Any] | None = None,
 ) -> "xarray.Dataset":
-    """The largest Lyapunov exponent at each pair of values of two parameters.
+    """Computes the largest Lyapunov exponent at each pair of values of two parameters.
 
     **Arguments:**
 
@@ -86,7 +86,7 @@ def chart(
 
 @programs.filter_jit
 def _solve(make: Make, method: Method, cell: Float[Array, "2"], edges: Float[Array, " edges"]) -> Float[Array, "4"]:
-    """Exponent, its standard error, the least normal force and the status."""
+    """Returns the exponent, its standard error, the least normal force and the status."""
     with traceable("make", make):
         system, state = make(cell[0], cell[1])
     state = phase_point(system, state)

@@ -48,9 +48,9 @@ class PoincareMap(Printed):
     @property
     def message(self) -> str:
         """A sentence on how the run ended, and one on how many crossings were kept."""
-        kept = f"Of {self.count} crossings {len(self.times)} were kept"
+        summary = f"Of {self.count} crossings {len(self.times)} were kept"
         more = "; raise `capacity` to keep them all." if self.count > len(self.times) else "."
-        return f"{Status(self.status).sentence(self.reached, self.end, alone=True)} {kept}{more}"
+        return f"{Status(self.status).sentence(self.reached, self.end, alone=True)} {summary}{more}"
 
 
 def poincare_map(
@@ -66,7 +66,7 @@ def poincare_map(
     atol: Numbers = DEFAULT_TOLERANCE,
     max_steps: int = 16384,
 ) -> PoincareMap:
-    """The states at which the motion of ``system`` crosses a section, located to the accuracy of the solve.
+    """Finds the states at which the motion of ``system`` crosses a section, located to the accuracy of the solve.
 
     For masses driven periodically, the stroboscopic map consists of the states at multiples of the period, which
     :func:`jaxball.simulate` saves; a section is for autonomous motions.
@@ -94,10 +94,10 @@ def poincare_map(
     )
     crossings = trajectory.events["section"]
     count = int(crossings.count)
-    kept = slice(0, min(count, capacity))
+    rows = slice(0, min(count, capacity))
     return PoincareMap(
-        times=np.asarray(crossings.times)[kept],
-        state=jax.tree.map(lambda leaf: np.asarray(leaf)[kept], crossings.state),
+        times=np.asarray(crossings.times)[rows],
+        state=jax.tree.map(lambda leaf: np.asarray(leaf)[rows], crossings.state),
         count=count,
         status=int(trajectory.status),
         reached=float(trajectory.reached),

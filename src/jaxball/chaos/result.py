@@ -42,7 +42,7 @@ def limits_of(
     rates: Float[np.ndarray, "n k"],
     standard_error: Float[np.ndarray, " k"],
 ) -> Limits:
-    """The limits of ``rates`` over equal intervals that end at ``times``, of a run that began at ``start``."""
+    """Computes the limits of ``rates`` over equal intervals that end at ``times``, in a run that began at ``start``."""
     count, k = rates.shape
     nothing = np.full(k, np.nan)
     step = (times[-1] - times[0]) / max(count - 1, 1)
@@ -60,16 +60,18 @@ def limits_of(
     variance = np.sum((means - basis @ fitted) ** 2, axis=0) / (parts - 2)
     errors = np.sqrt(np.diag(np.linalg.inv(basis.T @ basis))[:, None] * variance)
     mean, length_of_run = rates.mean(axis=0), count * step
-    told = (np.abs(fitted[0]) > STANDARD_ERRORS * errors[0]) & (np.minimum(mean * fitted[0], mean**2) > 0)
-    told &= np.minimum(np.abs(fitted[0]), np.abs(mean)) * length_of_run > FOLDS
+    nonzero = (np.abs(fitted[0]) > STANDARD_ERRORS * errors[0]) & (np.minimum(mean * fitted[0], mean**2) > 0)
+    nonzero &= np.minimum(np.abs(fitted[0]), np.abs(mean)) * length_of_run > FOLDS
     change = np.abs(mean - fitted[0])
-    drifting = told & (change > standard_error) & (change > 0.1 * np.abs(mean))
+    drifting = nonzero & (change > standard_error) & (change > 0.1 * np.abs(mean))
     drifting &= np.abs(fitted[1]) > STANDARD_ERRORS * errors[1]
-    return Limits(fitted[0], errors[0], told, drifting)
+    return Limits(fitted[0], errors[0], nonzero, drifting)
 
 
 def sentences(limits: Limits) -> list[str]:
-    """What ``limits`` leave open, and what to do; empty if all exponents are distinguished from zero and converged."""
+    """Says what ``limits`` leave open, and what to do; empty if all exponents are distinguished from zero and
+    converged.
+    """
     lines = []
     untold, moving = np.flatnonzero(~limits.told), np.flatnonzero(limits.drifting)
     if np.any(np.isnan(limits.limits)):
@@ -91,7 +93,7 @@ def sentences(limits: Limits) -> list[str]:
 
 
 def _names(indices: Sequence[int] | np.ndarray) -> str:
-    """λ1 and λ2, or λ1 to λ3, or λ1, λ2 and λ4."""
+    """Lists exponents by name: λ1 and λ2, or λ1 to λ3, or λ1, λ2 and λ4."""
     names = [f"λ{i + 1}" for i in indices]
     if len(names) > 2 and indices[-1] - indices[0] == len(names) - 1:
         return f"{names[0]} to {names[-1]}"
@@ -175,7 +177,7 @@ class LyapunovSpectrum(Printed):
         return float(j + (sums[j - 1] if j else 0.0) / abs(exponents[j]))
 
     def raise_if_failed(self) -> "LyapunovSpectrum":
-        """The spectrum itself, or a :class:`~jaxball.SolveError` with the message."""
+        """Returns the spectrum itself, or raises a :class:`~jaxball.SolveError` with the message."""
         if not self.ok:
             raise SolveError(self.message)
         return self

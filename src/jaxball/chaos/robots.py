@@ -14,7 +14,8 @@ from ..physics.prescribed.schedules import ConstantRate
 def rolling_robot(
     orbit: Numbers = 0.6, *, rate: Numbers = 1.5, mass: Numbers = 1.0, inertia: Numbers = 2 / 3, gravity: Numbers = 1.0
 ) -> Ball:
-    """The rolling robot of Ilin, Moffatt & Vladimirov (2017, PNAS 114, 12858): a point mass driven around in a shell.
+    """Builds the rolling robot of Ilin, Moffatt & Vladimirov (2017, PNAS 114, 12858): a point mass driven around in a
+    shell.
 
     The shell has mass 1 and radius 1. The mass moves on the circle of radius ``orbit`` about the centre, in the plane
     of E1 and E3, at the constant ``rate``, and starts at −E3. These four numbers and the choice of the unit of time are
@@ -43,7 +44,7 @@ def rolling_robot(
 def chaplygin_top(
     offset: Numbers = (0.2, 0.3, 0.4), *, inertia: Numbers = (0.2, 0.6, 0.7), gravity: Numbers = 1.0
 ) -> Ball:
-    """Chaplygin's top: a ball with unequal moments whose centre of mass is off the centre and off all axes.
+    """Builds Chaplygin's top: a ball with unequal moments whose centre of mass is off the centre and off all axes.
 
     It has mass 1 and radius 1. Energy is its only integral, and much of its motion is chaotic (Borisov, Kazakov &
     Sataev 2014, Regular and Chaotic Dynamics 19, 718).

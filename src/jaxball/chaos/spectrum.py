@@ -48,7 +48,7 @@ def lyapunov_spectrum(
     atol: Numbers = DEFAULT_TOLERANCE,
     max_steps: int = 16384,
 ) -> LyapunovSpectrum:
-    """The Lyapunov exponents of the motion of ``system`` from ``times[0]`` to ``times[1]``, in 1/time.
+    """Computes the Lyapunov exponents of the motion of ``system`` from ``times[0]`` to ``times[1]``, in 1/time.
 
     The phase space is that of (Ω, Γ) with |Γ| = 1 (``uncon_ball_eqns_explicit``), of dimension 5; each mass that a
     feedback law drives, and each joint without a schedule, adds its θ and θ̇. Position and heading follow by
@@ -99,7 +99,7 @@ def lyapunov_spectrum_of(
     normal: Normal | None = None,
     max_steps: int = 16384,
 ) -> LyapunovSpectrum:
-    """The Lyapunov exponents of ẋ = f(t, x) along the solution that starts at ``x``.
+    """Computes the Lyapunov exponents of ẋ = f(t, x) along the solution that starts at ``x``.
 
     The deviations δẋ = f′(t, x) δx are advanced with x, under the same control of the step, and made orthonormal
     again after each interval; an exponent is the mean of log(length before) / interval (Benettin et al. 1980;
@@ -173,7 +173,7 @@ def check_count(exponents: int | None, largest: int) -> int:
 
 
 def interval_edges(times: Numbers, transient: float, interval: float) -> tuple[np.ndarray, int]:
-    """The times at which vectors are made orthonormal, the start first, and how many intervals are transient.
+    """Returns the times at which vectors are made orthonormal, the start first, and how many intervals are transient.
 
     **Raises:** ``ValueError`` for invalid times or intervals.
     """
@@ -201,7 +201,7 @@ def _count(length: float, interval: float) -> int:
 def spectrum(
     method: Method, flow: Flow, x: Float[Array, " size"], edges: Float[Array, " edges"], startable: Bool[Array, ""]
 ) -> LyapunovSpectrum:
-    """The spectrum, traceable, from ``x`` at the first of ``edges``, which bound the intervals.
+    """Computes the spectrum, traceable, from ``x`` at the first of ``edges``, which bound the intervals.
 
     ``startable`` is False if the solve cannot start.
     """
@@ -218,7 +218,7 @@ _solve = programs.filter_jit(spectrum)
 def system_spectrum(
     method: Method, system: AbstractSystem, state: AbstractState, edges: Float[Array, " edges"]
 ) -> LyapunovSpectrum:
-    """The spectrum of a system, traceable; ``state`` is a phase point and ``method.normal`` belongs to it."""
+    """Computes the spectrum of a system, traceable; ``state`` is a phase point and ``method.normal`` belongs to it."""
     packing = Packing.of(system.prepare(), state)
     x, startable = packing.pack(edges[0], state), possible_start(system, packing.system, edges, state)
     return spectrum(method, Flow.of(system, packing), x, edges, startable)
@@ -254,7 +254,7 @@ def _start(
 
 
 def _interval(method: Method, flow: Flow, progress: _Progress, ends) -> tuple[_Progress, Float[Array, " k"]]:
-    """The progress after one interval, and the growth rates within it; after a failure nothing moves."""
+    """Returns the progress after one interval, and the growth rates within it; after a failure nothing moves."""
     (t0, t1), alive = ends, progress.status == Status.SUCCESS
     after, length = advance_deviations(flow, method.steps, t0, t1, progress.rows, progress.step, alive), t1 - t0
     vectors, lengths = orthonormalise(admissible(after.rows[1:], t1, after.rows[0], method.normal, flow))
@@ -274,7 +274,7 @@ def _interval(method: Method, flow: Flow, progress: _Progress, ends) -> tuple[_P
 def _result(
     method: Method, flow: Flow, edges: Float[Array, " edges"], end: _Progress, growth: Float[Array, "intervals k"]
 ) -> LyapunovSpectrum:
-    """The means of the growth rates after the transient, in descending order.
+    """Returns the spectrum: the means of the growth rates after the transient, in descending order.
 
     The orthonormalisation yields them in this order once they have converged, but equal ones, or those of a short run,
     in any order.
@@ -301,7 +301,9 @@ def _result(
 
 
 def _standard_error(rates: Float[Array, "n k"]) -> Float[Array, " k"]:
-    """Standard errors of the means of ``rates``, by parts of the run, because successive rates are correlated."""
+    """Computes standard errors of the means of ``rates``, by parts of the run, because successive rates are
+    correlated.
+    """
     parts = min(BATCHES, rates.shape[0])
     if parts < 2:
         return jnp.full_like(rates[0], jnp.nan)

@@ -42,7 +42,7 @@ class Affine(Condition):
     __slots__ = ()
 
     def problems(self) -> Iterator[Problem]:
-        """A problem for each that is not."""
+        """Yields a problem for each constraint that is not affine in q̇."""
         for holds, name, second in zip(np.asarray(self.holds), self.name, np.asarray(self.value), strict=True):
             if not holds:
                 but = f"a second derivative of it by qdot is {second:.6g} at the start"
@@ -55,7 +55,7 @@ class Satisfied(Condition):
     __slots__ = ()
 
     def problems(self) -> Iterator[Problem]:
-        """A problem for each constraint that the start violates, under the name of the part of the state."""
+        """Yields a problem for each constraint that the start violates, under the name of the part of the state."""
         for holds, name, residual in zip(np.asarray(self.holds), self.name, np.asarray(self.value), strict=True):
             if not holds:
                 yield Problem(
@@ -71,7 +71,7 @@ class Independent(Condition):
     __slots__ = ()
 
     def problems(self) -> Iterator[Problem]:
-        """A problem for each row of A that is a combination of rows before it, which are named."""
+        """Yields a problem for each row of A that is a combination of rows before it, which are named."""
         holds, table = np.asarray(self.holds), np.asarray(self.value)
         A, residual, allowed = table[:, :-2], table[:, -2], table[:, -1]
         for k in np.flatnonzero(~holds):
@@ -94,7 +94,7 @@ class Regular(Condition):
     __slots__ = ()
 
     def problems(self) -> Iterator[Problem]:
-        """The problem that a motion that the constraints allow has no inertia."""
+        """Yields the problem that a motion that the constraints allow has no inertia."""
         if not bool(self.holds):
             mass = np.array2string(np.asarray(self.value), precision=4, separator=", ").replace("\n", "")
             but = f"∂²L/∂q̇² is {mass} at the start; give each coordinate a mass or a constraint"
@@ -102,7 +102,7 @@ class Regular(Condition):
 
 
 def start_conditions(mass: Float[Array, "n n"], given: Constraints) -> Iterator[Condition]:
-    """The conditions on constraints, and on the mass matrix that goes with them, in one state."""
+    """Yields the conditions on constraints, and on the mass matrix that goes with them, in one state."""
     independent, v = _are_independent(given.rows), given.velocities
     if v:
         affine = jnp.abs(given.second) <= jnp.maximum(given.allowed, ALLOWED_RESIDUAL * _lengths(given.rows))
@@ -115,8 +115,8 @@ def start_conditions(mass: Float[Array, "n n"], given: Constraints) -> Iterator[
         yield Independent(independent, given.names, table, "independent of each other")
         near = (jnp.abs(given.places) <= given.places_allowed) | ~independent[v:]
         yield Satisfied(near, given.names[v:], given.places, "state.q")
-        kept = (jnp.abs(given.residual) <= given.allowed) | ~independent
-        yield Satisfied(kept, given.names, given.residual, "state.qdot")
+        consistent = (jnp.abs(given.residual) <= given.allowed) | ~independent
+        yield Satisfied(consistent, given.names, given.residual, "state.qdot")
     regular = _is_regular(mass, given.rows) | ~jnp.all(independent)
     yield Regular(regular, "lagrangian", mass, "give an inertia to every motion that the constraints allow")
 
@@ -126,7 +126,9 @@ def _lengths(rows: Float[Array, "m n"]) -> Float[Array, " m"]:
 
 
 def _are_independent(rows: Float[Array, "m n"]) -> Bool[Array, " m"]:
-    """Whether each row is independent of those before it, by Gram and Schmidt, with the rows scaled to length 1."""
+    """Returns whether each row is independent of the rows before it, by Gram and Schmidt, with the rows scaled to
+    length 1.
+    """
     tolerance = float(jnp.finfo(rows.dtype).eps) ** 0.5
     basis: list[Float[Array, " n"]] = []
     holds: list[Bool[Array, ""]] = []
@@ -141,7 +143,7 @@ def _are_independent(rows: Float[Array, "m n"]) -> Bool[Array, " m"]:
 
 
 def _is_regular(mass: Float[Array, "n n"], rows: Float[Array, "m n"]) -> Bool[Array, ""]:
-    """Whether the condition number of the matrix, with rows and columns scaled alike, leaves digits."""
+    """Returns whether the condition number of the matrix, with rows and columns scaled alike, leaves digits."""
     K = saddle(mass, rows)
     largest = jnp.max(jnp.abs(K), axis=1)
     scale = 1 / jnp.sqrt(jnp.where(largest > 0, largest, 1.0))
@@ -151,7 +153,7 @@ def _is_regular(mass: Float[Array, "n n"], rows: Float[Array, "m n"]) -> Bool[Ar
 
 
 def _sum(parts: list[tuple[float, str]]) -> str:
-    """A linear combination in words."""
+    """Writes a linear combination in words."""
     text = ""
     for c, name in parts:
         sign = ("−" if c < 0 else "") if not text else (" − " if c < 0 else " + ")

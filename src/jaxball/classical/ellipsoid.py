@@ -109,18 +109,20 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState], AbstractRollingS
     def J(self) -> Float[Array, "3 3"]:
         """𝕁, the inertia about the centre of mass, in body axes."""
         sine, cosine = sine_cosine(self.turn)
-        zero, one = jnp.zeros_like(sine), jnp.ones_like(sine)
+        zero, unit = jnp.zeros_like(sine), jnp.ones_like(sine)
         axes = jnp.stack(
-            [jnp.stack([cosine, sine, zero]), jnp.stack([-sine, cosine, zero]), jnp.stack([zero, zero, one])]
+            [jnp.stack([cosine, sine, zero]), jnp.stack([-sine, cosine, zero]), jnp.stack([zero, zero, unit])]
         )
         return jnp.sum(self.inertia[:, None, None] * axes[:, :, None] * axes[:, None, :], axis=0)
 
     def contact(self, Gamma: Float[Array, "3"]) -> Float[Array, "3"]:
-        """c, from the geometric centre to the point that touches the plane, body axes; −c·Γ is the centre's height."""
+        """Computes c, from the geometric centre to the point that touches the plane, in body axes; −c·Γ is the centre's
+        height.
+        """
         return -(self.semiaxes**2) * Gamma / self._height(Gamma)
 
     def reaction(self, t: Float[Array, ""], state: EllipsoidState) -> Float[Array, "3"]:
-        """The force of the plane in space axes: two components of friction, and the normal force."""
+        """Returns the force of the plane in space axes: two components of friction, and the normal force."""
         return apply(state.Lambda, self._accelerations(state).reaction)
 
     def plane_reaction(self, t: Float[Array, ""], state: EllipsoidState) -> Reaction:
@@ -131,14 +133,16 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState], AbstractRollingS
         return self.mass * self.gravity
 
     def dissipation(self, t: Float[Array, ""], state: EllipsoidState) -> Float[Array, ""]:
-        """The power that resistance takes, mass length²/time³: E decreases at this rate."""
+        """Returns the power that resistance takes, mass length²/time³: E decreases at this rate."""
         force, torque = self._resisting(state)
         dry = self._accelerations(state).dry
         torque = torque if dry is None else torque + dry
         return -dot(torque, state.Omega) - dot(force, self._velocity(state))
 
     def field(self, t: Float[Array, ""], state: EllipsoidState) -> EllipsoidState:
-        """𝕁Ω̇ = 𝕁Ω × Ω + s × R + T with s from the centre of mass to the contact, and V = s × Ω; q̇ = ½ q Ω♯."""
+        """Evaluates 𝕁Ω̇ = 𝕁Ω × Ω + s × R + T with s from the centre of mass to the contact, and V = s × Ω; q̇
+        = ½ q Ω♯.
+        """
         velocity = apply(state.Lambda, self._velocity(state))
         return EllipsoidState(derivative(state.q, state.Omega), self._accelerations(state).Omegadot, velocity[:2])
 
@@ -149,7 +153,7 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState], AbstractRollingS
         return EllipsoidLaws(kinetic - self.mass * self.gravity * dot(s, Gamma), versor_squared(state))
 
     def law_rates(self, t: Float[Array, ""], state: EllipsoidState) -> dict[str, Float[Array, ""]]:
-        """Ė, where there is resistance."""
+        """Returns Ė, where there is resistance."""
         return {} if self.resistance is None else {"energy": -self.dissipation(t, state)}
 
     def conditions(self) -> Iterator[Condition]:
@@ -165,11 +169,11 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState], AbstractRollingS
             yield from self.resistance.conditions()
 
     def _height(self, Gamma: Float[Array, "3"]) -> Float[Array, ""]:
-        """√(Γ·A²Γ), the height of the geometric centre over the plane."""
+        """Computes √(Γ·A²Γ), the height of the geometric centre over the plane."""
         return jnp.sqrt(jnp.sum((self.semiaxes * Gamma) ** 2))
 
     def _moving(self, state: EllipsoidState) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
-        """s, and the rest of m⁻¹R when Ω̇ is 0: ṡ × Ω + Ω × (s × Ω) + gΓ."""
+        """Returns s, and the rest of m⁻¹R when Ω̇ is 0: ṡ × Ω + Ω × (s × Ω) + gΓ."""
         Omega, Gamma = state.Omega, state.Gamma
         Gammadot, height, squared = cross(Gamma, Omega), self._height(Gamma), self.semiaxes**2
         s = self.contact(Gamma) - self.offset
@@ -177,11 +181,13 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState], AbstractRollingS
         return s, cross(sdot, Omega) + cross(Omega, cross(s, Omega)) + self.gravity * Gamma
 
     def _velocity(self, state: EllipsoidState) -> Float[Array, "3"]:
-        """Of the geometric centre, body axes: c × Ω."""
+        """Computes the velocity of the geometric centre, in body axes: c × Ω."""
         return cross(self.contact(state.Gamma), state.Omega)
 
     def _resisting(self, state: EllipsoidState) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
-        """The force of a medium at the geometric centre, and all torques of resistance but the dry one, body axes."""
+        """Returns the force of a medium at the geometric centre, and all torques of resistance but the dry one, in body
+        axes.
+        """
         none = jnp.zeros_like(state.Omega)
         if self.resistance is None:
             return none, none
@@ -190,7 +196,7 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState], AbstractRollingS
         return (none, torque) if medium is None else (medium[0], torque + medium[1])
 
     def _accelerations(self, state: EllipsoidState) -> "_Accelerations":
-        """Newton's and Euler's laws about the contact; dry friction is proportional to the normal force N.
+        """Solves Newton's and Euler's laws about the contact; dry friction is proportional to the normal force N.
 
         With the friction N d, Ω̇ is Ω̇₀ + N a, a the acceleration by d, and N = N₀ + N m Γ·(s × a) is solved for N, which
         is NaN where that has no solution, so that a run ends there. There is no friction where N₀ is negative.

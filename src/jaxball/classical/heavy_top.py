@@ -68,7 +68,7 @@ class HeavyTop(AbstractClassicalSystem[RigidBodyState]):
     state_type: ClassVar[type[RigidBodyState]] = RigidBodyState
 
     def field(self, t: Float[Array, ""], state: RigidBodyState) -> RigidBodyState:
-        """𝕀Ω̇ = 𝕀Ω × Ω + mgΓ × χ and q̇ = ½ q Ω♯, which implies Γ̇ = Γ × Ω."""
+        """Evaluates 𝕀Ω̇ = 𝕀Ω × Ω + mgΓ × χ and q̇ = ½ q Ω♯, which implies Γ̇ = Γ × Ω."""
         weight = self.mass * self.gravity * cross(state.Gamma, self.chi)
         return rates_of(state, (gyroscopic_torque(self.inertia, state.Omega) + weight) / self.inertia)
 
@@ -84,7 +84,8 @@ class HeavyTop(AbstractClassicalSystem[RigidBodyState]):
         )
 
     def conditions(self) -> Iterator[Condition]:
-        """Conditions on each number, and that a body of this mass and inertia can have its centre of mass at χ.
+        """Yields the conditions on each number, and that a body of this mass and inertia can have its centre of mass at
+        χ.
 
         With the second moments s_j = ∫ x_j² dm = ½ (d1 + d2 + d3) − d_j, those about the centre of mass,
         diag(s) − m χχᵀ, have no negative eigenvalue if and only if m Σ χ_j² / s_j ≤ 1.

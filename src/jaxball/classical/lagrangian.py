@@ -114,32 +114,32 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
 
     @abc.abstractmethod
     def lagrangian(self, t: Float[Array, ""], q: Float[Array, " n"], qdot: Float[Array, " n"]) -> Float[Array, ""]:
-        """L(t, q, q̇), an energy."""
+        """Returns L(t, q, q̇), an energy."""
 
     def constraints(self, t: Float[Array, ""], q: Float[Array, " n"], qdot: Float[Array, " n"]) -> Any:
-        """A(t, q) q̇ + b(t, q), which is 0: a number, a list of numbers, or an array, shape (m,)."""
+        """Returns A(t, q) q̇ + b(t, q), which is 0: a number, a list of numbers, or an array, shape (m,)."""
         return jnp.zeros((0,), q.dtype)
 
     def holonomic(self, t: Float[Array, ""], q: Float[Array, " n"]) -> Any:
-        """φ(t, q), which is 0: a number, a list of numbers, or an array, shape (k,)."""
+        """Returns φ(t, q), which is 0: a number, a list of numbers, or an array, shape (k,)."""
         return jnp.zeros((0,), q.dtype)
 
     def forces(self, t: Float[Array, ""], q: Float[Array, " n"], qdot: Float[Array, " n"]) -> Any:
-        """Q(t, q, q̇), whose power is Q·q̇: a list of numbers or an array, shape (n,)."""
+        """Returns Q(t, q, q̇), whose power is Q·q̇: a list of numbers or an array, shape (n,)."""
         return jnp.zeros_like(q)
 
     # The equations of motion.
 
     def field(self, t: Float[Array, ""], state: LagrangianState) -> LagrangianState:
-        """q̈ of [M −Aᵀ; A 0] (q̈, λ) = (f, −Ȧ q̇ − ḃ)."""
+        """Solves [M −Aᵀ; A 0] (q̈, λ) = (f, −Ȧ q̇ − ḃ) for q̈."""
         return LagrangianState(state.qdot, self.accelerations(t, state))
 
     def accelerations(self, t: Float[Array, ""], state: LagrangianState) -> Float[Array, " n"]:
-        """q̈, shape (n,)."""
+        """Returns q̈, shape (n,)."""
         return self.equations(t, state).solve()[0]
 
     def multipliers(self, t: Float[Array, ""], state: LagrangianState) -> Float[Array, " m"]:
-        """λ of each constraint, shape (m,), those of holonomic constraints after the others.
+        """Returns λ of each constraint, shape (m,), with the holonomic constraints after the others.
 
         λ_k is the force, or torque, by which constraint k acts, in the unit of energy over that of φ, or of power over
         that of A q̇ + b: at right angles to a blade for ẋ sin θ − ẏ cos θ.
@@ -147,12 +147,12 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
         return self.equations(t, state).solve()[1]
 
     def reactions(self, t: Float[Array, ""], state: LagrangianState) -> Float[Array, " n"]:
-        """Aᵀλ, the generalised forces of all constraints on each coordinate, shape (n,)."""
+        """Computes Aᵀλ, the generalised forces of all constraints on each coordinate, shape (n,)."""
         terms = self.equations(t, state)
         return jnp.sum(terms.rows * terms.solve()[1][:, None], axis=0)
 
     def equations(self, t: Float[Array, ""], state: LagrangianState) -> Equations:
-        """M, f, A and Ȧ q̇ + ḃ in one state."""
+        """Returns M, f, A and Ȧ q̇ + ḃ in one state."""
         return equations(self._energy, self._forces, self._rates, t, state.q, state.qdot)
 
     # The user's functions, as arrays.
@@ -174,11 +174,13 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
         return _vector("holonomic", self.holonomic(t, q), q.dtype)
 
     def _rates(self, t: Float[Array, ""], q: Float[Array, " n"], qdot: Float[Array, " n"]) -> Float[Array, " m"]:
-        """A q̇ + b of all constraints."""
+        """Returns A q̇ + b of all constraints."""
         return jnp.concatenate([self._of_velocity(t, q, qdot), rate_along(self._of_place)(t, q, qdot)])
 
     def residuals(self, t: Float[Array, ""], state: LagrangianState) -> Float[Array, " residuals"]:
-        """What constraints keep at 0: A q̇ + b of all of them, and φ(t, q) of the holonomic ones."""
+        """Returns the residuals that constraints keep at 0: A q̇ + b of all of them, and φ(t, q) of the
+        holonomic ones.
+        """
         return jnp.concatenate([self._rates(t, state.q, state.qdot), self._of_place(t, state.q)])
 
     @property
@@ -188,10 +190,11 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
         return of_velocity + 2 * of_place
 
     def _counts(self) -> tuple[int, int]:
-        """How many constraints there are of velocities, and how many holonomic ones."""
+        """Counts the constraints of velocities and the holonomic ones."""
         t, q = (jax.ShapeDtypeStruct(shape, default_dtype()) for shape in ((), (len(self.coordinates),)))
         return tuple(
-            eqx.filter_eval_shape(f, *at).size for f, at in ((self._of_velocity, (t, q, q)), (self._of_place, (t, q)))
+            eqx.filter_eval_shape(f, *arguments).size
+            for f, arguments in ((self._of_velocity, (t, q, q)), (self._of_place, (t, q)))
         )
 
     # What keeps the constraints.
@@ -202,11 +205,12 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
         return self._counts()[1] > 0
 
     def projected(self, t: Float[Array, ""], packed: LagrangianState) -> LagrangianState:
-        """The nearest state that keeps all constraints, for one that is as near as the end of a step."""
+        """Returns the nearest state that keeps all constraints, for a state that is as near as the end of a step."""
         return self._move(t, packed, IN_STEP)
 
     def consistent(self, t: Numbers, state: LagrangianState) -> LagrangianState:
-        """The nearest state that keeps all constraints: first q, then q̇, in the metric M of the kinetic energy.
+        """Returns the nearest state that keeps all constraints: first q, then q̇, in the metric M of the kinetic
+        energy.
 
         Newton's method finds q from any state that is not too far away; :func:`jaxball.problems` says whether it did.
         """
@@ -227,7 +231,7 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
         return f"{self.title} in {', '.join(self.coordinates)}"
 
     def default_state(self) -> LagrangianState:
-        """All coordinates 0, at rest."""
+        """Returns the state with all coordinates 0, at rest."""
         return LagrangianState(jnp.zeros(len(self.coordinates), default_dtype()))
 
     def require_state(self, state: LagrangianState) -> None:
@@ -279,7 +283,7 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
         return HolonomicLaws(energy, rates, self._of_place(t, q)) if k else NonholonomicLaws(energy, rates)
 
     def law_rates(self, t: Float[Array, ""], state: LagrangianState) -> Mapping[str, Float[Array, "..."]]:
-        """Ė = Q·q̇ − ∂L/∂t − λ·b."""
+        """Computes Ė = Q·q̇ − ∂L/∂t − λ·b."""
         q, qdot = state.q, state.qdot
         _, explicit = jax.jvp(lambda t: self._energy(t, q, qdot), (t,), (jnp.ones_like(t),))
         free = self._rates(t, q, jnp.zeros_like(qdot))
@@ -387,12 +391,12 @@ class LagrangianSystem(AbstractLagrangianSystem):
     def forces(self, t: Float[Array, ""], q: Float[Array, " n"], qdot: Float[Array, " n"]) -> Any:
         return self._call("forces", t, q, qdot)
 
-    def _call(self, name: str, *at: Array) -> Any:
+    def _call(self, name: str, *arguments: Array) -> Any:
         function = getattr(self.functions, name)
         if function is None:
-            return getattr(super(), name)(*at)
+            return getattr(super(), name)(*arguments)
         with traceable(name, function):
-            return function(*at, *(() if self.parameters is None else (self.parameters,)))
+            return function(*arguments, *(() if self.parameters is None else (self.parameters,)))
 
     @property
     def always_projected(self) -> bool:
@@ -405,8 +409,8 @@ class LagrangianSystem(AbstractLagrangianSystem):
         for (name, function), takes in zip(self.functions._asdict().items(), TAKES.values(), strict=True):
             if function is not None:
 
-                def evaluate(system: "LagrangianSystem", t: Array, *at: Array, name: str = name) -> Any:
-                    return system._call(name, t, *at)
+                def evaluate(system: "LagrangianSystem", t: Array, *arguments: Array, name: str = name) -> Any:
+                    return system._call(name, t, *arguments)
 
                 seen.append(Traced(function, evaluate, (q,) * (len(takes) - 1)))
         return kinks_of_functions(self, seen, jnp.zeros((0,), q.dtype) if self.kink_times is None else self.kink_times)
@@ -446,12 +450,12 @@ def _check_names(coordinates: Sequence[str]) -> tuple[str, ...]:
 
 
 def _as_number(leaf: Any) -> Any:
-    """Numbers as arrays, which can be swept; whatever else a user passes stays as it is."""
+    """Converts numbers to arrays, which can be swept; whatever else a user passes stays as it is."""
     return to_array(leaf, "parameters") if isinstance(leaf, int | float | np.ndarray) else leaf
 
 
 def _vector(name: str, value: Any, dtype: Any) -> Float[Array, " m"]:
-    """What a function returns, a number or several, as a vector."""
+    """Converts the return value of a function, one number or several, to a vector."""
     if isinstance(value, list | tuple):
         for k, item in enumerate(value):
             require_value(f"{name}[{k}]", item, ())

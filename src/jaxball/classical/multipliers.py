@@ -54,7 +54,7 @@ class Equations(NamedTuple):
 
 
 def saddle(mass: Float[Array, "n n"], rows: Float[Array, "m n"]) -> Float[Array, "size size"]:
-    """[M −Aᵀ; A 0]."""
+    """Builds [M −Aᵀ; A 0]."""
     m = rows.shape[0]
     above = jnp.concatenate([mass, -rows.T], axis=1)
     below = jnp.concatenate([rows, jnp.zeros((m, m), rows.dtype)], axis=1)
@@ -69,10 +69,12 @@ def equations(
     q: Float[Array, " n"],
     qdot: Float[Array, " n"],
 ) -> Equations:
-    """The equations of a Lagrangian L, generalised forces Q and constraints A q̇ + b, each a function of (t, q, q̇)."""
-    momentum, one = jax.grad(lagrangian, argnums=2), jnp.ones_like(t)
-    _, drift = jax.jvp(lambda t, q: momentum(t, q, qdot), (t, q), (one, qdot))
-    _, bend = jax.jvp(lambda t, q: constraint(t, q, qdot), (t, q), (one, qdot))
+    """Returns the equations of a Lagrangian L, generalised forces Q and constraints A q̇ + b, each a function of (t, q,
+    q̇).
+    """
+    momentum, unit = jax.grad(lagrangian, argnums=2), jnp.ones_like(t)
+    _, drift = jax.jvp(lambda t, q: momentum(t, q, qdot), (t, q), (unit, qdot))
+    _, bend = jax.jvp(lambda t, q: constraint(t, q, qdot), (t, q), (unit, qdot))
     return Equations(
         mass=jax.jacfwd(momentum, argnums=2)(t, q, qdot),
         force=jax.grad(lagrangian, argnums=1)(t, q, qdot) + forces(t, q, qdot) - drift,
@@ -82,7 +84,9 @@ def equations(
 
 
 def rate_along(positions: OfPlace) -> Vector:
-    """∂φ/∂t + (∂φ/∂q) q̇ of position constraints φ(t, q) = 0, which is affine in q̇ like a velocity constraint."""
+    """Returns the function ∂φ/∂t + (∂φ/∂q) q̇ of position constraints φ(t, q) = 0, which is affine in q̇ like a
+    velocity constraint.
+    """
 
     def rate(t: Float[Array, ""], q: Float[Array, " n"], qdot: Float[Array, " n"]) -> Float[Array, " k"]:
         return jax.jvp(positions, (t, q), (jnp.ones_like(t), qdot))[1]
@@ -93,7 +97,7 @@ def rate_along(positions: OfPlace) -> Vector:
 def nearest_place(
     mass: Float[Array, "n n"], positions: OfPlace, t: Float[Array, ""], q: Float[Array, " n"], steps: int
 ) -> Float[Array, " n"]:
-    """The q near the given one with φ(t, q) = 0, by Newton steps that are as short as possible in the metric M.
+    """Finds the q near the given one with φ(t, q) = 0, by Newton steps that are as short as possible in the metric M.
 
     A step δ satisfies M δ = Aᵀ μ and A δ = −φ, so that the units of the coordinates do not matter.
     """
@@ -113,7 +117,7 @@ def nearest_place(
 def nearest_velocity(
     mass: Float[Array, "n n"], rows: Float[Array, "m n"], residual: Float[Array, " m"], qdot: Float[Array, " n"]
 ) -> Float[Array, " n"]:
-    """The nearest q̇ in the metric M with A q̇ + b = 0, where the given one leaves ``residual``."""
+    """Finds the nearest q̇ in the metric M with A q̇ + b = 0, where the given one leaves ``residual``."""
     n = qdot.size
     return qdot - _times(inverse(saddle(mass, rows))[:n, n:], residual)
 

@@ -230,7 +230,7 @@ class RollerRacer(AbstractLagrangianSystem):
 
 
 def _sideways(heading: Float[Array, ""], qdot: Float[Array, " n"]) -> Float[Array, ""]:
-    """ẋ sin θ − ẏ cos θ, the velocity to the right of the heading θ."""
+    """Computes ẋ sin θ − ẏ cos θ, the velocity to the right of the heading θ."""
     sine, cosine = sine_cosine(heading)
     return qdot[0] * sine - qdot[1] * cosine
 

@@ -68,7 +68,7 @@ class NonholonomicParticle(AbstractClassicalSystem[ParticleState]):
     state_type: ClassVar[type[ParticleState]] = ParticleState
 
     def field(self, t: Float[Array, ""], state: ParticleState) -> ParticleState:
-        """ẍ = −y ẋ ẏ / (1 + y²), ÿ = 0 and ż = y ẋ."""
+        """Evaluates ẍ = −y ẋ ẏ / (1 + y²), ÿ = 0 and ż = y ẋ."""
         y, xdot, ydot = state.y, state.xdot, state.ydot
         return ParticleState(
             x=xdot, y=ydot, z=state.zdot, xdot=-y * xdot * ydot / (1 + y**2), ydot=jnp.zeros_like(ydot)
@@ -82,11 +82,11 @@ class NonholonomicParticle(AbstractClassicalSystem[ParticleState]):
         )
 
     def multiplier(self, t: Float[Array, ""], state: ParticleState) -> Float[Array, ""]:
-        """λ = m z̈, the force of the constraint along z; along x it is −λy."""
+        """Computes λ = m z̈, the force of the constraint along z; along x it is −λy."""
         return self.mass * state.xdot * state.ydot / (1 + state.y**2)
 
     def solution(self, t: Float[Array, ""], start: ParticleState, t0: Float[Array, ""]) -> ParticleState:
-        """The state at ``t`` of the motion with state ``start`` at ``t0``, in closed form, ``eq_part_LdA_x``.
+        """Returns the state at ``t`` of the motion with state ``start`` at ``t0``, in closed form, ``eq_part_LdA_x``.
 
         With y = y0 + ẏ τ the constraint leaves ẋ √(1 + y²) = A constant, so that x − x0 = A τ times the
         slope of arsinh between y0 and y, and z − z0 = A τ times that of √(1 + y²). Both slopes are written
@@ -135,7 +135,7 @@ class VakonomicParticle(AbstractClassicalSystem[VakonomicState]):
     state_type: ClassVar[type[VakonomicState]] = VakonomicState
 
     def field(self, t: Float[Array, ""], state: VakonomicState) -> VakonomicState:
-        """mẍ = λ̇y + λẏ, mÿ = −λẋ, mz̈ = −λ̇ and ż = y ẋ, solved for ẍ, ÿ and λ̇."""
+        """Solves mẍ = λ̇y + λẏ, mÿ = −λẋ, mz̈ = −λ̇ and ż = y ẋ for ẍ, ÿ and λ̇."""
         y, xdot, ydot = state.y, state.xdot, state.ydot
         pull = state.multiplier / self.mass
         xddot = ydot * (pull - y * xdot) / (1 + y**2)
@@ -160,12 +160,12 @@ class VakonomicParticle(AbstractClassicalSystem[VakonomicState]):
 
 
 def kinetic_energy(mass: Float[Array, ""], state: ParticleState | VakonomicState) -> Float[Array, ""]:
-    """½m (ẋ² + ẏ² + ż²)."""
+    """Computes ½m (ẋ² + ẏ² + ż²)."""
     return 0.5 * mass * (state.xdot**2 + state.ydot**2 + state.zdot**2)
 
 
 def _slope_of_arsinh(a: Float[Array, ""], b: Float[Array, ""]) -> Float[Array, ""]:
-    """(arsinh b − arsinh a) / (b − a), and its limit 1 / √(1 + a²) where b = a.
+    """Computes (arsinh b − arsinh a) / (b − a), and its limit 1 / √(1 + a²) where b = a.
 
     arsinh is odd, so that a may be taken positive; then the difference is log(1 + (b − a) k) with a factor k without
     loss of accuracy.

@@ -54,7 +54,7 @@ class FreeRigidBody(AbstractClassicalSystem[RigidBodyState]):
     state_type: ClassVar[type[RigidBodyState]] = RigidBodyState
 
     def field(self, t: Float[Array, ""], state: RigidBodyState) -> RigidBodyState:
-        """𝕀Ω̇ = 𝕀Ω × Ω and q̇ = ½ q Ω♯."""
+        """Evaluates 𝕀Ω̇ = 𝕀Ω × Ω and q̇ = ½ q Ω♯."""
         return rates_of(state, gyroscopic_torque(self.inertia, state.Omega) / self.inertia)
 
     def laws(self, t: Float[Array, ""], state: RigidBodyState) -> FreeBodyLaws:
@@ -77,15 +77,15 @@ def rates_of(state: RigidBodyState, Omegadot: Float[Array, "3"]) -> RigidBodySta
 
 
 def gyroscopic_torque(inertia: Float[Array, "3"], Omega: Float[Array, "3"]) -> Float[Array, "3"]:
-    """𝕀Ω × Ω."""
+    """Computes 𝕀Ω × Ω."""
     return cross(inertia * Omega, Omega)
 
 
 def kinetic_energy(inertia: Float[Array, "3"], Omega: Float[Array, "3"]) -> Float[Array, ""]:
-    """½⟨𝕀Ω, Ω⟩."""
+    """Computes ½⟨𝕀Ω, Ω⟩."""
     return 0.5 * dot(inertia * Omega, Omega)
 
 
 def versor_squared(state: OrientedState) -> Float[Array, ""]:
-    """|q|²."""
+    """Computes |q|²."""
     return (state.q * state.q).sum()

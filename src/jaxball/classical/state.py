@@ -23,7 +23,7 @@ class AbstractClassicalSystem(AbstractSystem[AnyState]):
 
     @abc.abstractmethod
     def laws(self, t: Float[Array, ""], state: AnyState) -> Any:
-        """A named tuple of quantities that are conserved along every motion, or when its entries say so."""
+        """Returns a named tuple of quantities that are conserved along every motion, or when its entries say so."""
 
 
 class OrientedState(AbstractClassicalState):

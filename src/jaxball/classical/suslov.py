@@ -28,14 +28,14 @@ class AbstractAxis(Printed):
 
     @abc.abstractmethod
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
-        """ξ(t)."""
+        """Returns ξ(t)."""
 
     def derivatives(self, t: Float[Array, ""]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
-        """ξ(t) and ξ̇(t), the latter by forward mode; at a kink, that of the later side."""
+        """Returns ξ(t) and ξ̇(t), the latter by forward mode; at a kink, its value on the later side."""
         return jax.jvp(self, (t,), (jnp.ones_like(t),))
 
     def kinks(self) -> Float[Array, " kinks"]:
-        """The times at which ξ̇ or one of its derivatives jumps; ξ must not.
+        """Returns the times at which ξ̇ or one of its derivatives jumps; ξ must not.
 
         By default, those at which the trace of ``__call__`` compares the time with something else.
         """
@@ -156,23 +156,23 @@ class SuslovProblem(AbstractClassicalSystem[RigidBodyState]):
         self.xi = xi if isinstance(xi, AbstractAxis) else HarmonicAxis(xi)
 
     def field(self, t: Float[Array, ""], state: RigidBodyState) -> RigidBodyState:
-        """𝕀Ω̇ = 𝕀Ω × Ω + λξ and q̇ = ½ q Ω♯."""
+        """Evaluates 𝕀Ω̇ = 𝕀Ω × Ω + λξ and q̇ = ½ q Ω♯."""
         torque = gyroscopic_torque(self.inertia, state.Omega) + self.reaction(t, state)
         return rates_of(state, torque / self.inertia)
 
     def multiplier(self, t: Float[Array, ""], state: RigidBodyState) -> Float[Array, ""]:
-        """λ of ``eq_suslov_lambda``, a torque over the length of ξ."""
+        """Computes λ of ``eq_suslov_lambda``, a torque over the length of ξ."""
         xi, xidot = self.xi.derivatives(t)
         along = xi / self.inertia
         free = dot(gyroscopic_torque(self.inertia, state.Omega), along)
         return -(dot(state.Omega, xidot) + free) / dot(xi, along)
 
     def reaction(self, t: Float[Array, ""], state: RigidBodyState) -> Float[Array, "3"]:
-        """λξ, the torque by which the constraint acts on the body, body axes: Λλξ = d/dt (Λ𝕀Ω)."""
+        """Computes λξ, the torque by which the constraint acts on the body, in body axes: Λλξ = d/dt (Λ𝕀Ω)."""
         return self.multiplier(t, state) * self.xi(t)
 
     def spatial_momentum(self, state: RigidBodyState) -> Float[Array, "3"]:
-        """Λ𝕀Ω, the angular momentum in space axes, which the reaction changes."""
+        """Computes Λ𝕀Ω, the angular momentum in space axes, which the reaction changes."""
         return apply(state.Lambda, self.inertia * state.Omega)
 
     def laws(self, t: Float[Array, ""], state: RigidBodyState) -> SuslovLaws:

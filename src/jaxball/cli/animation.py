@@ -112,7 +112,7 @@ def _span(options: argparse.Namespace, scenario: "Scenario") -> tuple[float, flo
 
 
 def _run_with_frames(scenario: "Scenario", first: float, last: float, step: float) -> "Trajectory[Any, Any]":
-    """The run again, saved once for each frame, from ``first`` to ``last``."""
+    """Repeats the run, saved once for each frame, from ``first`` to ``last``."""
     import jax
     import numpy as np
 

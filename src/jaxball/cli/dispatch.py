@@ -85,8 +85,8 @@ class _Parser(argparse.ArgumentParser):
     def parse_known_args(self, args=None, namespace=None):  # pyright: ignore[reportIncompatibleMethodOverride]
         options, left_over = super().parse_known_args(args, namespace)
         if left_over:
-            typed, known = left_over[0].partition("=")[0], list(self._option_string_actions)
-            hint = did_you_mean(typed, known, f"{self.prog} --help shows what there is", quote="")
+            typed, option_names = left_over[0].partition("=")[0], list(self._option_string_actions)
+            hint = did_you_mean(typed, option_names, f"{self.prog} --help shows what there is", quote="")
             self.error(f"there is no {typed} here{hint}")
         return options, left_over
 
@@ -114,7 +114,7 @@ class _Version(argparse.Action):
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
-    """The parser, with the options of the command in ``arguments``, and only the names of the others."""
+    """Builds the parser, with the options of the command in ``arguments``, and only the names of the others."""
     parser = _Parser(
         prog="jaxball",
         description="Simulates a rolling ball or disk driven by point masses moving inside it.",
@@ -129,8 +129,11 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", prog=parser.prog, required=True, metavar="COMMAND")
     for name, summary in COMMANDS.items():
         if name in arguments[:1]:
-            own = f"{name}_" if keyword.iskeyword(name) else name  # of the module
-            module, command = importlib.import_module(f".commands.{own}", __package__), commands.add_parser(name)
+            module_name = f"{name}_" if keyword.iskeyword(name) else name  # of the module
+            module, command = (
+                importlib.import_module(f".commands.{module_name}", __package__),
+                commands.add_parser(name),
+            )
             module.add(command)
             command.set_defaults(run=module.run)
             if name not in WITHOUT_CACHE:

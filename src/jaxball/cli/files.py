@@ -123,12 +123,14 @@ def check_figures(options: argparse.Namespace, scenario: Scenario) -> None:
 
 
 def suffixes(formats: list[str] | None) -> tuple[str, ...]:
-    """The formats of figures, each once."""
+    """Returns the formats of figures, each once."""
     return tuple(dict.fromkeys(formats or ("png",)))
 
 
 def figure_name(source: str | Path, scenario: Scenario) -> str:
-    """The prefix of figure names: the name of the scenario or run; for standard input, its title or its kind."""
+    """Returns the prefix of figure names: the name of the scenario or run; for standard input, its title or
+    its kind.
+    """
     kind = scenario.system.title.lower().replace(" ", "_")
     return plain_name(scenario.title if str(source) == STDIN else Path(source).stem, kind)
 
@@ -175,7 +177,7 @@ def write_chart(
 
 
 def extremes_of(chart: "xarray.Dataset", name: str) -> tuple[float, float, tuple[Any, ...], str]:
-    """The least and the largest value of a variable, the index of the largest, and the pair of numbers there."""
+    """Finds the least and the largest value of a variable, the index of the largest, and the pair of numbers there."""
     values = chart[name].values
     largest = np.unravel_index(np.nanargmax(values), values.shape)
     pair = ", ".join(f"{axis} = {chart[axis].values[k]:g}" for axis, k in zip(chart[name].dims, largest, strict=True))
@@ -196,24 +198,24 @@ def save_chart(chart: "xarray.Dataset", path: Path) -> None:
 
 
 def state_line(motion: "Motion") -> str:
-    """The state of a motion."""
+    """Formats the state of a motion."""
     return ", ".join(f"{name} = {_format(leaf)}" for name, leaf in _state(motion).items())
 
 
 def complex_numbers(values: np.ndarray) -> str:
-    """Complex numbers, without parts that are mere rounding."""
+    """Formats complex numbers, without parts that are mere rounding."""
     return ", ".join(map(_complex, values))
 
 
 def motion_content(motion: "Motion", names: Names, complex_names: Names) -> dict[str, Any]:
-    """A motion for JSON: its state and some of its attributes."""
+    """Describes a motion for JSON: its state and some of its attributes."""
     content = {name: getattr(motion, name) for name in (*names, *complex_names)}
     texts = {name: in_commands(value) for name, value in content.items() if isinstance(value, str)}
     return {"state": _state(motion), **content, **texts}
 
 
 def save_motions(motions: "Sequence[Motion]", path: Path, names: Names, complex_names: Names) -> None:
-    """One row for each motion, its columns named by paths."""
+    """Writes one row for each motion, its columns named by paths."""
     rows = [_row(motion, names, complex_names) for motion in motions]
     write_csv(path, rows[0] if rows else ["kind"], (row.values() for row in rows))
 
@@ -227,8 +229,8 @@ def _row(motion: "Motion", names: Names, complex_names: Names) -> dict[str, Any]
         row |= {entry: values[index].item() for entry, index in entries(name, values.shape).items()}
     for name in complex_names:
         for k, value in enumerate(getattr(motion, name)):
-            one = f"{name.removesuffix('s')}[{k}]"
-            row |= {f"{one}.real": repr(float(value.real)), f"{one}.imaginary": repr(float(value.imag))}
+            prefix = f"{name.removesuffix('s')}[{k}]"
+            row |= {f"{prefix}.real": repr(float(value.real)), f"{prefix}.imaginary": repr(float(value.imag))}
     return row
 
 

@@ -47,12 +47,12 @@ def add_changes(parser: argparse.ArgumentParser, what: str) -> None:
 
 
 def is_run(source: str) -> bool:
-    """Whether ``source`` is the name of a saved run, by its suffix."""
+    """Returns whether ``source`` is the name of a saved run, by its suffix."""
     return Path(source).suffix in READ_BACK
 
 
 def input_text(source: str) -> str | None:
-    """The text of standard input where ``source`` is -, that of the scenario in a saved run, or else None.
+    """Returns the text of standard input where ``source`` is -, the text of the scenario in a saved run, or else None.
 
     **Raises:** :class:`~jaxball.ScenarioError` where it is not text, and where there is no scenario.
     """
@@ -67,7 +67,8 @@ def input_text(source: str) -> str | None:
 
 
 def scenario_document(options: argparse.Namespace, end: float | None = None) -> dict[str, Any]:
-    """The document that the options name, changed by ``--set`` and, where it is given, with another ``time.end``.
+    """Returns the document that the options name, changed by ``--set`` and, if ``end`` is passed, with another
+    ``time.end``.
 
     **Raises:** :class:`~jaxball.ScenarioError` where it cannot be read or changed.
     """
@@ -102,7 +103,7 @@ def load_document(source: str) -> dict[str, Any]:
 
 
 def text_and_document(source: str, what: str, *kinds: FileKind) -> tuple[str, dict[str, Any]]:
-    """The text and the document of the file ``source``, which must be ``what``, of one of these kinds.
+    """Returns the text and the document of the file ``source``, which must be ``what``, of one of these kinds.
 
     **Raises:** :class:`~jaxball.ScenarioError` where it cannot be read, and for a file of another kind.
     """
@@ -129,7 +130,7 @@ def _document(text: str, source: str, what: str, *kinds: FileKind) -> dict[str, 
 
 
 def scenario_of(document: dict[str, Any], source: str) -> "Scenario":
-    """The scenario that the document of ``source`` describes.
+    """Returns the scenario that the document of ``source`` describes.
 
     **Raises:** :class:`~jaxball.ScenarioError` where it cannot be read.
     """
@@ -149,5 +150,5 @@ def gather_problems(source: str) -> Iterator[None]:
 
 
 def source_name(source: str) -> str:
-    """What messages call a source."""
+    """Returns the name of a source in messages."""
     return "standard input" if source == STDIN else source

@@ -27,7 +27,7 @@ PROBLEMS = (PROBLEM, CONTROL)
 
 
 def kind_of_document(document: Mapping[str, Any]) -> FileKind | None:
-    """What a document is; None where it has none of the keys by which a kind is known.
+    """Returns the kind of a document; None where it has none of the keys by which a kind is known.
 
     Problems name a scenario too, but what has no other key that is known is taken for a study without its axes.
     """

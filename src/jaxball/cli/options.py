@@ -40,7 +40,7 @@ class BadInputError(UserError):
 
 
 def positive(text: str) -> float:
-    """A positive number, for argparse."""
+    """Parses a positive number, for argparse."""
     value = _parse_number(text)
     if not 0 < value < math.inf:
         raise argparse.ArgumentTypeError(f"it must be a positive number, but it is {text}")
@@ -48,7 +48,7 @@ def positive(text: str) -> float:
 
 
 def number(text: str) -> float:
-    """A finite number, for argparse."""
+    """Parses a finite number, for argparse."""
     value = _parse_number(text)
     if not math.isfinite(value):
         raise argparse.ArgumentTypeError(f"it must be a finite number, but it is {text}")
@@ -56,7 +56,7 @@ def number(text: str) -> float:
 
 
 def count(text: str) -> int:
-    """A whole number, 1 or more, for argparse."""
+    """Parses a whole number, 1 or more, for argparse."""
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"it must be a whole number, 1 or more, but it is {text}")
     return int(text)
@@ -151,7 +151,7 @@ def name_files(written: Sequence[str | Path]) -> str:
 
 
 def working(options: argparse.Namespace, text: str) -> AbstractContextManager[Line]:
-    """:func:`~jaxball.interface.activity.activity`, unless --quiet."""
+    """Calls :func:`~jaxball.interface.activity.activity`, quiet with --quiet."""
     return activity(text, quiet=getattr(options, "quiet", False))
 
 
@@ -163,7 +163,7 @@ def say(options: argparse.Namespace, *lines: object) -> None:
 
 
 def sentence(error: Exception) -> str:
-    """The message of an error, with arguments and functions named as on the command line."""
+    """Returns the message of an error, with arguments and functions named as on the command line."""
     if isinstance(error, OSError) and error.strerror:
         place = "The output" if error.filename is None else f'"{error.filename}"'
         return f"{place} cannot be {'written' if error.filename is None else 'used'}: {error.strerror}."
@@ -175,7 +175,7 @@ def sentence(error: Exception) -> str:
 
 
 def in_commands(text: str) -> str:
-    """The text with the commands that do what the functions do that it recommends."""
+    """Replaces each function that the text recommends by the command that does the same."""
     for function, command in COMMANDS.items():
         text = text.replace(function, command)
     return text
@@ -184,7 +184,7 @@ def in_commands(text: str) -> str:
 def chart_axes(
     options: argparse.Namespace, option: str = "chart", example: str = "initial.Omega[0]=0:3:30"
 ) -> tuple[ChartAxis, ChartAxis]:
-    """The two axes of --chart, or of another ``option``, with an ``example`` of one.
+    """Returns the two axes of --chart, or of another ``option``, with an ``example`` of one.
 
     **Raises:** :class:`BadInputError` for a malformed axis, and for the same number twice.
     """

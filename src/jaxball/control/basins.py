@@ -64,7 +64,7 @@ class Basin(Printed):
         return float(np.mean(self.returned))
 
     def dataset(self) -> "xarray.Dataset":
-        """The map over both directions of a grid.
+        """Returns the map over both directions of a grid.
 
         **Raises:** ``ValueError`` for starts that are not of a grid.
         """
@@ -146,17 +146,17 @@ def basin(
 
 
 def _starts(
-    given: Mapping[str, Numbers] | Numbers, names: tuple[str, ...]
+    values: Mapping[str, Numbers] | Numbers, names: tuple[str, ...]
 ) -> tuple[Grid | None, Float[np.ndarray, "runs n"]]:
-    if not isinstance(given, Mapping):
-        xi = to_numpy(given, "starts")
+    if not isinstance(values, Mapping):
+        xi = to_numpy(values, "starts")
         if xi.ndim != 2 or xi.shape[1] != len(names) or not len(xi):
             raise ValueError(
                 f"Argument `starts` must be of shape (runs, {len(names)}), a column for each of {', '.join(names)}, "
                 f"but its shape is {xi.shape}."
             )
         return None, xi
-    grid = grid_of(given)
+    grid = grid_of(values)
     for name in grid.names:
         if name not in names:
             raise ValueError(f"Argument `starts` must name two of {', '.join(names)}, but it names {name!r}.")
@@ -175,5 +175,5 @@ def _outcome(feedback: AbstractFeedback, plant: SampledSystem, samples: int, del
         return force.normal, force.ratio
 
     before = jax.tree.map(lambda leaf: leaf[:-1], states)
-    normal, ratio = jax.lax.map(lambda at: contact_force(*at), (times[:-1], before, u))
+    normal, ratio = jax.lax.map(lambda arguments: contact_force(*arguments), (times[:-1], before, u))
     return Outcome(deviations[-1], jnp.min(normal), jnp.max(ratio))

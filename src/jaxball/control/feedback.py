@@ -43,11 +43,11 @@ class NominalMotion(Printed):
         return self.u.shape[0]
 
     def state(self, k: Int[Array, ""] | int) -> PlacedState:
-        """The state at sample ``k``."""
+        """Returns the state at sample ``k``."""
         return jax.tree.map(lambda leaf: leaf[jnp.minimum(k, self.samples)], self.states)
 
     def input(self, k: Int[Array, ""] | int) -> Float[Array, " m"]:
-        """The inputs of sample ``k``."""
+        """Returns the inputs of sample ``k``."""
         return self.u[jnp.minimum(k, self.samples - 1)]
 
 
@@ -73,7 +73,7 @@ def require_motion(run: Any) -> None:
 
 
 def samples_in(times: Float[Array | np.ndarray, " T"], sample: float) -> int:
-    """The number of whole samples in a run with these times.
+    """Counts the whole samples in a run with these times.
 
     **Raises:** ``ValueError`` for a sample that is not positive or longer than the run.
     """
@@ -90,7 +90,7 @@ def samples_in(times: Float[Array | np.ndarray, " T"], sample: float) -> int:
 
 
 def nominal_of(run: Trajectory[Any, Any], sampled: SampledSystem, samples: int) -> NominalMotion:
-    """The states of a run at each sample, and the inputs that give its motion.
+    """Computes the states of a run at each sample, and the inputs that give its motion.
 
     Each input is the mean over its sample, by Gauss's rule of two points, of the effort or acceleration in the run; so
     the motion misses its next state by what is of third order in the sample. The run is solved again for this.
@@ -100,7 +100,7 @@ def nominal_of(run: Trajectory[Any, Any], sampled: SampledSystem, samples: int) 
 
 
 def nominal_from(system: System, t0: Numbers, start: Any, sampled: SampledSystem, samples: int) -> NominalMotion:
-    """The same of the run of a body from a start at ``t0``; traceable."""
+    """Computes the states at each sample and the inputs of the run of a body from a start at ``t0``; traceable."""
     t0 = jnp.asarray(t0, default_dtype())
     shares = np.append(np.arange(samples)[:, None] + np.array([[0.0, *GAUSS]]), samples)
     times = t0 + sampled.sample * jnp.asarray(shares, default_dtype())
@@ -117,11 +117,11 @@ def nominal_from(system: System, t0: Numbers, start: Any, sampled: SampledSystem
 def _moving(
     system: System, controlled: System, places: tuple[Place, ...], times: Array, states: Any, seen: Observables
 ) -> tuple[Any, Float[Array, "T m"]]:
-    """States of the controlled system, and its inputs, at all times of a run."""
-    at = _Coordinates(system, times, states, seen)
-    theta, thetadot, _ = zip(*(at.of(name) for name in controlled.coordinates), strict=True)
+    """Returns the states of the controlled system, and its inputs, at all times of a run."""
+    coordinates = _Coordinates(system, times, states, seen)
+    theta, thetadot, _ = zip(*(coordinates.of(name) for name in controlled.coordinates), strict=True)
     whole = type(states)(**{**vars(states), "theta": jnp.stack(theta, -1), "thetadot": jnp.stack(thetadot, -1)})
-    return whole, jnp.stack([at.input(place) for place in places], axis=-1)
+    return whole, jnp.stack([coordinates.input(place) for place in places], axis=-1)
 
 
 class _Coordinates:
@@ -135,11 +135,11 @@ class _Coordinates:
         driven = [system.coordinates[slot] for slot in system.accelerated]
         if system.law is not None:
             law = system.law.prepare()
-            given = jax.vmap(lambda t, state: law.among(system.accelerated, t, state))(times, states)
-            self._by_law = {name: given[:, k] for k, name in enumerate(driven)}
+            accelerations = jax.vmap(lambda t, state: law.among(system.accelerated, t, state))(times, states)
+            self._by_law = {name: accelerations[:, k] for k, name in enumerate(driven)}
 
     def of(self, name: str) -> tuple[Array, Array, Array | None]:
-        """θ, θ̇ and, where it is given, θ̈."""
+        """Returns θ, θ̇ and, where it is known, θ̈."""
         if name in self._joints:
             k = self._joints[name][0]
             return self._seen.joint_angles[:, k], self._seen.joint_rates[:, k], None
@@ -150,12 +150,12 @@ class _Coordinates:
         return self._drive(name) if schedule is None else _along(schedule, self._times)
 
     def _drive(self, name: str) -> tuple[Array, Array, Array]:
-        """θ, θ̇ and θ̈ where the law drives them."""
+        """Returns θ, θ̇ and θ̈ where the law drives them."""
         slot = self._system.coordinates.index(name)
         return self._states.theta[:, slot], self._states.thetadot[:, slot], self._by_law[name]
 
     def input(self, place: Place) -> Float[Array, " T"]:
-        """The input at a place: an effort less that of the forces that stay, or an acceleration."""
+        """Computes the input at a place: an effort, less the effort of the forces that stay, or an acceleration."""
         if not place.is_effort:
             acceleration = self.of(place.name)[2]
             return self._by_law[place.name] if acceleration is None else acceleration
@@ -164,8 +164,12 @@ class _Coordinates:
             values[:, k] for values in (self._seen.joint_efforts, self._seen.joint_angles, self._seen.joint_rates)
         )
         drive = self._mechanisms[i].drives[a]
-        kept = None if isinstance(drive, AbstractSchedule) else drive_without_motors(drive)
-        return effort if kept is None else effort - jax.vmap(kept)(self._times, theta, thetadot, self._states)
+        passive_drive = None if isinstance(drive, AbstractSchedule) else drive_without_motors(drive)
+        return (
+            effort
+            if passive_drive is None
+            else effort - jax.vmap(passive_drive)(self._times, theta, thetadot, self._states)
+        )
 
 
 def _along(schedule: AbstractSchedule, times: Float[Array, " T"]) -> tuple[Array, Array, Array]:
@@ -187,12 +191,12 @@ class AbstractFeedback(Printed):
     nominal: NominalMotion
 
     def begin(self) -> Any:
-        """What it remembers before the first sample: a PyTree of arrays."""
+        """Returns what the feedback remembers before the first sample: a PyTree of arrays."""
         return ()
 
     @abc.abstractmethod
     def __call__(self, k: Int[Array, ""], state: PlacedState, memory: Any) -> tuple[Float[Array, " m"], Any]:
-        """δu of sample ``k`` at ``state``, before limits, and what it remembers of it."""
+        """Returns δu of sample ``k`` at ``state``, before limits, and what the feedback remembers of this sample."""
 
     def remember_inputs(self, k: Int[Array, ""], u: Float[Array, " m"], memory: Any) -> Any:
         """Remembers of sample ``k`` which inputs act, once they are known, after delay and limits."""
@@ -203,7 +207,9 @@ class AbstractFeedback(Printed):
         return None
 
     def deviation(self, k: Int[Array, ""], state: PlacedState) -> Float[Array, " n"]:
-        """ξ: the deviation of ``state`` from that of the motion at sample ``k``, of :class:`SampledSystem`."""
+        """Computes ξ: the deviation of ``state`` from the state of the motion at sample ``k``, as in
+        :class:`SampledSystem`.
+        """
         return self.sampled.deviation(self.nominal.state(k), state)
 
 

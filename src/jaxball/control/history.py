@@ -36,7 +36,7 @@ class FeedbackHistory(AbstractHistory):
         return jax.tree.map(lambda leaf: leaf[0], self.nominal).directions
 
     def deviations(self, states: PlacedState) -> Float[Array, "T n"]:
-        """ξ: the local coordinates of the ``states`` of the run around those of the motion."""
+        """Computes ξ: the local coordinates of the ``states`` of the run around the states of the motion."""
         return jax.vmap(lambda nominal, state: nominal.difference(state))(self.nominal, states)
 
     @property
@@ -51,6 +51,6 @@ class FeedbackHistory(AbstractHistory):
 
 
 def until_end(rows: Float[Array, "samples ..."], count: int) -> Float[Array, "samples_and_end ..."]:
-    """The first ``count`` rows, and NaN where there are fewer."""
+    """Returns the first ``count`` rows, and NaN where there are fewer."""
     missing = jnp.full((max(count - rows.shape[0], 0), *rows.shape[1:]), jnp.nan, rows.dtype)
     return jnp.concatenate([rows[:count], missing])

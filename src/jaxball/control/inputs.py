@@ -52,18 +52,20 @@ class Place(NamedTuple):
 
 
 def places_of(system: System, names: Sequence[str] | None) -> tuple[Place, ...]:
-    """The inputs with these names, in their order; all that something moves where no names are given.
+    """Returns the inputs with these names, in their order; all that something moves where no names are passed.
 
     **Raises:** ``TypeError`` for anything but a ball or a disk, or names; ``ValueError`` for a name that is not known,
     one that occurs twice, and where nothing moves any mass or joint.
     """
     if not isinstance(system, System):
         raise refusal("system", "a Ball or a Disk", system)
-    known = {place.name: place for place in _places(system)}
+    places = {place.name: place for place in _places(system)}
     if names is None:
-        chosen = tuple(place for place in known.values() if _is_moved(system, place))
+        chosen = tuple(place for place in places.values() if _is_moved(system, place))
         if not chosen:
-            remedy = f"name some of {', '.join(known)} in `inputs`" if known else "it has no joints or masses on rails"
+            remedy = (
+                f"name some of {', '.join(places)} in `inputs`" if places else "it has no joints or masses on rails"
+            )
             raise ValueError(
                 "Argument `run` must be a motion with inputs, masses or joints that schedules, laws or motors move, "
                 f"but nothing moves any; {remedy}."
@@ -72,17 +74,17 @@ def places_of(system: System, names: Sequence[str] | None) -> tuple[Place, ...]:
     if isinstance(names, str) or not all(isinstance(name, str) for name in names):
         raise refusal("inputs", "a list of names, such as mechanisms[0].joints[0]", names)
     for k, name in enumerate(names):
-        if name not in known:
-            there = f"the inputs are {', '.join(known)}" if known else "the body has no inputs"
+        if name not in places:
+            there = f"the inputs are {', '.join(places)}" if places else "the body has no inputs"
             raise ValueError(
                 f"Argument `inputs[{k}]` must be an input of this {system.title}, but it is {name!r}"
-                f"{did_you_mean(name, tuple(known), there)}"
+                f"{did_you_mean(name, tuple(places), there)}"
             )
     if not names or len(set(names)) < len(names):
         twice = next((name for name in names if list(names).count(name) > 1), None)
         what = f"{twice!r} occurs twice" if names else "it is empty"
         raise ValueError(f"Argument `inputs` must name one input or more, each once, but {what}.")
-    chosen = tuple(known[name] for name in names)
+    chosen = tuple(places[name] for name in names)
     missing = [place.name for place in _places(system) if _is_driven(system, place) and place not in chosen]
     if system.law is not None and missing:
         raise ValueError(
@@ -93,7 +95,7 @@ def places_of(system: System, names: Sequence[str] | None) -> tuple[Place, ...]:
 
 
 def with_inputs(system: System, places: Sequence[Place]) -> System:
-    """The system with θ and θ̇ of every input in its state, and every input 0.
+    """Returns the system with θ and θ̇ of every input in its state, and every input 0.
 
     What a schedule, a law or a :class:`~jaxball.Motor` did is gone, but for the limits of motors; other forces on the
     joints stay.
@@ -124,7 +126,7 @@ def _free_inputs(system: System, places: Sequence[Place]) -> System:
 
 
 def _with_angles(ground: AbstractGround | None, angles: Mapping[str, Accelerated]) -> AbstractGround | None:
-    """The same ground with other drives of its angles."""
+    """Returns the same ground with other drives of its angles."""
     if not angles:
         return ground
     assert isinstance(ground, TiltingPlane)
@@ -155,8 +157,10 @@ def _drive_motors(
     for place in places:
         if place.mechanism is not None and place.is_effort:
             mechanism, motor = mechanisms[place.mechanism], Motor(signals[place.name], limits.get(place.name))
-            kept = drive_without_motors(mechanism.drives[place.number])
-            mechanisms[place.mechanism] = _drive_joint(mechanism, place.number, motor if kept is None else kept + motor)
+            passive_drive = drive_without_motors(mechanism.drives[place.number])
+            mechanisms[place.mechanism] = _drive_joint(
+                mechanism, place.number, motor if passive_drive is None else passive_drive + motor
+            )
     return type(system)(**{**system.arguments, "mechanisms": mechanisms, "law": law})
 
 
@@ -178,14 +182,14 @@ def replay_inputs(
 
 
 def limits_of(system: System, places: Sequence[Place]) -> Float[Array, " m"]:
-    """The limits of the motors of inputs, infinite where there are none."""
+    """Returns the limits of the motors of inputs, infinite where there are none."""
     motors = [motor_of(system, place) for place in places]
     infinite = jnp.full((), jnp.inf, default_dtype())
     return jnp.stack([infinite if motor is None or motor.limit is None else motor.limit for motor in motors])
 
 
 def motor_of(system: System, place: Place) -> Motor | None:
-    """The motor of an input, if it has one.
+    """Returns the motor of an input, if it has one.
 
     **Raises:** ``ValueError`` for a joint with several.
     """
@@ -216,7 +220,7 @@ def _terms(drive: Drive) -> tuple[AbstractJointForce, ...]:
 
 
 def _places(system: System) -> list[Place]:
-    """All possible inputs: masses first, then joints."""
+    """Lists all possible inputs: masses first, then joints."""
     masses = [Place(None, index, False) for index in system.on_rails]
     joints = [
         Place(i, a, not isinstance(drive, Accelerated))
@@ -229,7 +233,7 @@ def _places(system: System) -> list[Place]:
 
 
 def _is_moved(system: System, place: Place) -> bool:
-    """Whether a schedule, a law or a motor moves it."""
+    """Returns whether a schedule, a law or a motor moves an input."""
     if place.mechanism is None or not place.is_effort:
         return True
     drive = system.mechanisms[place.mechanism].drives[place.number]
@@ -237,7 +241,7 @@ def _is_moved(system: System, place: Place) -> bool:
 
 
 def _is_driven(system: System, place: Place) -> bool:
-    """Whether the feedback law drives it."""
+    """Returns whether the feedback law drives an input."""
     return place.name in [system.coordinates[slot] for slot in system.accelerated]
 
 

@@ -202,7 +202,7 @@ def plant_of(
     limits: Numbers | Mapping[str, Numbers] | None,
     push: AbstractWrench | None,
 ) -> SampledSystem:
-    """The robot that is simulated.
+    """Returns the robot that is simulated.
 
     **Raises:** ``ValueError`` for one whose state differs from that of the motion, and for limits that do not fit.
     """
@@ -210,11 +210,11 @@ def plant_of(
     plant = design
     if system is not None:
         plant = SampledSystem.of(system, design.sample, design.inputs, design.rtol, design.atol)
-        found, needed = plant.system.coordinates, design.system.coordinates
-        if found != needed or type(plant.system) is not type(design.system):
+        coordinates, needed = plant.system.coordinates, design.system.coordinates
+        if coordinates != needed or type(plant.system) is not type(design.system):
             raise ValueError(
                 f"Argument `system` must be a {design.system.title} whose state holds {', '.join(needed)}, as that of "
-                f"the motion, but it is a {plant.system.title} whose state holds {', '.join(found) or 'none'}."
+                f"the motion, but it is a {plant.system.title} whose state holds {', '.join(coordinates) or 'none'}."
             )
     if limits is not None:
         plant = eqx.tree_at(lambda s: s.limits, plant, limits_of(design, limits))
@@ -226,7 +226,7 @@ def plant_of(
 
 
 def start_of(feedback: AbstractFeedback, start: PlacedState | Mapping[str, Numbers] | Numbers | None) -> PlacedState:
-    """The state at which a closed loop starts.
+    """Returns the state at which a closed loop starts.
 
     **Raises:** ``TypeError`` for another kind of state, ``ValueError`` for one, or for coordinates, of another size.
     """
@@ -249,7 +249,8 @@ def start_of(feedback: AbstractFeedback, start: PlacedState | Mapping[str, Numbe
 
 
 def limits_of(sampled: SampledSystem, given: Numbers | Mapping[str, Numbers]) -> Float[Array, " m"]:
-    """The limits of all inputs, which are given as one number, a row, or by name; infinite for those left out.
+    """Returns the limits of all inputs, which are passed as one number, a row, or by name; infinite for inputs left
+    out.
 
     **Raises:** ``ValueError`` for another shape, unknown names, and negative numbers.
     """

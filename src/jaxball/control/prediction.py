@@ -78,7 +78,7 @@ class PredictiveControl(AbstractFeedback):
         return plan.z[0, len(self.directions) :], Memory(plan, worst)
 
     def stages(self, sample: Int[Array, ""]) -> Stages:
-        """The program of a sample. After the end of the motion, that of its last sample goes on."""
+        """Returns the program of a sample. After the end of the motion, the program of its last sample goes on."""
         ahead = jnp.minimum(sample + jnp.arange(self.horizon), self.nominal.samples - 1)
         end = jnp.minimum(sample + self.horizon, self.nominal.samples)
         A, B, c, K, k = (part[ahead] for part in (*self.track.linear, *self.track.regulator[:2]))
@@ -87,11 +87,13 @@ class PredictiveControl(AbstractFeedback):
         return Stages(A, B, c, K, k, M, P, G[ahead], L, d[ahead], self.sampled.sample * self.penalty)
 
     def plan(self, k: int, state: PlacedState) -> Plan:
-        """The plan of sample ``k`` at ``state``, without one to start from."""
+        """Computes the plan of sample ``k`` at ``state``, without one to start from."""
         return _plan(self, jnp.asarray(whole_number("k", k, 0)), state)
 
     def exceeded(self, plan: Plan) -> tuple[str, ...]:
-        """A sentence for each limit that a plan exceeds, because it cannot be kept: by how much, and how far ahead."""
+        """Writes a sentence for each limit that a plan exceeds, because it cannot be kept: by how much, and how far
+        ahead.
+        """
         beyond = np.asarray(plan.exceeded)
         sentences = []
         for row, name in enumerate(self.names):
@@ -117,7 +119,7 @@ def mpc(
     friction: Numbers | None = None,
     penalty: Numbers = PENALTY,
 ) -> PredictiveControl:
-    """Model predictive control along a motion, which foresees its limits.
+    """Makes model predictive control along a motion, which foresees its limits.
 
     At each sample it finds the inputs over a horizon that have the least cost of ``track`` along its linear flow, with
     its cost-to-go beyond, among those within the limits; and applies the first. Where the regulator of ``track`` keeps
@@ -180,17 +182,17 @@ def predictive(
     cost: Float[Array, ""],
     limited: tuple[int, ...],
 ) -> PredictiveControl:
-    """Predictive control with limits of the inputs that are ``limited``; traceable."""
+    """Makes predictive control with limits of the inputs that are ``limited``; traceable."""
     rows = _limits(track, most, mu, limited)
     inputs = [sign + track.inputs[i] for i in limited for sign in ("", "-")]
     of_plane = ["normal force"] if mu is None else [f"friction[{j}]" for j in range(len(rows.L) - len(inputs))]
     return PredictiveControl(track.sampled, track.nominal, track, rows, cost, ahead, (*inputs, *of_plane))
 
 
-def _positive(name: str, given: Numbers) -> Float[Array, ""]:
-    value = to_array(given, name)
+def _positive(name: str, scalar: Numbers) -> Float[Array, ""]:
+    value = to_array(scalar, name)
     if value.ndim or not (is_traced(value) or float(value) > 0):
-        raise ValueError(f"Argument `{name}` must be a positive number, but it is {given}.")
+        raise ValueError(f"Argument `{name}` must be a positive number, but it is {scalar}.")
     return value
 
 
@@ -215,11 +217,11 @@ def _limit_rows(track: Track, mu: Array | None, limited: tuple[int, ...]) -> Flo
 
 @programs.filter_jit
 def _limits(track: Track, most: Array, mu: Array | None, limited: tuple[int, ...]) -> Limits:
-    """The limits of each sample, linearised."""
+    """Returns the limits of each sample, linearised."""
     sampled, nominal, n = track.sampled, track.nominal, len(track.directions)
     weight = sampled.system.total_mass * jnp.abs(sampled.system.gravity)
     scale = jnp.where(most > 0, most, 1.0)
-    L, own = _limit_rows(track, mu, limited), np.asarray(limited, dtype=int)
+    L, indices = _limit_rows(track, mu, limited), np.asarray(limited, dtype=int)
 
     def one(t: Array, state: PlacedState, u: Array) -> tuple[Array, Array]:
         def quantities_with_limits(v: Array) -> Array:
@@ -227,14 +229,14 @@ def _limits(track: Track, most: Array, mu: Array | None, limited: tuple[int, ...
             placed = placed.in_space() if isinstance(placed, RotationState) else placed
             held = u + v[n:]
             R = movement(sampled.hold(held).prepare(), t, placed).R / weight
-            return jnp.concatenate([(held / scale)[own], R])
+            return jnp.concatenate([(held / scale)[indices], R])
 
         zero = jnp.zeros(n + u.size, u.dtype)
-        most_of_rows = jnp.append(jnp.repeat((most / scale)[own], 2), jnp.zeros(len(L) - 2 * len(own), u.dtype))
+        most_of_rows = jnp.append(jnp.repeat((most / scale)[indices], 2), jnp.zeros(len(L) - 2 * len(indices), u.dtype))
         return jax.jacfwd(quantities_with_limits)(zero), most_of_rows - L @ quantities_with_limits(zero)
 
     before = jax.tree.map(lambda leaf: leaf[:-1], nominal.states)
-    G, d = jax.lax.map(lambda at: one(*at), (nominal.times[:-1], before, nominal.u))
+    G, d = jax.lax.map(lambda arguments: one(*arguments), (nominal.times[:-1], before, nominal.u))
     return Limits(G, L, d)
 
 

@@ -55,11 +55,11 @@ class Stages(NamedTuple):
         return self.A.shape[-1]
 
     def after(self, z: Float[Array, "H n_plus_m"]) -> Float[Array, " n"]:
-        """ξ at the end."""
+        """Computes ξ at the end."""
         return self.A[-1] @ z[-1, : self.n] + self.B[-1] @ z[-1, self.n :] + self.c[-1]
 
     def rows(self, z: Float[Array, "H n_plus_m"]) -> Float[Array, "H p"]:
-        """L G (ξ, δu)."""
+        """Computes L G (ξ, δu)."""
         return jnp.sum(self.G * z[:, None], axis=-1) @ self.L.T
 
     def pull_back(self, multipliers: Float[Array, "H p"]) -> Float[Array, "H n_plus_m"]:
@@ -67,27 +67,27 @@ class Stages(NamedTuple):
         return jnp.sum(self.G * (multipliers @ self.L)[..., None], axis=1)
 
     def beyond(self, z: Float[Array, "H n_plus_m"]) -> Float[Array, "H p"]:
-        """L G (ξ, δu) − d."""
+        """Computes L G (ξ, δu) − d."""
         return self.rows(z) - self.d
 
     def follow(self, plan: Float[Array, "H n_plus_m"] | None, xi: Float[Array, " n"]) -> Float[Array, "H n_plus_m"]:
         """Follows the flow of (ξ, δu) from ``xi``: of the regulator, or of a plan and what the regulator adds to it."""
         n = self.n
 
-        def onward(xi: Array, at: Any) -> Any:
-            A, B, c, K, k, planned = at
+        def onward(xi: Array, stage: Any) -> Any:
+            A, B, c, K, k, planned = stage
             u = -K @ xi - k if plan is None else planned[n:] - K @ (xi - planned[:n])
             return A @ xi + B @ u + c, jnp.concatenate([xi, u])
 
         return jax.lax.scan(onward, xi, (self.A, self.B, self.c, self.K, self.k, self.K if plan is None else plan))[1]
 
     def cost(self, z: Float[Array, "H n_plus_m"]) -> Float[Array, ""]:
-        """The cost, without that of exceeding limits."""
+        """Computes the cost, without the cost of exceeding limits."""
         end = jnp.append(self.after(z), 1.0)
         return jnp.sum((z @ self.M) * z) + end @ self.end @ end
 
     def gradient(self, z: Float[Array, "H n_plus_m"]) -> tuple[Float[Array, "H n_plus_m"], Float[Array, " n"]]:
-        """The gradient of the cost of each stage, and of that at the end."""
+        """Computes the gradient of the cost of each stage, and of the cost at the end."""
         n = self.n
         return 2 * z @ self.M, 2 * (self.end[:n, :n] @ self.after(z) + self.end[:n, n])
 
@@ -130,17 +130,17 @@ class _Point(NamedTuple):
 def solve_stages(stages: Stages, xi: Float[Array, " n"], guess: Plan | None = None) -> Plan:
     """Finds the plan from the deviation ``xi``; ``guess`` is one near it, such as the last one, shifted by a stage."""
     unlimited = stages.follow(None, xi)
-    kept = jnp.max(stages.beyond(unlimited)) <= 0
-    found, count, closed = _iterate(*jax.lax.stop_gradient((stages, xi, unlimited, kept, guess)))
-    point = _differentiable(stages, xi, found)
-    z = jnp.where(kept, unlimited, point.z)
+    feasible = jnp.max(stages.beyond(unlimited)) <= 0
+    solution, count, closed = _iterate(*jax.lax.stop_gradient((stages, xi, unlimited, feasible, guess)))
+    point = _differentiable(stages, xi, solution)
+    z = jnp.where(feasible, unlimited, point.z)
     beyond = stages.beyond(z)
     exceeded = jnp.where(beyond > EXCEEDED, beyond, 0.0)
-    return Plan(z, jnp.where(kept, 0.0, point.λ), exceeded, count, closed)
+    return Plan(z, jnp.where(feasible, 0.0, point.λ), exceeded, count, closed)
 
 
 def _iterate(
-    stages: Stages, xi: Array, unlimited: Array, kept: Bool[Array, ""], guess: Plan | None
+    stages: Stages, xi: Array, unlimited: Array, feasible: Bool[Array, ""], guess: Plan | None
 ) -> tuple[_Point, Int[Array, ""], Bool[Array, ""]]:
     """Iterates to the solution; also returns the number of iterations, and whether the gap is closed."""
     z = unlimited if guess is None else stages.follow(guess.z, xi)
@@ -149,19 +149,21 @@ def _iterate(
 
     def is_unfinished(carry: Any) -> Bool[Array, ""]:
         point, count = carry
-        return ~kept & (point.gap > CLOSED_GAP * cost) & (count < MOST_ITERATIONS)
+        return ~feasible & (point.gap > CLOSED_GAP * cost) & (count < MOST_ITERATIONS)
 
     def step(carry: Any) -> Any:
         point, count = carry
         return _advance(stages, point), count + 1
 
     point, count = jax.lax.while_loop(is_unfinished, step, (point, jnp.asarray(0)))
-    return point, count, kept | (point.gap <= CLOSED_GAP * cost)
+    return point, count, feasible | (point.gap <= CLOSED_GAP * cost)
 
 
-def _differentiable(stages: Stages, xi: Float[Array, " n"], found: _Point) -> _Point:
-    """The solution with its derivatives by the stages and ``xi``: the change of a step that keeps to the conditions."""
-    n, (z, t, s, λ, ν) = stages.n, found
+def _differentiable(stages: Stages, xi: Float[Array, " n"], solution: _Point) -> _Point:
+    """Returns the solution with its derivatives by the stages and ``xi``: the change of a step that keeps to the
+    conditions.
+    """
+    n, (z, t, s, λ, ν) = stages.n, solution
     D = 1 / (t / λ + s / ν)
     factors = _factorise(stages, D)
     # By how much the flow, the slacks and the multipliers miss their conditions: 0, but not their derivatives.
@@ -169,8 +171,8 @@ def _differentiable(stages: Stages, xi: Float[Array, " n"], found: _Point) -> _P
     missed = jnp.concatenate([(xi - z[0, :n])[None], onward[:-1] - z[1:, :n]])
     b = (s / ν) * (stages.penalty - λ - ν) - (stages.d - stages.rows(z) + s - t)
 
-    def follow(before: Array, at: Any) -> Any:
-        K, closed, missed = at
+    def follow(before: Array, stage: Any) -> Any:
+        K, closed, missed = stage
         now = before + missed
         return closed @ now, jnp.concatenate([now, -K @ now])
 
@@ -180,12 +182,12 @@ def _differentiable(stages: Stages, xi: Float[Array, " n"], found: _Point) -> _P
     dz = moved + _minimise(stages, factors, (of_stages, of_end + 2 * stages.end[:n, :n] @ end))
     dλ = D * (stages.rows(dz) + b)
     change = jax.tree.map(lambda x: x - jax.lax.stop_gradient(x), (dz, dλ))
-    return found._replace(z=z + change[0], λ=λ + change[1])
+    return solution._replace(z=z + change[0], λ=λ + change[1])
 
 
 def _inside(stages: Stages, z: Array, product: Array, multipliers: Array | float) -> _Point:
-    """A point of the interior at z, with multipliers near those given, whose products with slacks are no less than
-    ``product``, as far as the penalty allows.
+    """Returns a point of the interior at z, with multipliers near ``multipliers``, whose products with slacks are no
+    less than ``product``, as far as the penalty allows.
     """
     beyond = stages.beyond(z)
     s = jnp.maximum(beyond, 0.0) + SLACK
@@ -208,8 +210,8 @@ def _factorise(stages: Stages, weights: Float[Array, "H p"]) -> _Factors:
     n = stages.n
     within = jnp.sum(stages.L[None, :, :, None] * (weights[..., None] * stages.L[None])[:, :, None], axis=1)
 
-    def step(P: Array, at: Any) -> Any:
-        A, B, G, within = at
+    def step(P: Array, stage: Any) -> Any:
+        A, B, G, within = stage
         hessian = 2 * stages.M + G.T @ (within @ G)
         PA, PB = P @ A, P @ B
         mixed = hessian[n:, :n] + B.T @ PA
@@ -225,13 +227,13 @@ def _minimise(stages: Stages, factors: _Factors, gradient: tuple[Array, Array]) 
     """Finds the change of z with the least of the factorised cost, with these gradients, where ξ at first is fixed."""
     n, (of_stages, of_end) = stages.n, gradient
 
-    def back(p: Array, at: Any) -> Any:
-        factors, B, g = at
+    def back(p: Array, stage: Any) -> Any:
+        factors, B, g = stage
         k = factors.inverse @ (g[n:] + B.T @ p)
         return g[:n] - factors.K.T @ g[n:] + factors.closed.T @ p, k
 
-    def onward(xi: Array, at: Any) -> Any:
-        factors, B, k = at
+    def onward(xi: Array, stage: Any) -> Any:
+        factors, B, k = stage
         return factors.closed @ xi - B @ k, jnp.concatenate([xi, -factors.K @ xi - k])
 
     k = jax.lax.scan(back, of_end, (factors, stages.B, of_stages), reverse=True)[1]
@@ -246,7 +248,7 @@ def _advance(stages: Stages, point: _Point) -> _Point:
     of_stages, of_end = stages.gradient(z)
 
     def direction(r1: Array, r2: Array) -> _Point:
-        """The change that makes λ t and ν s what these residuals ask for, to first order."""
+        """Computes the change that makes λ t and ν s what these residuals ask for, to first order."""
         b = r1 / λ - r2 / ν
         dz = _minimise(stages, factors, (of_stages + stages.pull_back(λ + D * b), of_end))
         dλ = D * (stages.rows(dz) + b)
@@ -263,7 +265,7 @@ def _move(point: _Point, step: _Point, length: Array) -> _Point:
 
 
 def _longest(point: _Point, step: _Point) -> Float[Array, ""]:
-    """The longest step that leaves slacks and multipliers positive, at most 1 / ``TO_BOUNDARY``."""
+    """Returns the longest step that leaves slacks and multipliers positive, at most 1 / ``TO_BOUNDARY``."""
     shares = [
         jnp.min(jnp.where(dx < 0, -x / jnp.where(dx < 0, dx, -1.0), jnp.inf))
         for x, dx in zip(point[1:], step[1:], strict=True)

@@ -28,7 +28,7 @@ class Regulator(NamedTuple):
 
 
 def regulator(linear: Linear, W: Float[Array, "rows n_plus_m"], S: Float[Array, "n_plus_one n_plus_one"]) -> Regulator:
-    """The regulator with the least Σ |W (ξ, δu)|² + |S (ξ, 1)|² at the end, for ξ⁺ = A ξ + B δu + c.
+    """Computes the regulator with the least Σ |W (ξ, δu)|² + |S (ξ, 1)|² at the end, for ξ⁺ = A ξ + B δu + c.
 
     ``WᵀW`` must be positive definite in δu. It can be differentiated in both modes.
     """
@@ -38,7 +38,9 @@ def regulator(linear: Linear, W: Float[Array, "rows n_plus_m"], S: Float[Array, 
 
 
 def stationary(linear: Linear, W: Float[Array, "rows n_plus_m"], samples: int) -> Float[Array, "n_plus_one n_plus_one"]:
-    """S at the start of ``samples`` samples of one linear flow, without its c: near its limit, if there are enough."""
+    """Computes S at the start of ``samples`` samples of one linear flow, without its c: near its limit, if there are
+    enough.
+    """
     A, B = _homogeneous(linear._replace(c=jnp.zeros_like(linear.c)))
     n = linear.A.shape[-1]
     end = jnp.zeros((n + 1, n + 1), A.dtype)
@@ -50,7 +52,7 @@ def stationary(linear: Linear, W: Float[Array, "rows n_plus_m"], samples: int) -
 
 
 def _homogeneous(linear: Linear) -> tuple[Array, Array]:
-    """A and B of (ξ, 1)."""
+    """Returns A and B of (ξ, 1)."""
     A, B, c = linear
     below = jnp.zeros_like(A[..., :1, :])
     last = jnp.concatenate([below, below[..., :1] + 1], axis=-1)
@@ -59,7 +61,7 @@ def _homogeneous(linear: Linear) -> tuple[Array, Array]:
 
 
 def _previous(A: Array, B: Array, W: Array, S: Array) -> tuple[Array, Array]:
-    """The gain of a sample, and S at its start, from S at its end."""
+    """Computes the gain of a sample, and S at its start, from S at its end."""
     size, m = B.shape
     now = jnp.concatenate([W[:, size - 1 :], W[:, : size - 1], jnp.zeros_like(W[:, :1])], axis=1)
     stacked = jnp.concatenate([now, jnp.concatenate([S @ B, S @ A], axis=1)])
@@ -72,8 +74,8 @@ def _previous(A: Array, B: Array, W: Array, S: Array) -> tuple[Array, Array]:
 def _solve_backward(A: Array, B: Array, W: Array, S: Array) -> tuple[Array, Array]:
     """Computes the gains of all samples, and P = SᵀS at each and at the end."""
 
-    def step(S, at):
-        A, B = at
+    def step(S, sample):
+        A, B = sample
         gain, before = _previous(A, B, W, S)
         return before, (gain, before.T @ before)
 
@@ -83,7 +85,9 @@ def _solve_backward(A: Array, B: Array, W: Array, S: Array) -> tuple[Array, Arra
 
 @_solve_backward.defjvp
 def _derivative(primals, tangents):
-    """By the recursion for P itself, in Joseph's form: a triangle that is singular has no derivatives."""
+    """Differentiates by the recursion for P itself, in Joseph's form: a triangle that is singular has no
+    derivatives.
+    """
     return _solve_backward(*primals), jax.jvp(_by_joseph, primals, tangents)[1]
 
 
@@ -92,8 +96,8 @@ def _by_joseph(A: Array, B: Array, W: Array, S: Array) -> tuple[Array, Array]:
     Wx = jnp.concatenate([W[:, : size - 1], jnp.zeros_like(W[:, :1])], axis=1)
     Wu = W[:, size - 1 :]
 
-    def step(P, at):
-        A, B = at
+    def step(P, sample):
+        A, B = sample
         gain = jnp.linalg.solve(Wu.T @ Wu + B.T @ P @ B, Wu.T @ Wx + B.T @ P @ A)
         closed, cost = A - B @ gain, Wx - Wu @ gain
         before = closed.T @ P @ closed + cost.T @ cost

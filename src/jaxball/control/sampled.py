@@ -68,7 +68,7 @@ class SampledSystem(Printed):
         rtol: Numbers = DEFAULT_TOLERANCE,
         atol: Numbers = DEFAULT_TOLERANCE,
     ) -> "SampledSystem":
-        """The sampled system of a body.
+        """Builds the sampled system of a body.
 
         **Arguments:**
 
@@ -89,7 +89,9 @@ class SampledSystem(Printed):
     def without_inputs(
         cls, system: System, sample: Numbers, rtol: Numbers = DEFAULT_TOLERANCE, atol: Numbers = DEFAULT_TOLERANCE
     ) -> "SampledSystem":
-        """The sampled system of a body that nobody steers: whatever moves it stays. Arguments as for :meth:`of`."""
+        """Builds the sampled system of a body that nobody steers: whatever moves it stays. Arguments as for
+        :meth:`of`.
+        """
         return cls(
             system,
             jnp.zeros((0,), default_dtype()),
@@ -121,7 +123,8 @@ class SampledSystem(Printed):
         u: Float[Array, " m"],
         adjoint: diffrax.AbstractAdjoint | None = None,
     ) -> PlacedState:
-        """The state a sample after ``t``, from ``state``, with the inputs ``u`` held: NaN where the solve fails.
+        """Computes the state a sample after ``t``, from ``state``, with the inputs ``u`` held: NaN where the solve
+        fails.
 
         It can be traced, within ``jax.lax.scan`` and ``jax.lax.map`` too. ``adjoint`` as for :func:`jaxball.simulate`.
         """
@@ -151,7 +154,7 @@ class SampledSystem(Printed):
         return jax.tree.map(lambda leaf: leaf[-1], run.state), run.status
 
     def deviation(self, state: PlacedState, other: PlacedState) -> Float[Array, " n"]:
-        """ξ of ``other`` around ``state``, as feedback counts it: the local coordinates.
+        """Computes ξ of ``other`` around ``state``, as feedback counts it: the local coordinates.
 
         Of a uniform ball, whose attitude tells nothing, that of the attitude is 0, and that of Ω is the difference of
         ω = ΛΩ, in space axes: where the ball has rolled to another place, Ω is in other body axes.
@@ -163,7 +166,9 @@ class SampledSystem(Printed):
         return jnp.where(self._is_uniform(), jnp.concatenate([jnp.zeros_like(xi[:3]), omega, xi[6:]]), xi)
 
     def displace(self, state: PlacedState, xi: Float[Array, " n"]) -> PlacedState:
-        """The state with the :meth:`deviation` ``xi`` from ``state``; of a uniform ball, its attitude is turned too."""
+        """Returns the state with the :meth:`deviation` ``xi`` from ``state``; for a uniform ball, its attitude is
+        turned too.
+        """
         moved = state.retract(xi)
         if not self._may_be_uniform(state):
             return moved
@@ -172,7 +177,7 @@ class SampledSystem(Printed):
         return moved.with_Omega(jnp.where(self._is_uniform(), Omega, moved.Omega))
 
     def _may_be_uniform(self, state: PlacedState) -> bool:
-        """Whether nothing but its inertia and offset can tell one attitude of the body from another."""
+        """Returns whether nothing but its inertia and offset can tell one attitude of the body from another."""
         system = self.system
         terms = system.force.terms if isinstance(system.force, Wrenches) else (system.force,)
         return (
@@ -214,14 +219,14 @@ class SampledSystem(Printed):
 
 
 def uncontrollable(linear: Linear, names: Sequence[str]) -> tuple[str, ...]:
-    """The combinations of deviations at the end of a linear flow that no input changes, by name.
+    """Lists the combinations of deviations at the end of a linear flow that no input changes, by name.
 
     Those that are 0 in every flow, such as the attitude of a uniform ball, are left out.
     """
     A, B = np.asarray(linear.A), np.asarray(linear.B)
-    kept = np.flatnonzero(np.any(A != 0, axis=(0, 2)))
-    rows = null_space(reachability_factor(A[:, kept[:, None], kept], B[:, kept]))
-    return in_words(rows, [names[int(k)] for k in kept])
+    indices = np.flatnonzero(np.any(A != 0, axis=(0, 2)))
+    rows = null_space(reachability_factor(A[:, indices[:, None], indices], B[:, indices]))
+    return in_words(rows, [names[int(k)] for k in indices])
 
 
 def reachability_factor(
@@ -244,7 +249,7 @@ def null_space(factor: Float[np.ndarray, "n rank"]) -> Float[np.ndarray, "rows n
 
 
 def in_words(rows: Float[np.ndarray, "rows n"], names: Sequence[str]) -> tuple[str, ...]:
-    """The combinations that span the same space, each of as few names as possible."""
+    """Returns the combinations that span the same space, each of as few names as possible."""
     return tuple(_in_words(row, names) for row in _reduce_rows(rows))
 
 

@@ -63,7 +63,9 @@ class Track(AbstractFeedback):
         return -self.regulator.K[sample] @ self.deviation(k, state) - self.regulator.k[sample], memory
 
     def cost(self, xi: Float[Array, "samples_and_end n"], du: Float[Array, "samples m"]) -> Float[Array, ""]:
-        """Σ |W (ξ, δu)|² over samples, and that of ξ at the end: what the regulator makes least."""
+        """Computes Σ |W (ξ, δu)|² over samples, and the cost of ξ at the end: the sum that the regulator
+        makes least.
+        """
         now = jnp.concatenate([xi[:-1], du], axis=1) @ self.W.T
         end = jnp.append(xi[-1], 1.0)
         return jnp.sum(now**2) + end @ self.regulator.P[-1] @ end
@@ -94,7 +96,8 @@ def tvlqr(
     rtol: Numbers = DEFAULT_TOLERANCE,
     atol: Numbers = DEFAULT_TOLERANCE,
 ) -> Track:
-    """The linear quadratic regulator along a motion: the feedback, sampled and held, that holds it at the least cost.
+    """Computes the linear quadratic regulator along a motion: the feedback, sampled and held, that holds it at the
+    least cost.
 
     It minimises Σ h (ξ·Q ξ + 2 ξ·cross δu + δu·R δu) + ξ·Qf ξ over the samples and at the end, where h is the time
     between samples, so that weights keep their meaning at other rates. ξ are the deviations in the local coordinates of
@@ -155,14 +158,14 @@ def build_track(
     S: Float[Array, "rows_at_end n_plus_one"] | None,
 ) -> Track:
     """Builds the regulator along a motion, with factors of its weights; traceable."""
-    linear, found = _regulate(sampled, nominal, W, S)
-    return Track(sampled, nominal, linear, found, W, sampled.directions)
+    linear, regulator = _regulate(sampled, nominal, W, S)
+    return Track(sampled, nominal, linear, regulator, W, sampled.directions)
 
 
 def factors_of(
     h: float, sampled: SampledSystem, Q: Weights, R: Weights, Qf: Weights | None, cross: Numbers | None = None
 ) -> tuple[Float[Array, "rows n_plus_m"], Float[Array, "rows_at_end n_plus_one"] | None]:
-    """W of the weights of a sample, and S of those at the end, None without; of weights that may be traced.
+    """Returns W of the weights of a sample, and S of the weights at the end, None without them; weights may be traced.
 
     **Raises:** ``ValueError`` for weights of another shape or sign, and unknown names.
     """
@@ -176,7 +179,7 @@ def factors_of(
 def _factor(
     h: float, Q: Weights, R: Weights, cross: Numbers | None, directions: Sequence[str], inputs: Sequence[str]
 ) -> Float[AnyArray, "rows n_plus_m"]:
-    """W of the weights of a sample."""
+    """Computes W of the weights of a sample."""
     n, m = len(directions), len(inputs)
     state, control = weight_matrix("Q", Q, directions), weight_matrix("R", R, inputs)
     traced = is_traced(state) or is_traced(control)
@@ -204,4 +207,6 @@ def linearise_flow(sampled: SampledSystem, nominal: NominalMotion) -> Linear:
     """Linearises the flow of each sample along a motion."""
     before = jax.tree.map(lambda leaf: leaf[:-1], nominal.states)
     after = jax.tree.map(lambda leaf: leaf[1:], nominal.states)
-    return jax.lax.map(lambda at: sampled.linearise_deviation(*at), (nominal.times[:-1], before, nominal.u, after))
+    return jax.lax.map(
+        lambda arguments: sampled.linearise_deviation(*arguments), (nominal.times[:-1], before, nominal.u, after)
+    )

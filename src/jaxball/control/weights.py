@@ -14,19 +14,19 @@ Weights = Numbers | Mapping[str, Numbers]
 ROUNDING_OF_EIGENVALUE = 1e-10  # of the largest eigenvalue, by which one may be negative
 
 
-def weight_matrix(name: str, given: Weights, names: Sequence[str]) -> Float[AnyArray, "n n"]:
-    """The symmetric matrix of weights for these ``names``.
+def weight_matrix(name: str, weights: Weights, names: Sequence[str]) -> Float[AnyArray, "n n"]:
+    """Returns the symmetric matrix of weights for these ``names``.
 
-    ``given`` is one number for all, a row of numbers, a matrix, or a dictionary of numbers by name, where ``"z"``
+    ``weights`` is one number for all, a row of numbers, a matrix, or a dictionary of numbers by name, where ``"z"``
     stands for ``"z[0]"`` and ``"z[1]"`` and what is not named has weight 0.
 
     **Raises:** ``TypeError`` for anything else, ``ValueError`` for another shape, unknown names, and a matrix that is
     not symmetric or has a negative eigenvalue; of numbers that are traced only the shape is known.
     """
     n = len(names)
-    if isinstance(given, Mapping):
-        given = by_name(name, given, names)
-    values: Any = given if is_traced(given) else to_numpy(given, name)
+    if isinstance(weights, Mapping):
+        weights = by_name(name, weights, names)
+    values: Any = weights if is_traced(weights) else to_numpy(weights, name)
     xp = jnp if is_traced(values) else np
     if values.ndim == 0:
         values = xp.broadcast_to(values, (n,))
@@ -34,7 +34,7 @@ def weight_matrix(name: str, given: Weights, names: Sequence[str]) -> Float[AnyA
     if matrix.shape != (n, n):
         raise ValueError(
             f"Argument `{name}` must be a number, {n} numbers or a matrix of shape ({n}, {n}), for {', '.join(names)}, "
-            f"but its shape is {np.shape(given)}."
+            f"but its shape is {np.shape(weights)}."
         )
     if is_traced(matrix):
         return matrix
@@ -56,7 +56,7 @@ def require_positive(name: str, matrix: Float[AnyArray, "n n"], strictly: bool =
 
 
 def factor(matrix: Float[AnyArray, "n n"]) -> Float[AnyArray, "n n"]:
-    """A W with WᵀW = matrix, for a symmetric matrix without negative eigenvalues, which may be singular."""
+    """Finds a W with WᵀW = matrix, for a symmetric matrix without negative eigenvalues, which may be singular."""
     if is_traced(matrix):
         return _by_cholesky(jnp.asarray(matrix))
     eigenvalues, vectors = np.linalg.eigh(matrix)
@@ -64,7 +64,9 @@ def factor(matrix: Float[AnyArray, "n n"]) -> Float[AnyArray, "n n"]:
 
 
 def _by_cholesky(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """The same by Cholesky's recursion, whose derivatives are finite also where pivots are 0 and eigenvalues equal."""
+    """Finds a W with WᵀW = matrix by Cholesky's recursion, whose derivatives are finite also where pivots are 0 and
+    eigenvalues equal.
+    """
     rows, rest = [], matrix
     for k in range(len(matrix)):
         pivot = rest[k, k]
@@ -76,23 +78,23 @@ def _by_cholesky(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
 
 
 def by_name(name: str, given: Mapping[str, Any], names: Sequence[str], other: float = 0.0) -> Float[AnyArray, " n"]:
-    """A number for each of ``names``, from a dictionary in which ``"z"`` stands for ``"z[0]"`` and ``"z[1]"``.
+    """Returns a number for each of ``names``, from a dictionary in which ``"z"`` stands for ``"z[0]"`` and ``"z[1]"``.
 
     What is not named is ``other``.
 
     **Raises:** ``ValueError`` for an unknown name.
     """
     values: list[Any] = [other] * len(names)
-    groups = [own.partition("[")[0] for own in names if own.count("[") == 1 and "." not in own]
-    known = list(dict.fromkeys([*groups, *names]))
+    groups = [entry.partition("[")[0] for entry in names if entry.count("[") == 1 and "." not in entry]
+    key_names = list(dict.fromkeys([*groups, *names]))
     for key, value in given.items():
-        if key not in known:
-            there = f"the names are {', '.join(known)}"
+        if key not in key_names:
+            there = f"the names are {', '.join(key_names)}"
             raise ValueError(
-                f"Argument `{name}` must have names as keys, but one is {key!r}{did_you_mean(key, known, there)}"
+                f"Argument `{name}` must have names as keys, but one is {key!r}{did_you_mean(key, key_names, there)}"
             )
         number = value if is_traced(value) else float(to_numpy(value, f"{name}[{key!r}]"))
         values = [
-            number if key in (own, own.partition("[")[0]) else old for own, old in zip(names, values, strict=True)
+            number if key in (entry, entry.partition("[")[0]) else old for entry, old in zip(names, values, strict=True)
         ]
     return (jnp if any(map(is_traced, values)) else np).asarray(values)

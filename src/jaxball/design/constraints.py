@@ -44,7 +44,7 @@ class Friction(AbstractRunningConstraint):
         return norm(contact.friction / run.weight) - self.friction * contact.normal_force / run.weight
 
     def margins(self, run: Run):
-        """That of |f|² / N ≤ μ² N: with N > 0 it is the same."""
+        """Returns the margins of |f|² / N ≤ μ² N: with N > 0 it is the same constraint."""
         contact = run.observables
         friction, normal = contact.friction / run.weight, contact.normal_force / run.weight
         return (self.friction * normal**2 - jnp.sum(friction**2, axis=-1) / self.friction) / 2
@@ -73,7 +73,7 @@ class ClearOfObstacles(AbstractRunningConstraint):
 
 
 def discs_to_avoid(requirements: Iterable[Requirement]) -> tuple[tuple[Float[np.ndarray, "2"], float], ...]:
-    """Centre and radius of each disc in the plane that the geometric centre must stay out of."""
+    """Lists the centre and radius of each disc in the plane that the geometric centre must stay out of."""
     avoiding = [item for item in requirements if isinstance(item, AvoidObstacles | ClearOfObstacles)]
     return tuple(
         disc for item in avoiding for disc in zip(np.asarray(item.centres), map(float, item.radii), strict=True)
@@ -98,7 +98,7 @@ class Within(AbstractRunningConstraint):
         return jnp.concatenate([self.lower[None] - z, z - self.upper[None]], axis=1) / run.length
 
     def unreachable_by_disk(self):
-        """A range of e2: even one that contains 0 leaves an interior-point method no room."""
+        """Names a range of e2, if there is one: even one that contains 0 leaves an interior-point method no room."""
         return "a range of e2, in which it is always 0" if np.size(self.lower) > 1 else ""
 
 
@@ -121,11 +121,11 @@ class _Limit(AbstractRunningConstraint):
 
     @abc.abstractmethod
     def vectors(self, run: Run) -> Float[Array, "t n d"]:
-        """v."""
+        """Returns v."""
 
     @abc.abstractmethod
     def unit(self, run: Run) -> Float[Array, "..."]:
-        """The unit of violations; one for all vectors, or one for each, shape (1, n)."""
+        """Returns the unit of violations; one for all vectors, or one for each, shape (1, n)."""
 
     def __call__(self, run: Run):
         return (norm(self.vectors(run)) - self.most) / self.unit(run)
@@ -195,7 +195,7 @@ class ForceLimit(_Limit):
 
 
 def _differences(run: Run) -> Float[Array, "t pairs 3"]:
-    """From the second mass of each pair to the first."""
+    """Returns the vectors from the second mass of each pair to the first."""
     chi = run.masses.chi
     first, second = np.triu_indices(chi.shape[1], 1)
     return chi[:, first] - chi[:, second]
@@ -216,7 +216,7 @@ class RailsInside(AbstractRunningConstraint):
         return (reach + self.clearance) / run.length - 1
 
     def margins(self, run: Run):
-        """Only the part about masses: no motion changes the rails."""
+        """Returns only the margins of the masses: no motion changes the rails."""
         return room(run.masses.chi, run.length - self.clearance) / run.length
 
 
@@ -250,7 +250,7 @@ class RegularRails(AbstractConstraint):
 
 
 def _chord_distances(p: Float[Array, "n 3"], q: Float[Array, "n 3"]) -> Float[Array, " n"]:
-    """The least distance of each chord of a closed line ``p`` from the closed line ``q``.
+    """Computes the least distance of each chord of a closed line ``p`` from the closed line ``q``.
 
     It is the least of those from the chord of ``q`` whose middle is nearest, and from the two beside it.
     """
@@ -258,14 +258,14 @@ def _chord_distances(p: Float[Array, "n 3"], q: Float[Array, "n 3"]) -> Float[Ar
     middles = jax.lax.stop_gradient(((p + to_p) / 2, (q + to_q) / 2))
     nearest = jnp.argmin(jnp.sum((middles[0][:, None] - middles[1][None]) ** 2, axis=-1), axis=1)
     beside = (nearest[:, None] + jnp.arange(-1, 2)[None]) % len(q)
-    one = jax.vmap(distance, in_axes=(None, None, 0, 0))
-    return jnp.min(jax.vmap(one)(p, to_p, q[beside], to_q[beside]), axis=1)
+    distances = jax.vmap(distance, in_axes=(None, None, 0, 0))
+    return jnp.min(jax.vmap(distances)(p, to_p, q[beside], to_q[beside]), axis=1)
 
 
 def distance(
     a: Float[Array, "3"], to_a: Float[Array, "3"], b: Float[Array, "3"], to_b: Float[Array, "3"]
 ) -> Float[Array, ""]:
-    """The least distance between points of the segments from ``a`` to ``to_a`` and from ``b`` to ``to_b``.
+    """Computes the least distance between points of the segments from ``a`` to ``to_a`` and from ``b`` to ``to_b``.
 
     Either the lines are nearest within both segments, or one end is nearest.
     """

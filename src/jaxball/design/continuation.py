@@ -47,11 +47,11 @@ class AbstractEquations(abc.ABC):
 
     @abc.abstractmethod
     def residual(self, y: Float[np.ndarray, " n"], parameter: float) -> Float[np.ndarray, " n"]:
-        """F."""
+        """Evaluates F."""
 
     @abc.abstractmethod
     def jacobian(self, y: Float[np.ndarray, " n"], parameter: float) -> tuple[Matrix, Float[np.ndarray, " n"]]:
-        """∂F/∂y, dense or sparse, and ∂F/∂λ."""
+        """Returns ∂F/∂y, dense or sparse, and ∂F/∂λ."""
 
     @functools.cached_property
     def order(self) -> Int[np.ndarray, " n"] | None:
@@ -59,11 +59,11 @@ class AbstractEquations(abc.ABC):
         return None
 
     def sizes(self, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """The scale of corrections of y: 1 + |y|."""
+        """Returns the scale of corrections of y: 1 + |y|."""
         return 1 + np.abs(y)
 
     def length(self, change: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> float:
-        """The norm of a correction of y, by which successive corrections are compared."""
+        """Computes the norm of a correction of y, by which successive corrections are compared."""
         return float(np.linalg.norm(change))
 
 
@@ -92,7 +92,7 @@ class FunctionEquations(AbstractEquations):
 
 
 def solver(matrix: Matrix, order: Int[np.ndarray, " n"] | None = None) -> Callable[[np.ndarray], np.ndarray]:
-    """A solver for systems with ``matrix``, which is factorised once.
+    """Returns a solver for systems with ``matrix``, which is factorised once.
 
     **Arguments:**
 
@@ -115,7 +115,8 @@ def bordered_solver(
     row: Float[np.ndarray, " n_plus_one"],
     order: Int[np.ndarray, " n"] | None = None,
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """A solver for systems with ``matrix``, ``column`` on its right and ``row`` below both; ``order`` is its own.
+    """Returns a solver for systems with ``matrix``, ``column`` on its right and ``row`` below both; ``order`` belongs
+    to ``matrix`` alone.
 
     **Raises:** as :func:`solver`.
     """
@@ -133,7 +134,7 @@ def newton(
     tolerance: float = CORRECTION_TOLERANCE,
     most: int = 50,
 ) -> Float[np.ndarray, " n"]:
-    """A solution near ``y``, by Newton's method with the natural monotonicity test.
+    """Finds a solution near ``y``, by Newton's method with the natural monotonicity test.
 
     A correction is shortened until the next one, by the same Jacobian, is shorter (Deuflhard, Newton Methods for
     Nonlinear Problems, section 3.3.1), whatever the units of equations and unknowns. It ends when no entry of a
@@ -223,7 +224,7 @@ def follow(
     weights: Float[np.ndarray, " n"] | None = None,
     visit: Callable[[Float[np.ndarray, " n"], float], None] = lambda y, parameter: None,
 ) -> Branch:
-    """The branch of F(y, λ) = 0 through a solution near ``y`` at λ = ``start``.
+    """Follows the branch of F(y, λ) = 0 through a solution near ``y`` at λ = ``start``.
 
     **Arguments:**
 
@@ -251,28 +252,28 @@ def follow(
     corrector = _Corrector(equations, np.full(y.size, 1 / y.size) if weights is None else weights, tolerance)
     if end is not None:
         direction = end - start
-    at = corrector.first(np.append(y, start), direction)
-    visit(at.Y[:-1], at.Y[-1])
-    visited, folds, ended = [at], [], ""
+    position = corrector.first(np.append(y, start), direction)
+    visit(position.Y[:-1], position.Y[-1])
+    visited, folds, ended = [position], [], ""
     while not ended:
-        there, last = corrector.onward(at, step, end)
+        there, last = corrector.onward(position, step, end)
         if there is None:
             step *= SHORTER
             ended = "lost" if step < LEAST_STEP else ""
             continue
-        if at.tangent[-1] * there.tangent[-1] < 0:
-            folds.append(corrector.fold(len(visited) - 1, at, there))
+        if position.tangent[-1] * there.tangent[-1] < 0:
+            folds.append(corrector.fold(len(visited) - 1, position, there))
         visited.append(there)
         visit(there.Y[:-1], there.Y[-1])
         step = min(longest, step * float(np.clip(EASY / max(there.corrections, 1), SHORTER, LONGER)))
-        at = there
+        position = there
         reasons = {
             "end": last,
-            "outside": not within[0] <= at.Y[-1] <= within[1],
-            "length": at.length >= length,
+            "outside": not within[0] <= position.Y[-1] <= within[1],
+            "length": position.length >= length,
             "points": len(visited) >= points,
         }
-        ended = next((reason for reason, given in reasons.items() if given), "")
+        ended = next((reason for reason, condition in reasons.items() if condition), "")
     Y = np.stack([point.Y for point in visited])
     lengths = np.asarray([point.length for point in visited])
     slope = np.asarray([point.tangent[-1] for point in visited])
@@ -287,7 +288,7 @@ class _Corrector:
         self.metric = np.append(weights, 1.0)
 
     def first(self, Y: Float[np.ndarray, " n_plus_one"], direction: float) -> _Point:
-        """The solution at the λ of Y, with the tangent along which λ changes in ``direction``."""
+        """Finds the solution at the λ of Y, with the tangent along which λ changes in ``direction``."""
         solved = self._correct(Y, self._fix_parameter(Y))
         if solved is None:
             raise DesignError(
@@ -298,7 +299,9 @@ class _Corrector:
         return _Point(solved[0], tangent * math.copysign(1.0, direction), 0.0)
 
     def step(self, at: _Point, step: float) -> _Point | None:
-        """The point at distance ``step`` along the tangent; None if it is not found, or the branch bends too much."""
+        """Finds the point at distance ``step`` along the tangent; None if Newton's method fails, or the branch bends
+        too much.
+        """
         row = self.metric * at.tangent
         solved = self._correct(at.Y + step * at.tangent, row)
         if solved is None:
@@ -310,14 +313,14 @@ class _Corrector:
         return _Point(Y, tangent, at.length + step, corrections)
 
     def onward(self, at: _Point, step: float, end: float | None) -> tuple[_Point | None, bool]:
-        """The next point, None if the step is too long; and whether it is the point with λ = ``end``."""
+        """Returns the next point, None if the step is too long; and whether it is the point with λ = ``end``."""
         there = self.step(at, step)
         if there is None or end is None or (at.Y[-1] - end) * (there.Y[-1] - end) > 0:
             return there, False
         return self.at_parameter(at, there, end), True
 
     def at_parameter(self, at: _Point, there: _Point, parameter: float) -> _Point | None:
-        """The point with the given λ between two neighbours."""
+        """Finds the point with λ = ``parameter`` between two neighbours."""
         share = (parameter - at.Y[-1]) / (there.Y[-1] - at.Y[-1])
         guess = at.Y + share * (there.Y - at.Y)
         guess[-1] = parameter
@@ -328,7 +331,7 @@ class _Corrector:
         return _Point(solved[0], self._tangent(solved[0], self.metric * at.tangent), length)
 
     def fold(self, after: int, at: _Point, there: _Point) -> Fold:
-        """Where dλ/ds = 0 between two neighbours, by the Illinois method."""
+        """Finds where dλ/ds = 0 between two neighbours, by the Illinois method."""
         old, new = Sample(0.0, at.tangent[-1]), Sample(there.length - at.length, there.tangent[-1])
         nearest = at if abs(old.f) < abs(new.f) else there
         for _ in range(FOLD_SEARCHES):
@@ -368,7 +371,7 @@ class _Corrector:
         return None
 
     def _tangent(self, Y: np.ndarray, row: np.ndarray) -> np.ndarray:
-        """The tangent of length one, on the side where row · tangent > 0."""
+        """Computes the tangent of length one, on the side where row · tangent > 0."""
         tangent = self._border(Y, row)(np.eye(1, Y.size, Y.size - 1)[0])
         return tangent / math.sqrt(self.metric @ tangent**2)
 

@@ -96,12 +96,12 @@ LINE = Plane(OnLine(), OnLine((None,)), Key(Numbers(rule=_FLAT), 0.0), Numbers((
 
 
 def plane_of(system: System) -> Plane:
-    """The kinds of positions of a system."""
+    """Returns the kinds of positions of a system."""
     return LINE if system.planar else PLANE
 
 
 def curves(plane: Plane) -> Family:
-    """The curves that a path can follow."""
+    """Returns the curves that a path can follow."""
     origin = {"origin": Key(plane.place, (0.0, 0.0))}
     return {
         "sigmoid": Module(
@@ -118,7 +118,7 @@ def curves(plane: Plane) -> Family:
 
 
 def objectives_of(plane: Plane) -> Family:
-    """The objectives, which are minimised."""
+    """Returns the objectives, which are minimised."""
     curve = {"curve": Key(member_of(curves(plane)))}
     return {
         "reach-place": Module(objectives.ReachPlace, {"place": Key(plane.place), **WEIGHT}),
@@ -154,7 +154,7 @@ def objectives_of(plane: Plane) -> Family:
 
 
 def constraints_of(plane: Plane) -> Family:
-    """The constraints."""
+    """Returns the constraints."""
     return {
         "rails-inside": Module(constraints.RailsInside, {"clearance": Key(NUMBER, 0.0)}),
         "rails-apart": Module(constraints.RailsApart, {"distance": Key(SIZE)}),
@@ -189,11 +189,11 @@ class Requirements:
     contract: type
 
     def keys(self, plane: Plane) -> dict[str, Keys]:
-        """The keys of each kind of jaxball's."""
+        """Returns the keys of each kind of requirement that jaxball has."""
         return keys_of(self.family(plane))
 
     def read(self, values: Any, path: str, plane: Plane) -> tuple[str, Any]:
-        """The object that a table describes, and the name of its kind, or of the user's class."""
+        """Reads the object that a table describes, and the name of its kind, or of the user's class."""
         item = read_family(values, path, Open(self.contract, self.family(plane)))
         return type(item).__name__ if names_own(values) else values["kind"], item
 
@@ -312,7 +312,7 @@ class ProblemFile(NamedTuple):
 
 
 def load_problem(source: str | Path) -> ProblemFile:
-    """The problem of the file at the path ``source``.
+    """Reads the problem of the file at the path ``source``.
 
     **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, when there is no such file, when it is not TOML, and
     when a key of it or of its scenario is misspelt, missing or wrong.
@@ -323,7 +323,7 @@ def load_problem(source: str | Path) -> ProblemFile:
 
 
 def read_problem(text: str, folder: str | Path = ".") -> ProblemFile:
-    """The problem that the ``text`` of a file describes; a scenario file is looked for relative to ``folder``.
+    """Reads the problem that the ``text`` of a file describes; a scenario file is looked for relative to ``folder``.
 
     **Raises:** as :func:`load_problem`.
     """
@@ -331,42 +331,42 @@ def read_problem(text: str, folder: str | Path = ".") -> ProblemFile:
 
 
 def problem_of(document: dict[str, Any], folder: str | Path = ".") -> ProblemFile:
-    """The problem of a document; a scenario file is looked for relative to ``folder``.
+    """Reads the problem of a document; a scenario file is looked for relative to ``folder``.
 
     **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, when a key of it or of its scenario is misspelt,
     missing or wrong.
     """
-    (given, space, search, robust), errors = try_readers(
+    (table, space, search, robust), errors = try_readers(
         lambda: read_table(document, "", SEARCH_KEYS),
         lambda: _space(document, Path(folder)) if {"scenario", "variables"} <= document.keys() else None,
         lambda: read_table(document.get("search", {}), "search", _SETTINGS),
         lambda: _perturbations(document["robust"]) if "robust" in document else None,
     )
     objectives, constraints = {}, {}
-    if given and space:  # which determines the kind of positions
-        (objectives, constraints), later = _requirements(given, space.system)
+    if table and space:  # which determines the kind of positions
+        (objectives, constraints), later = _requirements(table, space.system)
         errors += later
     raise_first(errors)
     settings = Settings(**search)
     identity = tomli_w.dumps({**document, "scenario": space.document}) + repr(settings)
-    return ProblemFile(given["title"], Problem(space, objectives, constraints, robust), settings, identity)
+    return ProblemFile(table["title"], Problem(space, objectives, constraints, robust), settings, identity)
 
 
 def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlFile:
-    """The problem of a document with a table ``[control]``; a scenario file is looked for relative to ``folder``.
+    """Reads the problem of a document with a table ``[control]``; a scenario file is looked for relative to ``folder``.
 
     **Raises:** as :func:`problem_of`.
     """
-    given = read_table(document, "", CONTROL_KEYS)
-    with naming_scenario(given["scenario"], "problem", DesignError):
-        scenario = read_document(scenario_document(given["scenario"], Path(folder), DesignError))
+    table = read_table(document, "", CONTROL_KEYS)
+    with naming_scenario(table["scenario"], "problem", DesignError):
+        scenario = read_document(scenario_document(table["scenario"], Path(folder), DesignError))
     system, state = scenario.system, scenario.state
     if not isinstance(system, System):
         raise key_error("scenario.kind", "ball or disk", system.title.lower())
     rolling_state(scenario, "optimal control is", DesignError)
     assert isinstance(state, BallState | DiskState)
-    control = read_table(given[CONTROL_TABLE], CONTROL_TABLE, _control_keys(plane_of(system).place))
-    (objectives, constraints), errors = _requirements(given, system)
+    control = read_table(table[CONTROL_TABLE], CONTROL_TABLE, _control_keys(plane_of(system).place))
+    (objectives, constraints), errors = _requirements(table, system)
     raise_first(errors)
     _require(objectives, OBJECTIVES, AbstractRunningObjective, "means over the run")
     _require(constraints, CONSTRAINTS, AbstractRunningConstraint, "constraints at each time")
@@ -374,7 +374,7 @@ def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlF
     times = (scenario.times[0], scenario.times[-1])
     problem = Rolling(system, times, objectives, state, **ends, constraints=constraints)
     return ControlFile(
-        title=given["title"],
+        title=table["title"],
         problem=problem,
         easy=None if control["first_weights"] is None else _easy(problem, control["first_weights"]),
         saves=int(np.size(scenario.times)),
@@ -387,19 +387,21 @@ def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlF
     )
 
 
-def _requirements(given: dict[str, Any], system: System) -> tuple[list[Any], list[ScenarioError]]:
-    """The objectives and the constraints of a problem of either kind, by name, and the errors in them."""
+def _requirements(table: dict[str, Any], system: System) -> tuple[list[Any], list[ScenarioError]]:
+    """Reads the objectives and the constraints of a problem of either kind, by name, and the errors in them."""
     plane = plane_of(system)
     return try_readers(
-        lambda: _read_by_kind(given["objectives"], OBJECTIVES, plane),
-        lambda: _read_by_kind(given["constraints"], CONSTRAINTS, plane, empty=True),
+        lambda: _read_by_kind(table["objectives"], OBJECTIVES, plane),
+        lambda: _read_by_kind(table["constraints"], CONSTRAINTS, plane, empty=True),
     )
 
 
 def _read_by_kind(values: Any, requirements: Requirements, plane: Plane, empty: bool = False) -> dict[str, Any]:
     """Reads objectives or constraints by their kinds; a second one of a kind has a number appended."""
     objects: dict[str, Any] = {}
-    for kind, item in read_list(values, requirements.path, lambda item, at: requirements.read(item, at, plane), empty):
+    for kind, item in read_list(
+        values, requirements.path, lambda item, path: requirements.read(item, path, plane), empty
+    ):
         count = sum(name.split(" ")[0] == kind for name in objects)
         objects[f"{kind} {count + 1}" if count else kind] = item
     return objects
@@ -424,10 +426,10 @@ def _space(document: dict[str, Any], folder: Path) -> DesignSpace:
 
 
 def _variable(values: Any, path: str) -> Variable:
-    given = {name: value for name, value in read_table(values, path, _VARIABLE).items() if value is not None}
-    paths, factors = given.pop("path"), tuple(float(x) for x in given.pop("factors"))
+    arguments = {name: value for name, value in read_table(values, path, _VARIABLE).items() if value is not None}
+    paths, factors = arguments.pop("path"), tuple(float(x) for x in arguments.pop("factors"))
     try:
-        return Variable(paths, factors=factors, **given)
+        return Variable(paths, factors=factors, **arguments)
     except DesignError as error:
         raise DesignError(f"Key `{path}`: {error}") from None
 
@@ -447,13 +449,13 @@ def _paths(value: Any, path: str) -> tuple[str, ...]:
 
 
 def _easy(problem: Rolling, weights: Any) -> Rolling:
-    """The problem with other weights of some objectives."""
+    """Returns the problem with other weights of some objectives."""
     path = f"{CONTROL_TABLE}.first_weights"
     if not isinstance(weights, dict) or not weights:
         raise key_error(path, "a table of weights by kind of objective", describe(weights))
     unknown = [name for name in weights if name not in problem.objectives]
     if unknown:
         raise key_error(path, f"of objectives of this problem ({', '.join(problem.objectives)})", unknown[0])
-    given = read_table(weights, path, dict.fromkeys(weights, Key(Numbers())))
-    values = [to_array(given[name]) for name in weights]
+    entries = read_table(weights, path, dict.fromkeys(weights, Key(Numbers())))
+    values = [to_array(entries[name]) for name in weights]
     return eqx.tree_at(lambda p: [p.objectives[name].weight for name in weights], problem, values)

@@ -48,7 +48,7 @@ class Identification:
     converged: bool
 
     def intervals(self, confidence: float = 0.95) -> Float[np.ndarray, "n 2"]:
-        """The confidence interval of each parameter."""
+        """Computes the confidence interval of each parameter."""
         half = NormalDist().inv_cdf((1 + confidence) / 2) * self.deviations
         return np.stack([self.estimates - half, self.estimates + half], axis=1)
 
@@ -79,7 +79,7 @@ def identify(
     path: Float[np.ndarray, "T *d"],
     quantity: Callable[[Run], Float[Array, "T *d"]] | None = None,
 ) -> Identification:
-    """The parameters of ``space`` with which its scenario's path fits a recorded one best, in the mean square.
+    """Finds the parameters of ``space`` with which its scenario's path fits a recorded one best, in the mean square.
 
     ``path`` is that of the geometric centre at the scenario's save times, two numbers each, one for a disk; or, with
     ``quantity``, what this function of the run has then, such as angles of joints, one row for each of these times and
@@ -143,7 +143,9 @@ def _position(run: Run) -> Float[Array, "T 2"]:
 def _residuals(
     space: DesignSpace, path: Float[np.ndarray, "T *d"], quantity: Callable[[Run], Float[Array, "T *d"]]
 ) -> Residuals:
-    """The residuals at given unknowns and their Jacobian, by one program; NaN where either is not finite."""
+    """Returns the function for the residuals at given unknowns and their Jacobian, by one program; NaN where either is
+    not finite.
+    """
     solve = Solve.of(space.scenario, diffrax.ForwardMode())
 
     def residuals(y: Float[Array, " n"], path: Float[Array, "T *d"]) -> Float[Array, " residuals"]:

@@ -43,7 +43,7 @@ class ReachPlace(AbstractObjective):
         return off_e1(self.place[None])
 
     def farthest(self, run: Run) -> Float[Array, ""]:
-        """The distance from ``place`` at the end, in radii."""
+        """Computes the distance from ``place`` at the end, in radii."""
         return norm(run.z[-1] - self.place) / run.length
 
 
@@ -123,7 +123,7 @@ class FollowTrajectory(AbstractRunningObjective):
     end: Float[Array, ""] | None = eqx.field(converter=number_or_none("end"), default=None)
 
     def targets(self, times: Float[Array, " t"]) -> Float[Array, "t 2"]:
-        """The desired positions of the geometric centre."""
+        """Returns the desired positions of the geometric centre."""
         return _targets(self, times)
 
     def integrand(self, run: Run):
@@ -131,11 +131,11 @@ class FollowTrajectory(AbstractRunningObjective):
         return jnp.sum((run.z - self.targets(run.times)) ** 2, axis=-1) / run.length**2
 
     def errors(self, run: Run) -> Float[Array, " t"]:
-        """|z(t) − c(s(t))| / r."""
+        """Computes |z(t) − c(s(t))| / r."""
         return norm(run.z - self.targets(run.times)) / run.length
 
     def farthest(self, run: Run) -> Float[Array, ""]:
-        """The largest distance of the geometric centre from its desired position, in radii."""
+        """Computes the largest distance of the geometric centre from its desired position, in radii."""
         return jnp.max(self.errors(run))
 
     def in_units(self, value, length, time):
@@ -177,7 +177,9 @@ class FollowCurve(AbstractObjective):
         return (there + jnp.mean(squared_distances(curve, path))) / run.length**2
 
     def farthest(self, run: Run) -> Float[Array, ""]:
-        """The largest distance of a point of the path from the curve, or of the curve from the path, in radii."""
+        """Computes the largest distance of a point of the path from the curve, or of the curve from the path,
+        in radii.
+        """
         path, curve = run.z, self.curve.points(self.samples)
         square = jnp.max(jnp.concatenate([squared_distances(path, curve), squared_distances(curve, path)]))
         return jnp.sqrt(jnp.maximum(square, ROUNDING_SQUARED)) / run.length
@@ -209,7 +211,7 @@ class LargestDistance(FollowCurve):
 
 
 def target_path(requirements: Iterable[Requirement]) -> Float[np.ndarray, "k 2"] | None:
-    """Points of the curve to follow, the last one if there are several, and None if there is none."""
+    """Returns points of the curve to follow, the last one if there are several, and None if there is none."""
     followed = [item for item in requirements if isinstance(item, FollowTrajectory | FollowCurve)]
     return np.asarray(followed[-1].curve.points(POINTS_DRAWN)) if followed else None
 
@@ -239,12 +241,12 @@ class AvoidObstacles(AbstractRunningObjective):
 
 
 def depths(run: Run, centres: Float[Array, "k 2"], radii: Float[Array, " k"]) -> Float[Array, "t k"]:
-    """How deep the geometric centre is inside discs in the plane, over r; negative outside."""
+    """Computes how deep the geometric centre is inside discs in the plane, over r; negative outside."""
     return (radii[None] - norm(run.z[:, None] - centres[None])) / run.length
 
 
 def squared_distances(points: Float[Array, "p 2"], line: Float[Array, "q 2"]) -> Float[Array, " p"]:
-    """The squared distance of each point from a polygonal line."""
+    """Computes the squared distance of each point from a polygonal line."""
     a, along = line[:-1], jnp.diff(line, axis=0)
     size = jnp.sum(along**2, axis=-1)
     size = jnp.where(size > 0, size, 1.0)
@@ -254,7 +256,7 @@ def squared_distances(points: Float[Array, "p 2"], line: Float[Array, "q 2"]) ->
 
 
 def _floor(run: Run, curve: Float[Array, "q 2"]) -> Float[Array, " steps"]:
-    """The square of the least length at which a step of the path counts."""
+    """Computes the square of the least length at which a step of the path counts."""
     whole = jnp.sum(jnp.sqrt(jnp.sum(jnp.diff(curve, axis=0) ** 2, axis=-1)))
     return (SLOWEST_SPEED * whole * jnp.diff(run.times) / (run.times[-1] - run.times[0])) ** 2
 

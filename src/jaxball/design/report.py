@@ -54,7 +54,7 @@ def write_report(design: Design, title: str, folder: Path, source: Source | None
         source.copy(folder)
     write_text(folder / SCENARIO, tomli_w.dumps(design.document))
     space = design.problem.space
-    parts = [[f"# {title or 'A design'}"], [_verdict(design)], *([one] for one in warnings(design))]
+    parts = [[f"# {title or 'A design'}"], [_verdict(design)], *([warning] for warning in warnings(design))]
     parts += [_objectives(design), _constraints(design), _variables(design), *_checks(design)]
     try:
         before, after = (
@@ -71,7 +71,9 @@ def write_report(design: Design, title: str, folder: Path, source: Source | None
 def write_control_report(
     controlled: Controlled, title: str, saves: int, folder: Path, source: Source | None = None
 ) -> Path:
-    """The same for a solution of optimal control, whose scenario has ``saves`` times."""
+    """Writes the scenario, ``report.md`` and its figures for a solution of optimal control, whose scenario has
+    ``saves`` times.
+    """
     system = rolling(controlled.solution.problem).system
     scenario = write_design(controlled.solution, title, saves, folder, controlled.units)
     if source is not None:
@@ -92,7 +94,7 @@ def write_design(solution: Solution, title: str, saves: int, folder: Path, units
 
 
 def objectives_in_units(found: Design | Controlled) -> dict[str, str]:
-    """The length, the angle or the time that the value of each objective stands for, in units of the scenario.
+    """Returns the length, the angle or the time that the value of each objective stands for, in units of the scenario.
 
     The values are the verified ones; empty where a value stands for none of them, or is not finite.
     """
@@ -107,8 +109,8 @@ def objectives_in_units(found: Design | Controlled) -> dict[str, str]:
     length, gravity = float(length), abs(float(gravity))
     time = math.sqrt(length / gravity) if gravity > 0 else math.inf
     return {
-        name: with_unit(one.in_units(values[name], length, time), units) if math.isfinite(values[name]) else ""
-        for name, one in objectives.items()
+        name: with_unit(objective.in_units(values[name], length, time), units) if math.isfinite(values[name]) else ""
+        for name, objective in objectives.items()
     }
 
 
@@ -122,7 +124,7 @@ def with_unit(text: str, units: Units | None) -> str:
 
 
 def violation(by: float, allowed: float) -> str:
-    """Whether a constraint holds, from its largest signed violation and the tolerance."""
+    """Says whether a constraint holds, from its largest signed violation and the tolerance."""
     if math.isnan(by):
         return "not known"
     if by == -math.inf:
@@ -133,7 +135,7 @@ def violation(by: float, allowed: float) -> str:
 
 
 def bounds(lower: float, upper: float) -> str:
-    """The bounds of a variable, as text."""
+    """Formats the bounds of a variable, as text."""
     if lower == -math.inf:
         return "free" if upper == math.inf else f"at most {upper:g}"
     return f"at least {lower:g}" if upper == math.inf else f"{lower:g} to {upper:g}"
@@ -145,13 +147,13 @@ def _write(folder: Path, parts: Iterable[Sequence[str]]) -> Path:
 
 
 def _table(header: Sequence[str], rows: Iterable[Sequence[str]], legend: str = "") -> list[str]:
-    """The lines of a table in Markdown, with its legend."""
+    """Returns the lines of a table in Markdown, with its legend."""
     first, *lines = ["| " + " | ".join(row) + " |" for row in (header, *rows)]
     return [first, "|" + "---|" * len(header), *lines, *(["", legend] if legend else [])]
 
 
 def _in_table(header: Sequence[str], numbers: Mapping[str, Sequence[float]], units: Mapping[str, str]) -> list[str]:
-    """The numbers of each objective, of which the fourth is that in units of the scenario."""
+    """Formats the numbers of each objective as a table, with the fourth also in units of the scenario."""
     rows = []
     for name, values in numbers.items():
         cells = [f"{x:.6g}" for x in values]
@@ -160,7 +162,7 @@ def _in_table(header: Sequence[str], numbers: Mapping[str, Sequence[float]], uni
 
 
 def _along(trajectory: Trajectory[Any, Any]) -> list[str]:
-    """The contact force along a run."""
+    """Describes the contact force along a run."""
     return [f"Along the run: {'; '.join(str(contact_extremes(trajectory)).splitlines())}."]
 
 
@@ -178,7 +180,7 @@ def _path_figure(
     *,
     names: tuple[str, str] = ("before", "after"),
 ) -> Axes:
-    """The paths before and after, each with its times, and their targets; for a disk, positions over time."""
+    """Draws the paths before and after, each with its times, and their targets; for a disk, positions over time."""
     times, path = after
     followed = [item for item in requirements if isinstance(item, FollowTrajectory | FollowCurve)]
     if path.ndim == 1:
@@ -189,7 +191,7 @@ def _path_figure(
 
 
 def _joint_figures(trajectory: Trajectory[Any, Any]) -> dict[str, Axes]:
-    """Angles and efforts of the joints of mechanisms, if there are any."""
+    """Draws angles and efforts of the joints of mechanisms, if there are any."""
     if not trajectory.system.mechanisms:
         return {}
     return {"joint-angles": plot.joint_angles(trajectory), "joint-efforts": plot.joint_efforts(trajectory)}
@@ -246,12 +248,12 @@ def _variables(design: Design) -> list[str]:
     space = design.problem.space
     rows = [
         [
-            ", ".join(f"`{path}`" for path in one.paths),
-            f"{old:.8g}{space.unit_of[one.name]}",
-            f"{new:.12g}{space.unit_of[one.name]}",
-            bounds(one.lower, one.upper),
+            ", ".join(f"`{path}`" for path in entry.paths),
+            f"{old:.8g}{space.unit_of[entry.name]}",
+            f"{new:.12g}{space.unit_of[entry.name]}",
+            bounds(entry.lower, entry.upper),
         ]
-        for one, old, new in zip(space.variables, space.values(space.start), design.numbers, strict=True)
+        for entry, old, new in zip(space.variables, space.values(space.start), design.numbers, strict=True)
     ]
     return _table(["variable", "start", "found", "bounds"], rows)
 
@@ -326,7 +328,7 @@ def _control_verdict(controlled: Controlled) -> str:
 
 
 def _holding(controlled: Controlled) -> str:
-    """What the motors must do to hold the robot at the end, if it has motors."""
+    """Says what the motors must do to hold the robot at the end, if it has motors."""
     values = [f"{value:.4g}" for value in holding(controlled.solution)]
     if not values:
         return ""
@@ -335,8 +337,8 @@ def _holding(controlled: Controlled) -> str:
 
 def _control_objectives(controlled: Controlled) -> list[str]:
     first, last = means(controlled.first), means(controlled.solution)
-    before, after = (rolling(one.problem).objectives for one in (controlled.first, controlled.solution))
-    weights = [{name: float(one.weight) for name, one in objectives.items()} for objectives in (before, after)]
+    before, after = (rolling(entry.problem).objectives for entry in (controlled.first, controlled.solution))
+    weights = [{name: float(entry.weight) for name, entry in objectives.items()} for objectives in (before, after)]
     numbers = {name: (weights[0][name], first[name], weights[1][name], last[name]) for name in last}
     header = ["objective", "first weight", "its mean", "weight", "its mean"]
     return _in_table(header, numbers, objectives_in_units(controlled))
@@ -358,7 +360,7 @@ def _control_figures(controlled: Controlled) -> dict[str, Axes]:
     problem = rolling(solution.problem)
     times = np.linspace(float(problem.start), float(problem.end), SAVES_DRAWN)
     requirements = [*problem.objectives.values(), *problem.constraints.values()]
-    first, last = ((times, places(one, times)) for one in (controlled.first, solution))
+    first, last = ((times, places(entry, times)) for entry in (controlled.first, solution))
     axes = {"path": _path_figure(requirements, first, last, names=BRANCH)}
     masses = problem.system.driven
     if masses:
@@ -369,6 +371,6 @@ def _control_figures(controlled: Controlled) -> dict[str, Axes]:
     weighed, least = branch[0].weights, branch[-1].weights
     for name in [name for name in weighed if 0 < weighed[name] != least[name] > 0][:1]:
         weights = np.asarray([point.weights[name] for point in branch])
-        values = {one: np.asarray([point.means[one] for point in branch]) for one in branch[0].means}
+        values = {entry: np.asarray([point.means[entry] for point in branch]) for entry in branch[0].means}
         axes["branch"] = plot.branch(weights, values, f"weight of {name}", of="mean of each objective")
     return axes

@@ -66,14 +66,14 @@ class Source(NamedTuple):
 
 
 def duration(seconds: float) -> str:
-    """A time in hours, minutes and seconds."""
+    """Formats a time in hours, minutes and seconds."""
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s" if minutes else f"{seconds:.1f} s"
 
 
 def provenance(source: Source | None, elapsed: float, resumed: bool = False) -> list[list[str]]:
-    """The parts of a report that say how it was made; ``elapsed`` is in seconds."""
+    """Returns the parts of a report that say how it was made; ``elapsed`` is in seconds."""
     versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in PACKAGES)
     by = "By" if source is None else f"By `{source.command}`, with"
     parts = [["## How it was made"]]
@@ -84,7 +84,7 @@ def provenance(source: Source | None, elapsed: float, resumed: bool = False) -> 
 
 
 def _document(path: Path) -> Any:
-    """The content of a file; None if it is not a document."""
+    """Reads the content of a file; None if it is not a document."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
@@ -117,7 +117,8 @@ class Result(NamedTuple):
 
 
 def load_result(folder: str | Path) -> Result:
-    """The design in a ``folder`` that ``jaxball design --out`` wrote; the best so far, if the search is not finished.
+    """Reads the design in a ``folder`` that ``jaxball design --out`` wrote; the best so far, if the search is not
+    finished.
 
     It has ``problem.toml`` and ``design.toml``.
 
@@ -145,7 +146,7 @@ def _load_copy(path: Path) -> dict[str, Any]:
 
 
 def _problem(document: dict[str, Any], folder: Path) -> tuple[str, Scenario, list[Requirement]]:
-    """Title, scenario at the start, and the objectives and constraints of a problem of either kind."""
+    """Reads the title, the scenario at the start, and the objectives and constraints of a problem of either kind."""
     if CONTROL_TABLE in document:
         control = read_control(document, folder)
         scenario = read_document(scenario_document(document["scenario"], folder, DesignError))

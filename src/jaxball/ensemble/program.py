@@ -77,7 +77,7 @@ def _compile(settings: Settings) -> programs.Program:
 
 
 def _together(settings: Settings) -> int:
-    """How many runs wait for the longest of them."""
+    """Returns the number of runs that wait for the longest among them."""
     if native.current_choice() == "native" and native.is_allowed():
         return 1 if fills_vectors(settings.method.solver) else native.LANES
     return settings.lanes
@@ -86,12 +86,12 @@ def _together(settings: Settings) -> int:
 def _run(
     settings: Settings, system: Any, state: Any, times: Array, rtol: Array, atol: Array, events: Any
 ) -> tuple[Ends, dict[str, Array]]:
-    """One of the runs."""
+    """Simulates one of the runs."""
     settings = put_captures(settings, [])
     method = settings.method._replace(observation=_observation(settings.reductions))
-    fields, found = simulate_and_observe(method, system, times, state, rtol, atol, events)
+    fields, observations = simulate_and_observe(method, system, times, state, rtol, atol, events)
     run = Trajectory.of(system.shown, times, *fields[:-1], state, fields[-1])
-    reported = _reports(settings.reductions, found)
+    reported = _reports(settings.reductions, observations)
     reported = {name: jnp.where(run.status == Status.IMPOSSIBLE, jnp.nan, value) for name, value in reported.items()}
     reported = with_unknown_derivatives(reported, (system, state, times))
     return Ends(run.state, run.reached, run.status, run.steps, run.rejected, run.events, run.history), reported
@@ -118,15 +118,17 @@ def _quantities(reductions: Sequence[tuple[str, AbstractReduction]]) -> tuple[Qu
     return tuple(dict.fromkeys(item.quantity for _, item in reductions))
 
 
-def _reports(reductions: Sequence[tuple[str, AbstractReduction]], found: Found | None) -> dict[str, Array]:
-    """What the reductions report of one run, by name."""
-    if found is None:
+def _reports(reductions: Sequence[tuple[str, AbstractReduction]], observations: Found | None) -> dict[str, Array]:
+    """Returns the reports of the reductions on one run, by name."""
+    if observations is None:
         return {}
     quantities, reports = _quantities(reductions), {}
-    extremes = iter(zip(found.extremes, found.times, strict=True))
+    extremes = iter(zip(observations.extremes, observations.times, strict=True))
     for name, item in reductions:
         k = quantities.index(item.quantity)
-        own = [next(extremes) for _ in item.signs]
-        observed = Observed(found.start[k], tuple(v for v, _ in own), tuple(t for _, t in own), found.integrals[k])
+        pairs = [next(extremes) for _ in item.signs]
+        observed = Observed(
+            observations.start[k], tuple(v for v, _ in pairs), tuple(t for _, t in pairs), observations.integrals[k]
+        )
         reports |= {name + end: value for end, value in item.result(observed).items()}
     return reports

@@ -56,7 +56,7 @@ class AbstractReduction(Printed):
 
     @abc.abstractmethod
     def result(self, observed: Observed) -> dict[str, Float[Array, "*runs"]]:
-        """The results, by the suffixes of their names, each with the shape of the observed quantity.
+        """Returns the results, by the suffixes of their names, each with the shape of the observed quantity.
 
         **Arguments:**
 
@@ -136,17 +136,18 @@ class Integral(AbstractReduction):
 
 
 def normal_force(system: Held, t: Float[Array, ""], state: AbstractState) -> Float[Array, ""]:
-    """N, the normal force; with a law of contact, in the mode that the body is in."""
+    """Returns N, the normal force; with a law of contact, in the mode that the body is in."""
     return system.plane_reaction(t, state).normal
 
 
 def friction(system: Held, t: Float[Array, ""], state: AbstractState) -> Float[Array, ""]:
-    """|f|, the friction."""
+    """Returns |f|, the friction."""
     return system.plane_reaction(t, state).friction
 
 
 def half_tangent(system: Held, t: Float[Array, ""], state: AbstractState) -> Float[Array, ""]:
-    """tan(α/2) for the angle α of the reaction from the vertical, which grows with |f| / N, smoothly past N = 0.
+    """Computes tan(α/2) for the angle α of the reaction from the vertical, which grows with |f| / N, smoothly past N =
+    0.
 
     This avoids the arctangent, which takes as long as half of the equations of motion. With a law of contact, 0 in
     flight, and that of the coefficient of friction while the body slides.
@@ -163,18 +164,19 @@ def half_tangent(system: Held, t: Float[Array, ""], state: AbstractState) -> Flo
 
 
 def tangent(half: Float[Array, "*runs"]) -> Float[Array, "*runs"]:
-    """|f| / N = tan α from tan(α/2); infinite where N ≤ 0."""
+    """Computes |f| / N = tan α from tan(α/2); infinite where N ≤ 0."""
     held = ~(half >= 1)
     return jnp.where(held, 2 * half / jnp.where(held, 1 - half**2, 1.0), jnp.inf)
 
 
 def angular_speed_squared(system: System, t: Float[Array, ""], state: State) -> Float[Array, ""]:
-    """|Ω|²."""
+    """Computes |Ω|²."""
     return jnp.sum(state.Omega**2)
 
 
 def speed(system: System | BodyOnPlane, t: Float[Array, ""], state: State | ContactState) -> Float[Array, ""]:
-    """|ż|, how fast the geometric centre moves over the plane: where it rolls, r times the horizontal part of ω.
+    """Computes |ż|, how fast the geometric centre moves over the plane: where it rolls, r times the horizontal part of
+    ω.
 
     On a surface |ċ|, how fast the geometric centre moves in space.
     """
@@ -191,7 +193,7 @@ def speed(system: System | BodyOnPlane, t: Float[Array, ""], state: State | Cont
 def energy(
     system: System | BodyOnPlane, t: Float[Array, ""], state: BallState | DiskState | ContactState
 ) -> Float[Array, ""]:
-    """E, kinetic and potential; with a law of contact, plus the energy dissipated by friction and impacts."""
+    """Computes E, kinetic and potential; with a law of contact, plus the energy dissipated by friction and impacts."""
     if isinstance(system, BodyOnPlane) or isinstance(state, ContactState):
         return energy_of_released(system.body, t, state.released) + state.friction_loss + state.impact_loss  # pyright: ignore
     return observe(system, t, state).energy
@@ -200,14 +202,16 @@ def energy(
 def values(
     quantities: Sequence[Callable[..., Any]], system: Any, t: Float[Array, ""], state: Any
 ) -> Float[Array, " k"]:
-    """Quantities at one time; with a law of contact those of the body, except for quantities that depend on the law."""
+    """Returns the quantities at one time; with a law of contact those of the body, except for quantities that depend on
+    the law.
+    """
     body = system.shown, system.state_to_show(state)
     whole = (system, state) if isinstance(system, BodyOnPlane) else body
 
     def value(quantity: Callable[..., Any]) -> Float[Array, ""]:
         with traceable("quantity", quantity):
-            own, at = whole if quantity in ON_PLANE else body
-            return quantity(own, t, at)
+            model, model_state = whole if quantity in ON_PLANE else body
+            return quantity(model, t, model_state)
 
     return jnp.stack([value(quantity) for quantity in quantities])
 
@@ -228,7 +232,8 @@ REDUCTIONS: dict[str, AbstractReduction] = {
 
 
 def reductions_of(system: Any) -> dict[str, AbstractReduction]:
-    """Those of ``REDUCTIONS`` that a system has: all for a ball or a disk, else those of the contact force if it rolls.
+    """Returns the ``REDUCTIONS`` that a system has: all for a ball or a disk, else the ones of the contact force if it
+    rolls.
 
     **Arguments:**
 

@@ -64,7 +64,7 @@ class Ensemble(Printed):
         return len(self.trajectory.status)
 
     def __getitem__(self, run: int) -> Trajectory[Any, Any]:
-        """The trajectory of one run, with its ``observables``, ``plot()`` and so on."""
+        """Returns the trajectory of one run, with its ``observables``, ``plot()`` and so on."""
         return jax.tree.map(lambda leaf: jnp.asarray(leaf[run]), self.trajectory)
 
     @property
@@ -136,7 +136,8 @@ def simulate_ensemble(
     inside: bool = True,
     in_axes: Any = 0,
 ) -> Ensemble:
-    """Many runs of systems of one structure; each agrees with :func:`jaxball.simulate`, to within the tolerances.
+    """Simulates many runs of systems of one structure; each agrees with :func:`jaxball.simulate`, to within the
+    tolerances.
 
     **Arguments:**
 
@@ -189,12 +190,12 @@ def simulate_ensemble(
     events = check_events(simulated, events)
     method = Method.of(solver, adjoint, max_steps, step_to_times=step_to_times, dae=dae, project=project, inside=inside)
     rtol, atol = check_tolerances(rtol, atol, of_many=True)
-    given = times if isinstance(times, jax.Array) else to_numpy(times, "times").astype(rtol.dtype)
+    instants = times if isinstance(times, jax.Array) else to_numpy(times, "times").astype(rtol.dtype)
     reductions = _check_reductions(reductions)
     own_shared, shared = _find_shared(in_axes, system, state, contact, events)
     parameters = simulated, state, events
-    runs = _count(parameters, shared, given, rtol, atol)
-    whole = given if given.ndim == 2 else jnp.broadcast_to(given, (runs, given.shape[-1]))
+    runs = _count(parameters, shared, instants, rtol, atol)
+    whole = instants if instants.ndim == 2 else jnp.broadcast_to(instants, (runs, instants.shape[-1]))
     limits = tuple(x if x.ndim else jnp.broadcast_to(x, (runs,)) for x in (rtol, atol))
     lanes = lanes or (DEFAULT_LANES if jax.default_backend() == "cpu" else runs)
     settings = Settings(method, tuple(reductions.items()), lanes)
@@ -209,16 +210,16 @@ def _find_shared(
 ) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
     """Finds which arrays of (system, state), and which of all that is simulated, are shared by all runs."""
     of_both, of_events = (in_axes[:2], in_axes[2]) if _has_three(in_axes) else (in_axes, None)
-    own = find_shared_leaves(of_both, (system, state))
+    flags = find_shared_leaves(of_both, (system, state))
     of_contact = tuple(np.ndim(leaf) == 0 for leaf in jax.tree.leaves(contact))
     of_system = len(jax.tree.leaves(system))
-    return own, (*own[:of_system], *of_contact, *own[of_system:], *find_shared_leaves(of_events, events))
+    return flags, (*flags[:of_system], *of_contact, *flags[of_system:], *find_shared_leaves(of_events, events))
 
 
 def _in_chunks(
     settings: Settings, shared: tuple[bool, ...], chunk: int | None, parameters: Any, *others: Any
 ) -> tuple[Any, ...]:
-    """The results of all runs; outside a trace computed in chunks, where that is asked for."""
+    """Computes the results of all runs; outside a trace in chunks, where that is asked for."""
     runs = len(others[0])
     if chunk is None or chunk >= runs or _is_any_traced(parameters, others):
         return solve_all(settings, shared, parameters, *others)
@@ -228,8 +229,8 @@ def _in_chunks(
         starts.pop()
     for start, end in itertools.pairwise([*starts, runs]):
         rows = slice(start, end)
-        own = [leaf if is_shared else leaf[rows] for leaf, is_shared in zip(leaves, shared, strict=True)]
-        results.append(solve_all(settings, shared, structure.unflatten(own), *(x[rows] for x in others)))
+        chunk_leaves = [leaf if is_shared else leaf[rows] for leaf, is_shared in zip(leaves, shared, strict=True)]
+        results.append(solve_all(settings, shared, structure.unflatten(chunk_leaves), *(x[rows] for x in others)))
     *parts, executed = zip(*results, strict=True)
     return *(jax.tree.map(lambda *of: jnp.concatenate(of), *part) for part in parts), sum(executed)
 
@@ -239,7 +240,7 @@ def _is_any_traced(*trees: Any) -> bool:
 
 
 def _has_three(in_axes: Any) -> bool:
-    """Whether there are axes for events, besides those of system and state."""
+    """Returns whether there are axes for events, besides the axes of system and state."""
     return isinstance(in_axes, tuple) and len(in_axes) == 3
 
 
@@ -253,8 +254,8 @@ def _check_reductions(reductions: Mapping[str, AbstractReduction] | None) -> Map
 
 
 def _count(parameters: Any, shared: Sequence[bool], times: Any, *tolerances: Any) -> int:
-    own = [leaf for leaf, one in zip(jax.tree.leaves(parameters), shared, strict=True) if not one]
-    counts = {np.shape(leaf)[0] if np.ndim(leaf) else None for leaf in own}
+    arrays = [leaf for leaf, is_shared in zip(jax.tree.leaves(parameters), shared, strict=True) if not is_shared]
+    counts = {np.shape(leaf)[0] if np.ndim(leaf) else None for leaf in arrays}
     counts |= {times.shape[0]} if times.ndim == 2 else set()
     counts |= {x.shape[0] for x in tolerances if x.ndim}
     runs = next(iter(counts)) if len(counts) == 1 else None
@@ -292,7 +293,12 @@ def find_shared_leaves(in_axes: Any, tree: Any) -> tuple[bool, ...]:
 
 
 def for_all_rows(tree: Any, shared: Sequence[bool], rows: int, namespace: Any) -> Any:
-    """A PyTree in which every leaf has the rows as leading axis; with NumPy for ``namespace``, without copies."""
+    """Returns a PyTree in which every leaf has the rows as leading axis; with NumPy for ``namespace``,
+    without copies.
+    """
     leaves, structure = jax.tree.flatten(tree)
-    whole = [namespace.broadcast_to(x, (rows, *x.shape)) if one else x for x, one in zip(leaves, shared, strict=True)]
+    whole = [
+        namespace.broadcast_to(x, (rows, *x.shape)) if is_shared else x
+        for x, is_shared in zip(leaves, shared, strict=True)
+    ]
     return structure.unflatten(whole)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def gymnasium_env(environment: Environment) -> "gymnasium.Env":
-    """The environment as a ``gymnasium.Env``.
+    """Returns the environment as a ``gymnasium.Env``.
 
     Observations and actions are arrays of float32; actions are from −1 to 1. ``reset(seed=...)`` determines all that
     follows. ``info`` has ``status``, ``misses`` and ``u`` of a step.
@@ -35,7 +35,7 @@ def gymnasium_env(environment: Environment) -> "gymnasium.Env":
 
 
 def gymnasium_vector_env(environment: Environment, num_envs: int) -> "gymnasium.vector.VectorEnv":
-    """Many of the environment side by side as a ``gymnasium.vector.VectorEnv``, compiled as one program.
+    """Makes many copies of the environment side by side as a ``gymnasium.vector.VectorEnv``, compiled as one program.
 
     An episode that is over is followed by a new one in the same step, ``AutoresetMode.SAME_STEP``, as its ``metadata``
     say: ``info["final_obs"]`` has the observation at its end where ``info["_final_obs"]`` is true.
@@ -80,7 +80,7 @@ class BraxState(Printed):
     info: dict[str, Any]
 
     def replace(self, **changes: Any) -> "BraxState":
-        """The state with other values of some fields."""
+        """Returns the state with other values of some fields."""
         return dataclasses.replace(self, **changes)
 
 
@@ -115,13 +115,13 @@ class BraxEnvironment(Printed):
         require("environment", self.environment, Environment, "an Environment")
 
     def reset(self, rng: Any) -> BraxState:
-        """The state at the beginning of an episode, from a random key."""
+        """Returns the state at the beginning of an episode, from a random key."""
         episode, observation = self.environment.reset(rng)
         zero = jnp.zeros((), observation.dtype)
         return BraxState(episode, observation, zero, zero, {"status": zero}, {"truncation": zero})
 
     def step(self, state: BraxState, action: Float[Array, " m"]) -> BraxState:
-        """The state after a step."""
+        """Returns the state after a step."""
         after = self.environment.step(state.pipeline_state, action)
         of = state.reward.dtype
         done, truncation = (after.terminated | after.truncated).astype(of), after.truncated.astype(of)

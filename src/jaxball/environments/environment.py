@@ -197,7 +197,7 @@ class Environment(Printed):
         return jax.eval_shape(self.reset, jax.random.key(0))[1].size
 
     def reset(self, key: Any) -> tuple[Episode, Float[Array, " numbers"]]:
-        """The beginning of an episode, with everything drawn by a random key, and its first observation.
+        """Returns the beginning of an episode, with everything drawn by a random key, and its first observation.
 
         **Raises:** ``TypeError`` for what is no random key.
         """
@@ -216,7 +216,7 @@ class Environment(Printed):
         return Episode(state, jnp.zeros((), jnp.int32), waiting, delay, drawn, target, memory, later), seen
 
     def step(self, episode: Episode, action: Float[Array, " m"]) -> Transition:
-        """A sample later, with the inputs held that the actions so far and the delay give.
+        """Moves the episode on by a sample, with the inputs held that the actions so far and the delay give.
 
         Where the solve fails, the robot stays where it was, and the episode is terminated with the status of the solve.
         An episode that is over can be stepped further, as if it went on; ``truncated`` stays true.
@@ -245,7 +245,7 @@ class Environment(Printed):
         return Transition(after, seen, reward, terminated, (k >= self.samples) & ~terminated, info)
 
     def step_or_reset(self, episode: Episode, action: Float[Array, " m"]) -> Transition:
-        """A step, after which an episode that is over is followed at once by a new one.
+        """Takes a step, after which an episode that is over is followed at once by a new one.
 
         Reward, ``terminated`` and ``truncated`` are those of the step, and ``info["final_observation"]`` the
         observation after it. Where the episode is over, ``episode`` and ``observation`` are those of a reset.
@@ -254,15 +254,15 @@ class Environment(Printed):
         over = after.terminated | after.truncated
         anew, later = jax.random.split(after.episode.key)
         fresh = self.reset(anew)
-        kept = eqx.tree_at(lambda e: e.key, after.episode, later), after.observation
-        episode, observation = jax.tree.map(lambda new, old: jnp.where(over, new, old), fresh, kept)
+        continuation = eqx.tree_at(lambda e: e.key, after.episode, later), after.observation
+        episode, observation = jax.tree.map(lambda new, old: jnp.where(over, new, old), fresh, continuation)
         info = after.info | {"final_observation": after.observation}
         return after._replace(episode=episode, observation=observation, info=info)
 
     def rollout(
         self, key: Any, policy: Callable[[Float[Array, " numbers"]], Float[Array, " m"]], samples: int | None = None
     ) -> Transition:
-        """An episode under a policy, its transitions one after the other, with the samples as leading axis.
+        """Simulates an episode under a policy, its transitions one after the other, with the samples as leading axis.
 
         It has always as many, by default ``samples`` of the environment; after the end of the episode rewards are 0.
 
@@ -289,7 +289,7 @@ class Environment(Printed):
         return jax.lax.scan(following, (*self.reset(key), jnp.ones((), bool)), None, length=count)[1]
 
     def robot(self, parameters: dict[str, Float[Array, "..."]], u: Float[Array, " m"]) -> System:
-        """The body with the parameters of an episode, while its inputs are ``u``."""
+        """Returns the body with the parameters of an episode, while its inputs are ``u``."""
         system = with_numbers(self.sampled.system, parameters) if parameters else self.sampled.system
         return hold_inputs(system, self.sampled.places, u)
 
@@ -314,13 +314,13 @@ class Environment(Printed):
         return jnp.concatenate([seen, self.goal.observe(target, moment)]) if self.shows_goal else seen, memory
 
     def _in_contact(self, moment: Moment, status: Int[Array, ""]) -> Int[Array, ""]:
-        """The status, or that of a robot that leaves the plane or slips."""
+        """Returns the status, or the status of a robot that leaves the plane or slips."""
         if self.friction is None:
             return status
         force = moment.system.prepare().plane_reaction(moment.t, moment.state)
         slips = jnp.where(force.ratio > self.friction, int(Status.SLIPPED), int(Status.SUCCESS))
-        found = jnp.where(force.normal > 0, slips, int(Status.DETACHED)).astype(status.dtype)
-        return jnp.where(status == Status.SUCCESS, found, status)
+        contact_status = jnp.where(force.normal > 0, slips, int(Status.DETACHED)).astype(status.dtype)
+        return jnp.where(status == Status.SUCCESS, contact_status, status)
 
     def __hash__(self) -> int:
         """Returns its identity, by which ``jax.jit`` knows its methods; equal ones have programs of their own."""
@@ -337,8 +337,8 @@ class Environment(Printed):
         return "\n".join([*lines, f"  drawn at each reset: {', '.join(drawn)}"] if drawn else lines)
 
 
-def _with_limits(sampled: SampledSystem, given: Numbers | Mapping[str, Numbers] | None) -> SampledSystem:
-    limits = sampled.limits if given is None else limits_of(sampled, given)
+def _with_limits(sampled: SampledSystem, bounds: Numbers | Mapping[str, Numbers] | None) -> SampledSystem:
+    limits = sampled.limits if bounds is None else limits_of(sampled, bounds)
     for name, limit in zip(sampled.inputs, limits, strict=True):
         if not is_traced(limit) and not np.isfinite(np.asarray(limit)):
             raise ValueError(
@@ -355,13 +355,13 @@ def _start(system: System, state: PlacedState | None) -> PlacedState:
     return start
 
 
-def _distributions(name: str, given: Mapping[str, AbstractDistribution] | None) -> dict[str, AbstractDistribution]:
-    if given is None:
+def _distributions(name: str, entries: Mapping[str, AbstractDistribution] | None) -> dict[str, AbstractDistribution]:
+    if entries is None:
         return {}
-    require(name, given, Mapping, 'a dictionary of distributions by name, such as {"mass": Uniform(0.9, 1.1)}')
-    for key, one in given.items():
-        require(f"{name}[{key!r}]", one, AbstractDistribution, "a distribution, such as Uniform(0.9, 1.1)")
-    return dict(given)
+    require(name, entries, Mapping, 'a dictionary of distributions by name, such as {"mass": Uniform(0.9, 1.1)}')
+    for key, entry in entries.items():
+        require(f"{name}[{key!r}]", entry, AbstractDistribution, "a distribution, such as Uniform(0.9, 1.1)")
+    return dict(entries)
 
 
 def _range(delay: Any) -> tuple[int, int]:

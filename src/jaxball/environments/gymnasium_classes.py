@@ -83,14 +83,16 @@ class JaxballVectorEnv(VectorEnv):
 
 
 def _infos(info: dict[str, Any], over: np.ndarray) -> dict[str, Any]:
-    """As Gymnasium has them: what is known of all, each with whose it is, and of those that are over the end."""
-    found: dict[str, Any] = {name: np.array(value) for name, value in info.items()}
-    final = _observation(found.pop("final_observation"))
+    """Converts infos to the form of Gymnasium: each entry with a mask of the episodes that have it, and the last
+    observation of episodes that are over.
+    """
+    infos: dict[str, Any] = {name: np.array(value) for name, value in info.items()}
+    final = _observation(infos.pop("final_observation"))
     everyone = np.ones(over.shape, bool)
-    found |= {f"_{name}": everyone for name in list(found)}
+    infos |= {f"_{name}": everyone for name in list(infos)}
     if np.any(over):
-        found |= {"final_obs": final, "_final_obs": over}
-    return found
+        infos |= {"final_obs": final, "_final_obs": over}
+    return infos
 
 
 def _spaces(environment: Environment) -> tuple[Box, Box]:

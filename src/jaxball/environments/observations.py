@@ -32,14 +32,14 @@ class AbstractObservation(Printed):
     """
 
     def begin(self, key: Any, moment: Moment) -> Any:
-        """What it remembers before the first observation of an episode: a PyTree of arrays."""
+        """Returns what the observation remembers before the first one of an episode: a PyTree of arrays."""
         return ()
 
     @abc.abstractmethod
     def __call__(
         self, key: Any, moment: Moment, memory: Any, sample: Float[Array, ""]
     ) -> tuple[Float[Array, " numbers"], Any]:
-        """The observation of a moment, one ``sample`` after the last, and what it remembers of it."""
+        """Returns the observation of a moment, one ``sample`` after the last, and what is to be remembered of it."""
 
     def require_fits(self, system: System) -> None:
         """Raises an error where it cannot be made of this body; called when an environment is made."""
@@ -100,7 +100,7 @@ def _of_joints(moment: Moment) -> list[Float[Array, " numbers"]]:
 
 
 def _turns(system: System) -> list[float | None]:
-    """The θ of a whole turn of each coordinate of the state; None of one that does not turn."""
+    """Returns the θ of a whole turn of each coordinate of the state; None for one that does not turn."""
     turns: list[float | None] = []
     for index in system.driven:
         motion = system.point_masses[index].motion
@@ -113,10 +113,10 @@ def _turns(system: System) -> list[float | None]:
 
 
 def _masses(moment: Moment) -> Float[Array, "masses 2 3"]:
-    """Position and velocity of each mass relative to the centre: ahead, to the left, and up."""
+    """Computes the position and velocity of each mass relative to the centre: ahead, to the left, and up."""
     system, state = moment.system.prepare(), moment.state
     angles = state.theta, state.thetadot, jnp.zeros_like(state.theta)
-    at = kinematics(system, moment.t, angles)
+    motion = kinematics(system, moment.t, angles)
 
     def see(chi: Array, chidot: Array) -> Array:
         velocity = chidot + cross(state.Omega[None], chi[None])[0]
@@ -125,7 +125,7 @@ def _masses(moment: Moment) -> Float[Array, "masses 2 3"]:
         x, y = rows[:, 0], rows[:, 1]
         return jnp.stack([c * x + s * y, c * y - s * x, rows[:, 2]], axis=-1)
 
-    rows = [see(at.chi[i], at.chidot[i]) for i in range(at.chi.shape[0])]
+    rows = [see(motion.chi[i], motion.chidot[i]) for i in range(motion.chi.shape[0])]
     return jnp.stack(rows) if rows else jnp.zeros((0, 2, 3), state.theta.dtype)
 
 
@@ -178,5 +178,5 @@ class ObservedSensors(AbstractObservation):
 
 
 def observation_of(given: Mapping[str, AbstractSensor] | AbstractObservation) -> AbstractObservation:
-    """An observation, from sensors by name as well."""
+    """Returns an observation, from sensors by name as well."""
     return ObservedSensors(dict(given)) if isinstance(given, Mapping) else given

@@ -72,7 +72,7 @@ class Moment(NamedTuple):
         return jnp.where(size > 0, ahead / jnp.where(size > 0, size, 1.0), 0.0)
 
     def ahead(self, vector: Float[Array, "*rows d"]) -> Float[Array, "*rows d"]:
-        """Horizontal vectors by their components ahead and to the left, for a disk as they are."""
+        """Converts horizontal vectors to their components ahead and to the left; for a disk, they stay as they are."""
         if vector.shape[-1] == 1:
             return vector
         c, s = self.heading
@@ -96,19 +96,21 @@ class AbstractGoal(Printed):
     """
 
     def draw(self, key: Any, moment: Moment) -> Any:
-        """The target of an episode: a PyTree of arrays, of the same structure at each reset, at its first moment."""
+        """Draws the target of an episode: a PyTree of arrays, of the same structure at each reset, at its
+        first moment.
+        """
         return ()
 
     @abc.abstractmethod
     def misses(self, target: Any, moment: Moment) -> Float[Array, " misses"]:
-        """What the robot misses the target by: numbers that are all 0 where it does as it should."""
+        """Returns what the robot misses the target by: numbers that are all 0 where it does as it should."""
 
     def observe(self, target: Any, moment: Moment) -> Float[Array, " numbers"]:
         """Returns what a policy sees of the target; by default, what it is missed by."""
         return self.misses(target, moment)
 
     def is_reached(self, target: Any, moment: Moment) -> Bool[Array, ""]:
-        """Whether the robot has done what it is to do, which ends the episode; by default never."""
+        """Returns whether the robot has done what it is to do, which ends the episode; by default never."""
         return jnp.zeros((), bool)
 
 
@@ -208,17 +210,17 @@ class HoldSpeed(AbstractGoal):
         _require_distribution(self.drawn)
 
     def draw(self, key, moment):
-        one = jnp.ones_like(moment.t)
-        return one if self.drawn is None else self.drawn.draw(key, one)
+        unit = jnp.ones_like(moment.t)
+        return unit if self.drawn is None else self.drawn.draw(key, unit)
 
     def misses(self, target, moment):
         velocity = moment.ahead(moment.velocity)
-        wanted = target * self.speed.prepare()(moment.t)
-        return jnp.concatenate([wanted[None] - velocity[:1], -velocity[1:]])
+        speed = target * self.speed.prepare()(moment.t)
+        return jnp.concatenate([speed[None] - velocity[:1], -velocity[1:]])
 
 
-def _row(name: str, given: Numbers) -> Float[Array, " d"]:
-    array = jnp.atleast_1d(to_array(given, name))
+def _row(name: str, numbers: Numbers) -> Float[Array, " d"]:
+    array = jnp.atleast_1d(to_array(numbers, name))
     if array.ndim != 1 or array.size not in (1, 2):
         raise ValueError(f"Argument `{name}` must be a number or two, but its shape is {array.shape}.")
     return array
@@ -236,7 +238,7 @@ class AbstractReward(Printed):
 
     @abc.abstractmethod
     def __call__(self, misses: Float[Array, " misses"], moment: Moment) -> Float[Array, ""]:
-        """The reward per time, at the end of a step, by what the goal is missed by there."""
+        """Computes the reward per time, at the end of a step, by what the goal is missed by there."""
 
 
 class QuadraticReward(AbstractReward):
@@ -261,8 +263,8 @@ class QuadraticReward(AbstractReward):
         return -jnp.sum(_for(self.misses, misses) * misses**2) - jnp.sum(_for(self.inputs, moment.u) * moment.u**2)
 
 
-def _weights(name: str, given: Numbers) -> Float[Array, "..."]:
-    array = to_array(given, name)
+def _weights(name: str, weights: Numbers) -> Float[Array, "..."]:
+    array = to_array(weights, name)
     if array.ndim > 1:
         raise ValueError(f"Argument `{name}` must be a number or a row of numbers, but its shape is {array.shape}.")
     return array

@@ -40,17 +40,17 @@ class Belief(NamedTuple):
 
 
 def symmetric(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """The symmetric part, without the rounding of products."""
+    """Returns the symmetric part, without the rounding of products."""
     return 0.5 * (P + P.T)
 
 
 def is_uncertain(P: Float[Array, "n n"]) -> Bool[Array, " n"]:
-    """Of each principal direction of a covariance, whether there is any doubt about it."""
+    """Returns whether there is any doubt about each principal direction of a covariance."""
     return _principal(P)[0] > KNOWN_EXACTLY
 
 
 def inverse(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """The inverse of a covariance on the directions that are uncertain, 0 on those that are known."""
+    """Computes the inverse of a covariance on the directions that are uncertain, 0 on directions that are known."""
     values, vectors, size = _principal(P)
     uncertain = values > KNOWN_EXACTLY
     weights = jnp.where(uncertain, 1.0 / jnp.where(uncertain, values, 1.0), 0.0)
@@ -59,7 +59,7 @@ def inverse(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
 
 
 def _principal(P: Float[Array, "n n"]) -> tuple[Float[Array, " n"], Float[Array, "n n"], Float[Array, " n"]]:
-    """Eigenvalues and vectors of a covariance scaled to a diagonal of 1, and the scales."""
+    """Computes eigenvalues and vectors of a covariance scaled to a diagonal of 1, and the scales."""
     size = jnp.sqrt(jnp.diagonal(P))
     size = jnp.where(size > 0, size, 1.0)
     values, vectors = jnp.linalg.eigh(P / size[:, None] / size[None])
@@ -140,7 +140,7 @@ class AbstractEstimate(Printed):
         return {name: size[:, k] for k, name in enumerate((*self.directions, *self.biases))}
 
     def errors(self, truth: PlacedState) -> Float[Array, "K directions"]:
-        """The local coordinates of the true states around the estimated ones.
+        """Computes the local coordinates of the true states around the estimated ones.
 
         **Arguments:**
 
@@ -158,7 +158,8 @@ class AbstractEstimate(Printed):
         return jax.vmap(lambda estimated, true: estimated.difference(true))(self.state, truth)
 
     def nees(self, truth: PlacedState) -> Float[Array, " K"]:
-        """The normalised estimation error squared ξᵀP⁻¹ξ: distributed as χ², with ``degrees`` degrees, if P is right.
+        """Computes the normalised estimation error squared ξᵀP⁻¹ξ: distributed as χ², with ``degrees`` degrees, if P is
+        right.
 
         **Arguments** and **raises:** as :meth:`errors`.
         """
@@ -174,8 +175,8 @@ class AbstractEstimate(Printed):
     @property
     def degrees(self) -> int:
         """How many directions of the last estimated state are uncertain."""
-        known = jnp.isfinite(self.covariance[:, 0, 0])
-        return int(self.uncertain[jnp.sum(known) - 1])
+        finite = jnp.isfinite(self.covariance[:, 0, 0])
+        return int(self.uncertain[jnp.sum(finite) - 1])
 
 
 class Followed(NamedTuple):
@@ -251,15 +252,17 @@ class Estimate(AbstractEstimate):
 
     @property
     def nis(self) -> Float[Array, " K"]:
-        found = jax.vmap(_weigh)(self.filtered.S, self.filtered.innovation)
-        return jnp.where(self.read > 0, found, jnp.nan)
+        squares = jax.vmap(_weigh)(self.filtered.S, self.filtered.innovation)
+        return jnp.where(self.read > 0, squares, jnp.nan)
 
     @property
     def read(self) -> Int[Array, " K"]:
         return jnp.sum(self.filtered.there, axis=1)
 
     def smoothed(self) -> "Estimate":
-        """The estimates with all readings, also those after each sample: by Rauch's, Tung's and Striebel's smoother."""
+        """Computes the estimates with all readings, also those after each sample: by Rauch's, Tung's and Striebel's
+        smoother.
+        """
         return _smooth(self)
 
     def __repr__(self) -> str:
@@ -273,7 +276,7 @@ class Estimate(AbstractEstimate):
 
 
 def chi2_bounds(degrees: int, runs: int = 1, confidence: float = 0.95) -> tuple[float, float]:
-    """The interval in which the mean of ``runs`` independent χ² numbers lies with this probability.
+    """Computes the interval in which the mean of ``runs`` independent χ² numbers lies with this probability.
 
     **Arguments:**
 
@@ -292,8 +295,8 @@ def chi2_bounds(degrees: int, runs: int = 1, confidence: float = 0.95) -> tuple[
 def _smooth(estimate: Estimate) -> Estimate:
     filtered = estimate.filtered
 
-    def back(later: Belief, at: tuple[Belief, Belief, Array]) -> tuple[Belief, Belief]:
-        now, ahead, F = at
+    def back(later: Belief, sample: tuple[Belief, Belief, Array]) -> tuple[Belief, Belief]:
+        now, ahead, F = sample
         gain = now.P @ F.T @ inverse(ahead.P)
         change = jnp.concatenate([ahead.state.difference(later.state), later.bias - ahead.bias])
         P = now.P + gain @ (later.P - ahead.P) @ gain.T
@@ -304,8 +307,8 @@ def _smooth(estimate: Estimate) -> Estimate:
     ahead = Belief(filtered.ahead, filtered.ahead_bias, filtered.ahead_P)
     last, before = (jax.tree.map(lambda x, part=part: x[part], passed) for part in (-1, np.s_[:-1]))
     following = jax.tree.map(lambda x: x[1:], ahead)
-    found = jax.lax.scan(back, last, (before, following, filtered.F), reverse=True)[1]
-    whole = jax.tree.map(lambda x, end: jnp.concatenate([x, end[None]]), found, last)
+    beliefs = jax.lax.scan(back, last, (before, following, filtered.F), reverse=True)[1]
+    whole = jax.tree.map(lambda x, end: jnp.concatenate([x, end[None]]), beliefs, last)
     smooth = filtered._replace(state=whole.state, bias=whole.bias, P=whole.P)
     return Estimate(estimate.times, estimate.directions, estimate.biases, smooth)
 

@@ -101,7 +101,7 @@ class ErrorStateFilter(Printed):
         rtol: Numbers = DEFAULT_TOLERANCE,
         atol: Numbers = DEFAULT_TOLERANCE,
     ) -> "ErrorStateFilter":
-        """The filter of a robot and its sensors; its arguments stand above."""
+        """Builds the filter of a robot and its sensors; its arguments stand above."""
         require("system", system, (Ball, Disk), "a Ball or a Disk")
         if inputs:
             sampled = SampledSystem.of(system, sample, inputs, rtol, atol)
@@ -117,7 +117,7 @@ class ErrorStateFilter(Printed):
         process: Mapping[str, Numbers] | None = None,
         biases: Mapping[str, Numbers] | None = None,
     ) -> "ErrorStateFilter":
-        """The filter of a sampled system; arguments as for :meth:`of`."""
+        """Builds the filter of a sampled system; arguments as for :meth:`of`."""
         measurement = measurement_of(sensors, sampled.system)
         directions = sampled.directions
         rates = to_array(by_name("process", process or {}, directions), "process")
@@ -143,7 +143,7 @@ class ErrorStateFilter(Printed):
         u: Numbers | None = None,
         t0: Numbers = 0.0,
     ) -> Estimate:
-        """What is known of the state at each sample, from the readings up to then.
+        """Estimates the state at each sample, from the readings up to then.
 
         **Arguments:**
 
@@ -169,7 +169,7 @@ class ErrorStateFilter(Printed):
     def unobservable(
         self, start: PlacedState, samples: int, *, u: Numbers | None = None, t0: Numbers = 0.0
     ) -> tuple[str, ...]:
-        """The combinations of errors at the start that no reading of the sensors tells, by name.
+        """Finds the combinations of errors at the start that no reading of the sensors tells, by name.
 
         Near the motion from ``start``, as far as readings depend on errors linearly. An estimate may look surer of them
         than it can be, because a filter linearises at other states before and after each reading.
@@ -189,16 +189,16 @@ class ErrorStateFilter(Printed):
         return in_words(null_space(seen), names)
 
     def deviations(self, spread: Mapping[str, Numbers]) -> Float[Array, " n"]:
-        """The standard deviation of each local coordinate, given by name.
+        """Returns the standard deviation of each local coordinate, given by name.
 
         **Raises:** ``ValueError`` for unknown names and negative numbers.
         """
-        found = to_array(by_name("spread", spread, self.sampled.directions), "spread")
-        require_not_negative("spread", found)
-        return found
+        spreads = to_array(by_name("spread", spread, self.sampled.directions), "spread")
+        require_not_negative("spread", spreads)
+        return spreads
 
     def _inputs(self, u: Numbers | None, count: int) -> Float[Array, "samples inputs"]:
-        """The inputs of each sample but the last.
+        """Returns the inputs of each sample but the last.
 
         **Raises:** ``ValueError`` for another number of them.
         """
@@ -212,11 +212,11 @@ class ErrorStateFilter(Printed):
         return inputs
 
     def times(self, t0: Float[Array, ""], count: int) -> Float[Array, " K"]:
-        """The times of ``count`` samples from ``t0`` on."""
+        """Returns the times of ``count`` samples from ``t0`` on."""
         return t0 + self.sampled.sample * jnp.arange(count, dtype=t0.dtype)
 
     def start(self, state: PlacedState, deviations: Float[Array, " n"]) -> Belief:
-        """What is known before the first reading: biases of 0."""
+        """Returns what is known before the first reading: biases of 0."""
         spread = [jnp.full((size,), self.spread_of_biases[name]) for name, size in self._bias_sizes(state).items()]
         whole = jnp.concatenate([deviations, *spread]).astype(deviations.dtype)
         return Belief(state, jnp.zeros_like(whole[deviations.size :]), jnp.diag(whole**2))
@@ -284,7 +284,7 @@ class ErrorStateFilter(Printed):
         return Reading(jnp.where(jnp.isfinite(y), y, 0.0), jnp.isfinite(y))
 
     def sizes(self, state: PlacedState) -> dict[str, int]:
-        """How many components each sensor reads, in the order of the measurement."""
+        """Counts the components that each sensor reads, in the order of the measurement."""
         parts = jax.eval_shape(lambda s: self.measurement.parts(self.sampled.system, jnp.zeros(()), s), state)
         return {name: int(np.prod(parts[name].shape)) for name in self.measurement.sensors}
 
@@ -292,13 +292,13 @@ class ErrorStateFilter(Printed):
         return {name: size for name, size in self.sizes(state).items() if name in self.spread_of_biases}
 
     def _of_bias(self, state: PlacedState) -> Float[np.ndarray, "m biases"]:
-        """What takes biases to the readings that they are in."""
+        """Returns the matrix that takes biases to the readings that they are in."""
         sizes = self.sizes(state)
-        own = np.concatenate([np.full(size, name in self.spread_of_biases) for name, size in sizes.items()])
-        return np.eye(len(own))[:, own]
+        mask = np.concatenate([np.full(size, name in self.spread_of_biases) for name, size in sizes.items()])
+        return np.eye(len(mask))[:, mask]
 
     def _noise(self, state: PlacedState) -> Float[Array, " m"]:
-        """The standard deviation of each component."""
+        """Returns the standard deviation of each component."""
         return self._each(state, lambda errors: errors.noise)
 
     def _walks(self, state: PlacedState) -> Float[Array, " biases"]:
@@ -311,32 +311,32 @@ class ErrorStateFilter(Printed):
         )
 
     def names_of_biases(self, state: PlacedState) -> tuple[str, ...]:
-        """The estimated biases, by name."""
+        """Returns the estimated biases, by name."""
         sizes = self._bias_sizes(state)
         return tuple(f"{name}[{k}]" if size > 1 else name for name, size in sizes.items() for k in range(size))
 
 
 @programs.filter_jit
 def _filter(
-    known: ErrorStateFilter, read: Reading, start: PlacedState, deviations: Array, u: Array, t0: Array
+    estimator: ErrorStateFilter, read: Reading, start: PlacedState, deviations: Array, u: Array, t0: Array
 ) -> Filtered:
     """Filters all samples. The last input is held at the last one, after which there is none."""
-    times, held = known.times(t0, read.y.shape[0]), _hold_last(u)
+    times, held = estimator.times(t0, read.y.shape[0]), _hold_last(u)
 
     def with_reading(ahead: Belief, t: Array, u: Array, reading: Reading) -> tuple[Belief, tuple]:
-        belief, *seen = known.update(t, ahead, u, reading)
+        belief, *seen = estimator.update(t, ahead, u, reading)
         return belief, (belief, ahead, *seen)
 
-    def step(belief: Belief, at: tuple[Array, Array, Array, Reading]) -> tuple[Belief, tuple]:
-        t, before, now, reading = at
-        ahead, F = known.predict(t - known.sampled.sample, belief, before)
-        belief, found = with_reading(ahead, t, now, reading)
-        return belief, (*found, F)
+    def step(belief: Belief, sample: tuple[Array, Array, Array, Reading]) -> tuple[Belief, tuple]:
+        t, before, now, reading = sample
+        ahead, F = estimator.predict(t - estimator.sampled.sample, belief, before)
+        belief, record = with_reading(ahead, t, now, reading)
+        return belief, (*record, F)
 
     first, rest = (jax.tree.map(lambda x, part=part: x[part], read) for part in (0, np.s_[1:]))
-    belief, found = with_reading(known.start(start, deviations), times[0], held[0], first)
+    belief, record = with_reading(estimator.start(start, deviations), times[0], held[0], first)
     _, (*following, F) = jax.lax.scan(step, belief, (times[1:], held[:-1], held[1:], rest))
-    whole = jax.tree.map(lambda one, others: jnp.concatenate([one[None], others]), found, tuple(following))
+    whole = jax.tree.map(lambda leaf, others: jnp.concatenate([leaf[None], others]), record, tuple(following))
     now, ahead, innovation, S = whole
     return Filtered(
         state=now.state,
@@ -353,19 +353,19 @@ def _filter(
 
 
 @programs.filter_jit
-def _linearise(known: ErrorStateFilter, start: PlacedState, u: Array, t0: Array) -> tuple[Array, Array]:
+def _linearise(estimator: ErrorStateFilter, start: PlacedState, u: Array, t0: Array) -> tuple[Array, Array]:
     """Computes the derivatives of the flow of errors over each sample, and of each reading, along a motion."""
-    times, held = known.times(t0, len(u) + 1), _hold_last(u)
-    belief = known.start(start, jnp.ones(len(start.directions), t0.dtype))
+    times, held = estimator.times(t0, len(u) + 1), _hold_last(u)
+    belief = estimator.start(start, jnp.ones(len(start.directions), t0.dtype))
 
-    def step(belief: Belief, at: tuple[Array, Array]) -> tuple[Belief, tuple[Array, Array]]:
-        t, u = at
-        H = known.expect_readings(t, belief, u)[1]
-        ahead, F = known.predict(t, belief, u)
+    def step(belief: Belief, sample: tuple[Array, Array]) -> tuple[Belief, tuple[Array, Array]]:
+        t, u = sample
+        H = estimator.expect_readings(t, belief, u)[1]
+        ahead, F = estimator.predict(t, belief, u)
         return ahead, (F, H)
 
     last, (F, H) = jax.lax.scan(step, belief, (times[:-1], held[:-1]))
-    return F, jnp.concatenate([H, known.expect_readings(times[-1], last, held[-1])[1][None]])
+    return F, jnp.concatenate([H, estimator.expect_readings(times[-1], last, held[-1])[1][None]])
 
 
 def _hold_last(u: Float[Array, "samples inputs"]) -> Float[Array, "samples_and_end inputs"]:
@@ -379,7 +379,7 @@ def align_late(arrived: Float[Array, "K m"], late: int) -> Float[Array, "K m"]:
 
 
 def samples_late(name: str, sensor: AbstractSensor, sampled: SampledSystem) -> int:
-    """How many samples later the readings of a sensor of this name arrive.
+    """Returns how many samples later the readings of a sensor of this name arrive.
 
     **Raises:** ``ValueError`` for a delay that is no whole number of samples.
     """
@@ -396,7 +396,7 @@ def samples_late(name: str, sensor: AbstractSensor, sampled: SampledSystem) -> i
 
 
 def wanders(sensor: AbstractSensor) -> bool:
-    """Whether the bias of a sensor has a random walk, by which it is estimated."""
+    """Returns whether the bias of a sensor has a random walk, by which it is estimated."""
     walk = None if sensor.errors is None else sensor.errors.random_walk
     return walk is not None and (is_traced(walk) or bool(np.asarray(walk) > 0))
 

@@ -111,7 +111,7 @@ class _Problem(Printed):
     biased: tuple[tuple[str, int], ...] = eqx.field(static=True)  # sensors with a bias, and their components
 
     def split(self, x: Float[Array, " n"]) -> tuple[dict[str, Array], Array, dict[str, Array]]:
-        """Parameters by name, all local coordinates, and biases by sensor."""
+        """Returns parameters by name, all local coordinates, and biases by sensor."""
         p, k = len(self.parameters), len(self.places)
         n = len(self.guess.directions)
         xi = jnp.zeros(n, x.dtype).at[np.asarray(self.places, int)].set(x[p : p + k])
@@ -122,25 +122,29 @@ class _Problem(Printed):
         return {name: x[i] for i, name in enumerate(self.parameters)}, xi, biases
 
     def residuals(self, base: PlacedState, x: Float[Array, " n"]) -> tuple[dict[str, Array], Array]:
-        """Of each reading over its noise, 0 where there is none; and of the prior, over its spread."""
+        """Computes the residuals of each reading over its noise, 0 where there is none; and of the prior, over its
+        spread.
+        """
         values, xi, biases = self.split(x)
         start = base.retract(xi)
         settings: dict[str, Any] = {"rtol": self.rtol, "atol": self.atol, "adjoint": diffrax.ForwardMode()}
         run = simulate(self.robot(values), self.times, start, **settings)
-        exact = run.measured({name: dataclasses.replace(one, errors=None) for name, one in self.sensors.items()})
-        found = {}
+        exact = run.measured(
+            {name: dataclasses.replace(instrument, errors=None) for name, instrument in self.sensors.items()}
+        )
+        misfits = {}
         for name, sensor in self.sensors.items():
             assert sensor.errors is not None
             place, _ = sensor.errors.arrivals(self.times)
             expected = exact[name].reshape(len(self.times), -1)[place] + biases.get(name, jnp.zeros(1))[None]
             read = self.readings[name]
             there = jnp.isfinite(read)
-            found[name] = jnp.where(there, (jnp.where(there, read, 0.0) - expected) / sensor.errors.noise, 0.0)
-        known = jnp.concatenate(
+            misfits[name] = jnp.where(there, (jnp.where(there, read, 0.0) - expected) / sensor.errors.noise, 0.0)
+        prior_misfit = jnp.concatenate(
             [self.before - x[: self.before.size], self.guess.difference(start)[np.asarray(self.places, int)]]
         )
-        rest = jnp.concatenate([known, x[known.size :]])
-        return found, rest / self.prior
+        rest = jnp.concatenate([prior_misfit, x[prior_misfit.size :]])
+        return misfits, rest / self.prior
 
 
 def fit(
@@ -156,7 +160,7 @@ def fit(
     rtol: Numbers = DEFAULT_TOLERANCE,
     atol: Numbers = DEFAULT_TOLERANCE,
 ) -> Fit:
-    """The parameters and the initial state of a robot that fit what its sensors have read best.
+    """Finds the parameters and the initial state of a robot that fit what its sensors have read best.
 
     **Arguments:**
 
@@ -268,7 +272,7 @@ def _problem(
 def _read(
     log: Log, sensors: Mapping[str, AbstractSensor]
 ) -> tuple[Float[Array, " T"], dict[str, Float[Array, "T components"]]]:
-    """The times, and the readings of each sensor in rows.
+    """Reads the times, and the readings of each sensor in rows.
 
     **Raises:** ``ValueError`` for times and readings that do not fit each other or the errors of a sensor.
     """
@@ -294,10 +298,10 @@ def _read(
 
 
 def _scales(problem: _Problem) -> Float[Array, " n"]:
-    """The sizes of unknowns: that of a guess, or of its prior, or 1."""
+    """Returns the sizes of unknowns: the size of a guess, or of its prior, or 1."""
     guessed = jnp.concatenate([jnp.abs(problem.before), jnp.zeros(problem.prior.size - problem.before.size)])
-    known = jnp.where(jnp.isfinite(problem.prior), problem.prior, 1.0)
-    return jnp.where(guessed > 0, guessed, known)
+    prior_scale = jnp.where(jnp.isfinite(problem.prior), problem.prior, 1.0)
+    return jnp.where(guessed > 0, guessed, prior_scale)
 
 
 @programs.filter_jit
@@ -307,22 +311,22 @@ def _evaluate(
     """Evaluates the residuals, their Jacobian by x, and those of each sensor."""
 
     def residuals(x: Array) -> tuple[Array, dict[str, Array]]:
-        found, known = problem.residuals(base, x)
-        return jnp.concatenate([*map(jnp.ravel, found.values()), known]), found
+        misfits, prior_misfit = problem.residuals(base, x)
+        return jnp.concatenate([*map(jnp.ravel, misfits.values()), prior_misfit]), misfits
 
     # One direction after the other: side by side, the program would take several times as long to compile.
     def along(v: Array) -> tuple[Array, Array, dict[str, Array]]:
         return jax.jvp(residuals, (x,), (v,), has_aux=True)
 
-    r, columns, found = jax.lax.map(along, jnp.eye(x.size, dtype=x.dtype))
-    return r[0], columns.T, {name: rows[0] for name, rows in found.items()}
+    r, columns, misfits = jax.lax.map(along, jnp.eye(x.size, dtype=x.dtype))
+    return r[0], columns.T, {name: rows[0] for name, rows in misfits.items()}
 
 
 def _fit(problem: _Problem, x: Float[Array, " n"], scale: Float[np.ndarray, " n"], converged: bool) -> Fit:
-    """The estimates at the unknowns ``x``, with local coordinates around the estimated state."""
+    """Returns the estimates at the unknowns ``x``, with local coordinates around the estimated state."""
     values, xi, _ = problem.split(x)
     state, p, k = problem.guess.retract(xi), len(problem.parameters), len(problem.places)
-    r, J, found = _evaluate(problem, state, x.at[p : p + k].set(0.0))
+    r, J, misfits = _evaluate(problem, state, x.at[p : p + k].set(0.0))
     r, J = np.asarray(r), np.asarray(J) * scale
     _, s, Vt = np.linalg.svd(J, full_matrices=False)
     seen = find_determined(s)
@@ -332,7 +336,7 @@ def _fit(problem: _Problem, x: Float[Array, " n"], scale: Float[np.ndarray, " n"
     covariance[lost, lost] = np.inf
     names = _names(problem)
     read = {name: np.isfinite(np.asarray(rows)) for name, rows in problem.readings.items()}
-    whitened = {name: np.where(read[name], np.asarray(found[name]), np.nan) for name in read}
+    whitened = {name: np.where(read[name], np.asarray(misfits[name]), np.nan) for name in read}
     count = sum(int(np.sum(there)) for there in read.values()) + int(np.sum(np.isfinite(problem.prior)))
     return Fit(
         names=names,
@@ -349,7 +353,7 @@ def _fit(problem: _Problem, x: Float[Array, " n"], scale: Float[np.ndarray, " n"
 
 
 def _names(problem: _Problem) -> tuple[str, ...]:
-    """Parameters, local coordinates and biases by name."""
+    """Returns the names of parameters, local coordinates and biases."""
     directions = problem.guess.directions
     biases = [f"{name}[{i}]" if size > 1 else name for name, size in problem.biased for i in range(size)]
     return (*problem.parameters, *(directions[place] for place in problem.places), *biases)

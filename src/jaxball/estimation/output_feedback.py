@@ -122,12 +122,12 @@ class OutputFeedback(AbstractFeedback):
         system: System | None = None,
         key: Any = None,
     ) -> "OutputFeedback":
-        """The feedback of a regulator from sensors; its arguments stand above."""
+        """Builds the feedback of a regulator from sensors; its arguments stand above."""
         require("feedback", feedback, AbstractFeedback, "a feedback, such as tvlqr(...) makes")
-        known = ErrorStateFilter.for_sampled_system(feedback.sampled, sensors, process, biases)
-        late = {name: samples_late(name, sensor, known.sampled) for name, sensor in sensors.items()}
+        estimator = ErrorStateFilter.for_sampled_system(feedback.sampled, sensors, process, biases)
+        late = {name: samples_late(name, sensor, estimator.sampled) for name, sensor in sensors.items()}
         plant = plant_of(feedback, system, None, None)
-        return cls.of_parts(feedback, known, plant, known.deviations(spread), late, key)
+        return cls.of_parts(feedback, estimator, plant, estimator.deviations(spread), late, key)
 
     @classmethod
     def of_parts(
@@ -161,11 +161,11 @@ class OutputFeedback(AbstractFeedback):
         y = jnp.concatenate([memory.y, now[None]])
         (belief, oldest), seen = self._follow(k, memory, y)
         added, inner = self.feedback(k, belief.state, memory.inner)
-        found = self.nominal.state(k).difference(belief.state), belief.bias, belief.P, *seen
+        values = self.nominal.state(k).difference(belief.state), belief.bias, belief.P, *seen
         before = memory.xi, memory.bias, memory.P, memory.nis, memory.read
         late = max(self.late)
         places = k, k, k, k - late, k - late
-        rows = (_put(kept, at, one) for kept, at, one in zip(before, places, found, strict=True))
+        rows = (_put(history, place, value) for history, place, value in zip(before, places, values, strict=True))
         return added, Remembered(oldest, y[1:], memory.u, inner, *rows)
 
     def remember_inputs(self, k, u, memory):
@@ -173,19 +173,19 @@ class OutputFeedback(AbstractFeedback):
         return memory._replace(u=jnp.concatenate([memory.u[1:], u[None]]), inner=inner)
 
     def _follow(self, k: Any, memory: Remembered, y: Array) -> tuple[tuple[Belief, Belief], tuple[Array, Array]]:
-        """What is known at sample ``k``, and at the oldest sample of ``y``; of the latter, the innovation squared
-        and how many numbers were read.
+        """Returns what is known at sample ``k``, and at the oldest sample of ``y``; for the latter, also the innovation
+        squared and how many numbers were read.
         """
-        known, late = self.known, max(self.late)
+        estimator, late = self.known, max(self.late)
         # At the sample of each row, what has arrived by now.
         arrived = np.arange(late, -1, -1)[:, None] >= np.array(self.late)[None]
 
-        def step(belief: Belief, at: Any) -> tuple[Belief, Any]:
-            i, u, y, arrived = at
-            ahead = known.predict(self._time(i - 1), belief, u)[0]
+        def step(belief: Belief, sample: Any) -> tuple[Belief, Any]:
+            i, u, y, arrived = sample
+            ahead = estimator.predict(self._time(i - 1), belief, u)[0]
             ahead = select_tree(i > 0, ahead, belief)
             there = arrived & jnp.isfinite(y)
-            with_reading, innovation, S = known.update(
+            with_reading, innovation, S = estimator.update(
                 self._time(i), ahead, u, Reading(jnp.where(there, y, 0.0), there)
             )
             after = select_tree(i >= 0, with_reading, ahead)
@@ -195,8 +195,8 @@ class OutputFeedback(AbstractFeedback):
         if not late:
             belief, (oldest, *seen) = step(memory.belief, jax.tree.map(lambda leaf: leaf[0], rows))
             return (belief, oldest), tuple(seen)
-        belief, found = jax.lax.scan(step, memory.belief, rows)
-        oldest, *seen = jax.tree.map(lambda leaf: leaf[0], found)
+        belief, results = jax.lax.scan(step, memory.belief, rows)
+        oldest, *seen = jax.tree.map(lambda leaf: leaf[0], results)
         return (belief, oldest), tuple(seen)
 
     def _time(self, k: Int[Array, ""]) -> Float[Array, ""]:
@@ -207,31 +207,31 @@ class OutputFeedback(AbstractFeedback):
         nominal = jax.tree.map(lambda leaf: leaf[:samples], self.nominal.states)
         states = jax.vmap(lambda state, xi: state.retract(xi))(nominal, memory.xi[:samples])
         read = jnp.zeros(count, memory.read.dtype).at[:samples].set(memory.read[:samples])
-        found = (states, memory.bias[:samples], memory.P[:samples], memory.nis[:samples])
-        state, bias, P, nis = jax.tree.map(lambda rows: until_end(rows, count), found)
-        known, first = self.known, self.nominal.state(0)
-        biases = known.names_of_biases(first)
+        arrays = (states, memory.bias[:samples], memory.P[:samples], memory.nis[:samples])
+        state, bias, P, nis = jax.tree.map(lambda rows: until_end(rows, count), arrays)
+        estimator, first = self.known, self.nominal.state(0)
+        biases = estimator.names_of_biases(first)
         followed = Followed(state, bias, P, jnp.where(read > 0, nis, jnp.nan), read)
         return LoopEstimate(times, first.directions, biases, followed)
 
 
 def _shapes(belief: Belief) -> tuple[tuple[int, ...], ...]:
-    """The shapes of deviations, biases, covariances and normalised innovations."""
+    """Returns the shapes of deviations, biases, covariances and normalised innovations."""
     biases, whole = belief.bias.size, belief.P.shape
     return (whole[0] - biases,), (biases,), whole, ()
 
 
 def _put(rows: Array, place: Int[Array, ""], row: Array) -> Array:
-    """The rows with another one at a place, unless there is none."""
+    """Returns the rows with another one at a place, unless there is none."""
     return rows.at[jnp.where(place < 0, len(rows), place)].set(row, mode="drop")
 
 
 def _errors(
-    known: ErrorStateFilter, nominal: NominalMotion, late: Mapping[str, int], key: Any
+    estimator: ErrorStateFilter, nominal: NominalMotion, late: Mapping[str, int], key: Any
 ) -> Float[Array, "samples_and_end components"]:
-    """What readings taken at each sample differ by from exact ones; NaN where there is none."""
-    times, sizes = nominal.times, known.sizes(nominal.state(0))
-    sensors = known.measurement.sensors
+    """Draws the errors of readings taken at each sample; NaN where there is no reading."""
+    times, sizes = nominal.times, estimator.sizes(nominal.state(0))
+    sensors = estimator.measurement.sensors
     zero = {name: jnp.zeros((times.size, size), default_dtype()) for name, size in sizes.items()}
-    found = with_errors({name: sensor.errors for name, sensor in sensors.items()}, times, zero, key)
-    return jnp.concatenate([align_late(found[name], late[name]) for name in sensors], axis=1)
+    errors = with_errors({name: sensor.errors for name, sensor in sensors.items()}, times, zero, key)
+    return jnp.concatenate([align_late(errors[name], late[name]) for name in sensors], axis=1)

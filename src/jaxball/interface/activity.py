@@ -109,7 +109,7 @@ def _width(stream: TextIO) -> int:
 
 @contextlib.contextmanager
 def compiling() -> Iterator[None]:
-    """Around what compiles a program; blocks may be within each other, and in several threads."""
+    """Marks a block that compiles a program; blocks may be within each other, and in several threads."""
     _compilations.append(None)
     try:
         yield

@@ -60,7 +60,7 @@ def whole_number(name: str, value: Any, least: int) -> int:
 
 
 def refusal(name: str, must: str, value: Any, remedy: str = "") -> TypeError:
-    """The error for the argument ``name``: what it ``must`` be, and the ``value`` that it is."""
+    """Makes the error for the argument ``name``: what it ``must`` be, and the ``value`` that it is."""
     if isinstance(value, type) and not remedy:
         remedy = f"make one with {value.__name__}(...)"
     end = f"; {remedy}." if remedy else "."
@@ -83,7 +83,7 @@ def describe(value: Any) -> str:
 
 
 def a(noun: str) -> str:
-    """``noun`` with its article."""
+    """Returns ``noun`` with its article."""
     return f"{'an' if noun[:1] in 'AEIOUaeiou' else 'a'} {noun}"
 
 
@@ -92,21 +92,21 @@ def require_arguments(cls: type, given: Sequence[Any], named: Mapping[str, Any])
 
     Python's own error would name the class whose constructor it inherits.
     """
-    taken = _arguments_of(cls)
-    if taken is None:
+    signature = _arguments_of(cls)
+    if signature is None:
         return
-    in_order, required, known = taken
+    in_order, required, parameters = signature
     kind = cls.__name__
     for name in named:
-        if name not in known:
-            there = f"the arguments are {', '.join(known)}" if known else "it takes none"
-            raise TypeError(f"Argument `{name}` of {kind} is not known{did_you_mean(name, known, there, '`')}")
+        if name not in parameters:
+            there = f"the arguments are {', '.join(parameters)}" if parameters else "it takes none"
+            raise TypeError(f"Argument `{name}` of {kind} is not known{did_you_mean(name, parameters, there, '`')}")
     if len(given) > len(in_order):
-        if in_order or not known:
+        if in_order or not parameters:
             most = f"no more than {', '.join(in_order)}" if in_order else "left out"
             raise TypeError(f"Arguments of {kind} must be {most}, but there are {len(given)}.")
         without = "1 has no name" if len(given) == 1 else f"{len(given)} have no names"
-        raise TypeError(f"Arguments of {kind} must be named, as in {kind}({known[0]}=...), but {without}.")
+        raise TypeError(f"Arguments of {kind} must be named, as in {kind}({parameters[0]}=...), but {without}.")
     there = {*in_order[: len(given)], *named}
     for name in required:
         if name not in there:
@@ -115,14 +115,16 @@ def require_arguments(cls: type, given: Sequence[Any], named: Mapping[str, Any])
 
 @functools.cache
 def _arguments_of(cls: type) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]] | None:
-    """The arguments of a class that may come without a name, those that it requires, and all; None where any may."""
+    """Lists the arguments of a class that may come without a name, those that it requires, and all; None
+    where any may.
+    """
     _, *parameters = inspect.signature(cls.__init__).parameters.values()
-    if any(one.kind in (one.VAR_POSITIONAL, one.VAR_KEYWORD) for one in parameters):
+    if any(parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD) for parameter in parameters):
         return None
     return (
-        tuple(one.name for one in parameters if one.kind is not one.KEYWORD_ONLY),
-        tuple(one.name for one in parameters if one.default is one.empty),
-        tuple(one.name for one in parameters),
+        tuple(parameter.name for parameter in parameters if parameter.kind is not parameter.KEYWORD_ONLY),
+        tuple(parameter.name for parameter in parameters if parameter.default is parameter.empty),
+        tuple(parameter.name for parameter in parameters),
     )
 
 
@@ -181,15 +183,15 @@ def traceable(name: str, function: Any) -> Iterator[None]:
 def require_value(name: str, value: Any, shape: tuple[int, ...]) -> None:
     """Raises a ``TypeError`` unless ``value``, returned by a function, is an array of real numbers of ``shape``."""
     expected = "a single number" if shape == () else f"an array of shape {shape}"
-    given, remedy = describe(value), ""
+    description, remedy = describe(value), ""
     if isinstance(value, jax.Array | np.ndarray | np.generic | jax.ShapeDtypeStruct):
         if value.shape == shape and jnp.issubdtype(value.dtype, jnp.floating):
             return
     elif isinstance(value, int | float) and shape == ():
         return
     elif isinstance(value, list | tuple):
-        given, remedy = f"a {type(value).__name__} of length {len(value)}", "; join its parts with jnp.stack"
-    raise TypeError(f"Argument `{name}` must give {expected}, but it gives {given}{remedy}.")
+        description, remedy = f"a {type(value).__name__} of length {len(value)}", "; join its parts with jnp.stack"
+    raise TypeError(f"Argument `{name}` must give {expected}, but it gives {description}{remedy}.")
 
 
 def _is_weakly_hashable(function: Any) -> bool:

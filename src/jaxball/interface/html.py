@@ -12,12 +12,12 @@ LEAST_EXTENT = 1e-9  # of the size of its coordinates, below which a path is a p
 
 
 def repr_html(self: object) -> str:
-    """The ``_repr_html_`` of a class whose ``repr`` has a headline and indented lines."""
+    """Returns the ``_repr_html_`` of a class whose ``repr`` has a headline and indented lines."""
     return as_html(repr(self))
 
 
 def as_html(text: str, sketch: str = "") -> str:
-    """A headline in bold and the lines below it, with a sketch to the right."""
+    """Formats a headline in bold and the lines below it, with a sketch to the right."""
     head, _, lines = text.partition("\n")
     body = f'<pre style="margin:0;white-space:pre-wrap"><b>{html.escape(head)}</b>\n{html.escape(lines)}</pre>'
     return f'<div style="display:flex;gap:1.5em;align-items:flex-start">{body}{sketch}</div>'

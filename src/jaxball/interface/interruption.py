@@ -57,7 +57,7 @@ def stop_listening() -> None:
 
 
 def exit_code() -> int:
-    """The exit code of a command that a signal has stopped."""
+    """Returns the exit code of a command that a signal has stopped."""
     return 128 + _received
 
 
@@ -89,7 +89,7 @@ def interrupt_message(message: Callable[[], str]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def stop_requested(message: str = "") -> Iterator[threading.Event]:
-    """An event that the first signal sets, printing ``message``; the second one ends or interrupts at once.
+    """Yields an event that the first signal sets, printing ``message``; the second one ends or interrupts at once.
 
     In the message, ``{again}`` says how to send the second one. In Python the only signal is Ctrl-C; outside the main
     thread, where Python delivers none, only the signals of a command set the event.
@@ -139,7 +139,7 @@ def leave_to_parent() -> None:
 
 
 def _in_the_main_thread(*_) -> None:
-    """The handler that Python calls in the main thread, some time after the listening thread has acted."""
+    """Handles a signal when Python calls it in the main thread, some time after the listening thread has acted."""
     if _ending.is_set():
         _main_thread_waits.set()
         threading.Event().wait()

@@ -7,7 +7,7 @@ from types import ModuleType
 
 
 def interface(names: Mapping[str, object], *packages: str) -> tuple[list[str], Callable[[], list[str]]]:
-    """``__all__`` and ``__dir__`` of a package, from its ``globals()`` at the end of its ``__init__``.
+    """Returns ``__all__`` and ``__dir__`` of a package, from its ``globals()`` at the end of its ``__init__``.
 
     Modules are left out, except for ``packages``, the public packages within it, which ``dir`` shows too.
     """
@@ -20,7 +20,8 @@ def interface(names: Mapping[str, object], *packages: str) -> tuple[list[str], C
 def lazy_interface(
     package: str, names: Mapping[str, str] | None = None, *shown: str
 ) -> tuple[list[str], Callable[[], list[str]], Callable[[str], object]]:
-    """``__all__``, ``__dir__`` and ``__getattr__`` of a package that imports its names when they are first used.
+    """Returns ``__all__``, ``__dir__`` and ``__getattr__`` of a package that imports its names when they are first
+    used.
 
     ``names`` are the modules of the public names, by default :func:`imports_of` the package; no name may be that of a
     module of the package, which would hide it. ``dir`` shows what is ``shown`` as well.
@@ -37,7 +38,8 @@ def lazy_interface(
 
 
 def imports_of(package: str) -> dict[str, str]:
-    """The module, as in ``.styles``, of each name that a package's ``__init__`` imports for type checkers alone.
+    """Returns the module, as in ``.styles``, of each name that a package's ``__init__`` imports for type checkers
+    alone.
 
     It states them as ``from .styles import caption as caption`` under ``if TYPE_CHECKING``, and no second time.
     """
@@ -52,5 +54,5 @@ def imports_of(package: str) -> dict[str, str]:
 
 
 def missing(package: str, name: str) -> AttributeError:
-    """The error for a name that a package does not have."""
+    """Makes the error for a name that a package does not have."""
     return AttributeError(f"module {package!r} has no attribute {name!r}", name=name, obj=sys.modules[package])

@@ -15,7 +15,8 @@ class OutputError(UserError):
 
 @contextlib.contextmanager
 def atomic_write(path: Path, *, flush: bool = False) -> Iterator[Path]:
-    """A temporary path beside ``path``: what is written there replaces ``path`` at the end, unless an error is raised.
+    """Yields a temporary path beside ``path``: what is written there replaces ``path`` at the end, unless an error is
+    raised.
 
     A symbolic link is followed: its target is written, and it stays a link. If the process is killed meanwhile,
     ``path`` stays as it was, and a file whose name begins with ``.part-`` is left. With ``flush``, the content is on
@@ -38,7 +39,7 @@ def atomic_write(path: Path, *, flush: bool = False) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A file that is written atomically, with errors as sentences.
+    """Yields a temporary path for a file that is written atomically, with errors as sentences.
 
     **Raises:** :class:`OutputError` when the file cannot be written; ``path`` is then as it was.
     """
@@ -109,12 +110,12 @@ def check_folder(path: Path, argument: str = "folder") -> None:
 
 
 def part_prefix() -> str:
-    """The prefix of the names of this process's unfinished files and folders, which identifies their owner."""
+    """Returns the prefix of the names of this process's unfinished files and folders, which identifies their owner."""
     return f".part-{machine()}-{os.getpid()}-"
 
 
 def machine() -> str:
-    """Where a process number is unique: the machine and, on Linux, the process namespace."""
+    """Names the scope in which a process number is unique: the machine and, on Linux, the process namespace."""
     import socket  # here, because most commands need neither it nor the time that it takes
 
     namespace = Path("/proc/self/ns/pid")

@@ -52,7 +52,7 @@ def format_fields(module: eqx.Module, fields: Iterable[dataclasses.Field], *, br
 
 
 def in_short(value: Any) -> str:
-    """An array by its numbers where there are up to three, else by its shape and range."""
+    """Describes an array by its numbers where there are up to three, else by its shape and range."""
     if not is_array(value) or not _is_known(value) or value.size <= 3:
         return _within(value)
     finite = np.asarray(value)[np.isfinite(value)]
@@ -84,7 +84,9 @@ def _is_default(field: dataclasses.Field, value: Any) -> bool:
 
 
 def json_types(value: Any) -> Any:
-    """A value in the types of JSON: arrays as lists, and numbers that are not finite, which JSON lacks, as None."""
+    """Converts a value to the types of JSON: arrays to lists, and numbers that are not finite, which JSON lacks, to
+    None.
+    """
     if isinstance(value, Mapping):
         return {str(name): json_types(item) for name, item in value.items()}
     if isinstance(value, list | tuple):
@@ -97,17 +99,17 @@ def json_types(value: Any) -> Any:
 
 
 def is_array(value: Any) -> bool:
-    """Whether this is an array, traced or not, or the shape of one."""
+    """Returns whether this is an array, traced or not, or the shape of one."""
     return isinstance(value, jax.Array | np.ndarray | np.generic | jax.ShapeDtypeStruct)
 
 
 def is_single(*values: Any) -> bool:
-    """Whether these are known numbers: not traced, and not of a batch."""
+    """Returns whether these are known numbers: not traced, and not of a batch."""
     return all(not _is_abstract(value) and np.ndim(value) == 0 for value in values)
 
 
 def entry(value: Any, axis: int, index: int) -> Any:
-    """The entry of an array along an axis, or its shape where it is traced; anything else as it is."""
+    """Returns the entry of an array along an axis, or its shape where it is traced; anything else as it is."""
     if not is_array(value) or np.ndim(value) <= axis or value.shape[axis] <= index:
         return value
     if not _is_known(value):

@@ -28,7 +28,7 @@ class Status(enum.IntEnum):
     WEDGED = 12
 
     def sentence(self, reached: float, end: float, *, alone: bool = False) -> str:
-        """What happened; the result is valid up to the time ``reached``.
+        """Says what happened; the result is valid up to the time ``reached``.
 
         With ``alone``, the sentence for an impossible body says how to find out what is impossible about it.
         """

@@ -8,12 +8,12 @@ class UserError(ValueError):
 
 
 def one_of(names: Sequence[str]) -> str:
-    """``one of a, b, c``, and a single name as it is."""
+    """Returns ``one of a, b, c``, and a single name as it is."""
     return names[0] if len(names) == 1 else f"one of {', '.join(names)}"
 
 
 def all_of(names: Sequence[str]) -> str:
-    """``a, b and c``."""
+    """Returns ``a, b and c``."""
     *first, last = names
     return f"{', '.join(first)} and {last}" if first else last
 
@@ -24,24 +24,26 @@ def number_of(number: int, thing: str, things: str = "") -> str:
 
 
 def nearest(name: str, known: Iterable[str], most: int = 1, cutoff: float = 0.6) -> list[str]:
-    """Up to ``most`` known names similar to ``name``, the most similar first, ignoring case."""
+    """Finds up to ``most`` known names similar to ``name``, the most similar first, ignoring case."""
     import difflib  # here, because it is for mistakes alone
 
-    lower = {one.lower(): one for one in known}
+    lower = {candidate.lower(): candidate for candidate in known}
     return [lower[near] for near in difflib.get_close_matches(name.lower(), lower, most, cutoff)]
 
 
 def any_of(names: Sequence[str]) -> str:
-    """``a, b or c``."""
+    """Returns ``a, b or c``."""
     *first, last = names
     return f"{', '.join(first)} or {last}" if first else last
 
 
 def did_you_mean(name: str, known: Iterable[str], otherwise: str = "", quote: str = '"', most: int = 1) -> str:
-    """``; did you mean "circle"?`` where known names are similar, up to ``most``, else ``otherwise`` as a clause."""
+    """Returns ``; did you mean "circle"?`` where known names are similar, up to ``most``, else ``otherwise`` as a
+    clause.
+    """
     near = nearest(name, known, most)
     if near:
-        return f"; did you mean {any_of([f'{quote}{one}{quote}' for one in near])}?"
+        return f"; did you mean {any_of([f'{quote}{candidate}{quote}' for candidate in near])}?"
     return f"; {otherwise}." if otherwise else "."
 
 
@@ -52,7 +54,9 @@ def no_attribute(kind: type, name: str, places: Mapping[str, str]) -> AttributeE
 
 
 def pip_install(extra: str) -> str:
-    """The command that installs what an extra of jaxball needs: from the folder that jaxball came from, if it did."""
+    """Returns the command that installs what an extra of jaxball needs: from the folder that jaxball came from, if it
+    did.
+    """
     import importlib.metadata  # here, because it is for mistakes alone
     import json
 

@@ -64,16 +64,16 @@ def write_drive(
     stops = [force for force in forces if isinstance(force, EndStops)]
     if stops:
         joint.set("range", f"{float(max(s.lower for s in stops))!r} {float(min(s.upper for s in stops))!r}")
-    own = Spring | Damper | EndStops
-    others = [force for force in forces if not isinstance(force, own) and not _is_plain(force)]
+    of_joint = Spring | Damper | EndStops
+    others = [force for force in forces if not isinstance(force, of_joint) and not _is_plain(force)]
     names = [name] if len(others) == 1 else [f"{name}.force[{index}]" for index in range(len(others))]
-    return [_write_actuator(own, name, force, actuators) for own, force in zip(names, others, strict=True)]
+    return [_write_actuator(of_joint, name, force, actuators) for of_joint, force in zip(names, others, strict=True)]
 
 
 def write_servo(
     name: str, joint: str, schedule: AbstractSchedule, actuators: ET.Element, inertia: float, timestep: float
 ) -> Control:
-    """An actuator that keeps a joint on a schedule, with the inertia's own share of the force in its control."""
+    """Adds an actuator that keeps a joint on a schedule, with the inertia's own share of the force in its control."""
     rate = KEEPING / timestep
     stiffness, damping = inertia * rate**2, 2 * inertia * rate
     _add_affine(actuators, name, joint, stiffness, (0.0, -stiffness, -damping), None)
@@ -100,7 +100,7 @@ def _write_springs(springs: list[Spring], joint: ET.Element) -> None:
 
 
 def _is_plain(force: AbstractJointForce) -> TypeGuard[JointFriction]:
-    """Whether a force is dry friction that is the same at rest as in motion, MuJoCo's law."""
+    """Returns whether a force is dry friction that is the same at rest as in motion, MuJoCo's law."""
     if not isinstance(force, JointFriction) or force.smoothing is not None or force.stribeck is not None:
         return False
     return bool(force.largest == force.kinetic)
@@ -153,7 +153,7 @@ def _write_pd_servo(name: str, joint: str, servo: PDServo, actuators: ET.Element
 def _add_affine(
     actuators: ET.Element, name: str, joint: str, gain: float, bias: tuple[float, float, float], limit: Array | None
 ) -> None:
-    """The actuator with the force gain × control + bias · (1, θ, θ̇)."""
+    """Adds the actuator with the force gain × control + bias · (1, θ, θ̇)."""
     element = _add_actuator(actuators, "general", name, joint, limit)
     for key, value in {"biastype": "affine", "gainprm": repr(gain), "biasprm": " ".join(map(repr, bias))}.items():
         element.set(key, value)
@@ -165,7 +165,7 @@ def _add_actuator(actuators: ET.Element, tag: str, name: str, joint: str, limit:
 
 
 def read_springs(joint: ET.Element) -> list[AbstractJointForce]:
-    """The spring, the damper and the dry friction among the attributes of a joint.
+    """Reads the spring, the damper and the dry friction among the attributes of a joint.
 
     **Raises:** :class:`MJCFError` where the joint has a rotor's inertia or a range.
     """
@@ -195,7 +195,7 @@ class Actuated(NamedTuple):
 
 
 def read_actuators(actuators: Iterable[ET.Element], controls: Float[np.ndarray, " n"]) -> Actuated:
-    """The forces of actuators, with the controls that they keep.
+    """Reads the forces of actuators, with the controls that they keep.
 
     **Raises:** :class:`MJCFError` for an actuator whose force is none of those that joints have here.
     """
@@ -221,7 +221,7 @@ def read_actuators(actuators: Iterable[ET.Element], controls: Float[np.ndarray, 
 def _read_actuator(
     element: ET.Element, control: float, within: tuple[float, float] | None
 ) -> tuple[AbstractJointForce, bool]:
-    """The force of an actuator whose control is ``within`` a range, and whether its limit holds it there too."""
+    """Reads the force of an actuator whose control is ``within`` a range, and whether its limit holds it there too."""
     limit, gear = _limit(element), float(numbers(element, "gear", (1.0,))[0])
     gain, stiffness, damping = (1.0, 0.0, 0.0) if element.tag == "motor" else _affine(element)
     if element.tag != "motor" and gear != 1:
@@ -241,7 +241,7 @@ def _read_actuator(
 
 
 def _range(element: ET.Element, what: str) -> tuple[float, float] | None:
-    """The range of an actuator's control (``ctrl``) or force, None where it has none or does not keep to it."""
+    """Reads the range of an actuator's control (``ctrl``) or force, None where it has none or does not keep to it."""
     if element.get(f"{what}range") is None or element.get(f"{what}limited") == "false":
         return None
     low, high = numbers(element, f"{what}range", count=2)
@@ -249,7 +249,7 @@ def _range(element: ET.Element, what: str) -> tuple[float, float] | None:
 
 
 def _affine(element: ET.Element) -> tuple[float, float, float]:
-    """The gain, the stiffness and the damping of an actuator whose force is linear in its control, θ and θ̇."""
+    """Reads the gain, the stiffness and the damping of an actuator whose force is linear in its control, θ and θ̇."""
     if element.tag == "position":
         refuse_values(element, ("dampratio", "timeconst"), "it must have its damping as `kv`")
         stiffness = number(element, "kp", 1.0)
@@ -282,6 +282,6 @@ def _limit(element: ET.Element) -> float | None:
 
 
 def control_values(controls: Iterable[Control], times: Float[np.ndarray, " T"]) -> Float[np.ndarray, "T controls"]:
-    """The values of controls at some times."""
+    """Computes the values of controls at some times."""
     columns = [np.asarray(jax.vmap(control.signal)(jnp.asarray(times))) for control in controls]
     return np.stack(columns, axis=-1) if columns else np.zeros((len(times), 0))

@@ -24,15 +24,15 @@ class MJCFError(UserError):
 
 
 def text_of(*values: Any) -> str:
-    """Numbers as the text of an attribute, with every digit."""
+    """Formats numbers as the text of an attribute, with every digit."""
     flat = np.concatenate([np.ravel(np.asarray(value, dtype=float)) for value in values])
     return " ".join(repr(float(x) + 0.0).removesuffix(".0") for x in flat)
 
 
 def add(parent: ET.Element, tag: str, **attributes: Any) -> ET.Element:
-    """A new element in ``parent``; numbers become text, and attributes that are None are left out."""
-    given = {name: value for name, value in attributes.items() if value is not None}
-    texts = {name: value if isinstance(value, str) else text_of(value) for name, value in given.items()}
+    """Adds a new element to ``parent``; numbers become text, and attributes that are None are left out."""
+    values = {name: value for name, value in attributes.items() if value is not None}
+    texts = {name: value if isinstance(value, str) else text_of(value) for name, value in values.items()}
     return ET.SubElement(parent, tag, texts)
 
 
@@ -48,7 +48,8 @@ def numbers(
     default: Sequence[float] | Float[np.ndarray, " n"] | None = None,
     count: int | None = None,
 ) -> Float[np.ndarray, " n"]:
-    """The numbers of an attribute: ``count`` of them, as many as the ``default`` has if that is given and not None.
+    """Reads the numbers of an attribute: ``count`` of them; without a ``count``, as many as the ``default`` has, unless
+    that is None.
 
     **Raises:** :class:`MJCFError` where they are missing without a default, or something else.
     """
@@ -69,16 +70,16 @@ def numbers(
 
 
 def number(element: ET.Element, name: str, default: float | None = None) -> float:
-    """The number of an attribute; raises as :func:`numbers`."""
+    """Reads the number of an attribute; raises as :func:`numbers`."""
     return float(numbers(element, name, None if default is None else (default,), 1)[0])
 
 
-def refuse_others(element: ET.Element, known: Iterable[str], why: str) -> None:
-    """Raises a :class:`MJCFError` for the first element in ``element`` whose tag is not ``known``."""
-    known = tuple(known)
+def refuse_others(element: ET.Element, tags: Iterable[str], why: str) -> None:
+    """Raises a :class:`MJCFError` for the first element in ``element`` whose tag is not ``tags``."""
+    tags = tuple(tags)
     for child in element:
-        if child.tag not in known:
-            accepted = ", ".join(f"<{tag}>" for tag in known)
+        if child.tag not in tags:
+            accepted = ", ".join(f"<{tag}>" for tag in tags)
             raise MJCFError(
                 f"Element {label(child)} in {label(element)} must be left out, because {why}; accepted there are "
                 f"{accepted}."
@@ -105,7 +106,7 @@ class Frame(NamedTuple):
         return self.turn @ x + self.shift
 
     def then(self, inner: "Frame") -> "Frame":
-        """The frame that is ``inner`` in this one."""
+        """Returns the frame that is ``inner`` in this one."""
         return Frame(self.turn @ inner.turn, self.of_point(inner.shift))
 
 
@@ -125,19 +126,21 @@ class Inertial(NamedTuple):
 
 
 def frame_of(element: ET.Element, angles: Angles) -> Frame:
-    """The frame of an element in that of its parent; raises a :class:`MJCFError` for numbers that are not one."""
+    """Reads the frame of an element in the frame of its parent; raises a :class:`MJCFError` for numbers that are not
+    one.
+    """
     return Frame(_turn(element, angles), numbers(element, "pos", np.zeros(3)))
 
 
 def _turn(element: ET.Element, angles: Angles) -> Float[np.ndarray, "3 3"]:
-    given = [name for name in ORIENTATIONS if element.get(name) is not None]
-    if not given:
+    turns = [name for name in ORIENTATIONS if element.get(name) is not None]
+    if not turns:
         return np.eye(3)
-    if len(given) > 1:
+    if len(turns) > 1:
         raise MJCFError(
-            f"Element {label(element)} must have one orientation, but it has `{given[0]}` and `{given[1]}`."
+            f"Element {label(element)} must have one orientation, but it has `{turns[0]}` and `{turns[1]}`."
         )
-    name, count = given[0], {"quat": 4, "axisangle": 4, "xyaxes": 6}.get(given[0], 3)
+    name, count = turns[0], {"quat": 4, "axisangle": 4, "xyaxes": 6}.get(turns[0], 3)
     values = numbers(element, name, count=count)
     if name == "quat" and np.any(values != 0):
         return Rotation.from_quat(np.roll(values, -1)).as_matrix() if np.any(values[1:] != 0) else np.eye(3)
@@ -170,7 +173,7 @@ def read_inertial(body: ET.Element, angles: Angles) -> Inertial | None:
 
 
 def principal(inertia: Float[np.ndarray, "3 3"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]:
-    """The principal moments of an inertia, and its principal axes as the columns of a rotation."""
+    """Computes the principal moments of an inertia, and its principal axes as the columns of a rotation."""
     if np.array_equal(inertia, np.diag(np.diag(inertia))):
         return np.diag(inertia), np.eye(3)
     moments, axes = np.linalg.eigh(inertia)
@@ -214,15 +217,15 @@ def _collect(element: ET.Element, otherwise: str | None, inherited: Class, class
     name = element.get("class", otherwise)
     if name is None:
         raise MJCFError(f"Element {label(element)} within another one must have a `class`, but it has none.")
-    own = {tag: dict(attributes) for tag, attributes in inherited.items()}
+    defaults = {tag: dict(attributes) for tag, attributes in inherited.items()}
     for child in element:
         if child.tag != "default":
-            own[child.tag] = own.get(child.tag, {}) | child.attrib
-    classes[name] = own
+            defaults[child.tag] = defaults.get(child.tag, {}) | child.attrib
+    classes[name] = defaults
     if otherwise is not None:
-        classes[MAIN] = own
+        classes[MAIN] = defaults
     for child in element.findall("default"):
-        _collect(child, None, own, classes)
+        _collect(child, None, defaults, classes)
 
 
 def _apply_in(body: ET.Element, childclass: str | None, classes: Mapping[str, Class]) -> None:
@@ -243,26 +246,26 @@ def _class_of(element: ET.Element, childclass: str | None, classes: Mapping[str,
     return classes[name]
 
 
-def _of_actuator(element: ET.Element, found: Class) -> Attributes:
-    """The defaults of an actuator, of which MuJoCo has one set for all kinds."""
-    given: dict[str, str] = {}
+def _of_actuator(element: ET.Element, defaults: Class) -> Attributes:
+    """Returns the defaults of an actuator, of which MuJoCo has one set for all kinds."""
+    attributes: dict[str, str] = {}
     for tag in ("general", "motor", "position", "velocity", "intvelocity", "damper", "cylinder", "muscle", "adhesion"):
-        for name, value in found.get(tag, {}).items():
+        for name, value in defaults.get(tag, {}).items():
             if tag != element.tag and name not in SHARED:
                 raise MJCFError(
                     f"Attribute `{name}` of <{tag}> in <default> must be left out, because {label(element)} is an "
                     f"actuator of another kind; give it to each <{tag}>."
                 )
-            given[name] = value
-    return given
+            attributes[name] = value
+    return attributes
 
 
 def _complete(element: ET.Element, defaults: Attributes) -> None:
     """Sets the attributes that an element lacks; one orientation replaces another, as ends do a place."""
-    given = set(element.attrib)
-    turned = any(name in given for name in (*ORIENTATIONS, "fromto"))
+    names = set(element.attrib)
+    turned = any(name in names for name in (*ORIENTATIONS, "fromto"))
     for name, value in defaults.items():
-        if name not in given and not (turned and name in (*ORIENTATIONS, "fromto")):
+        if name not in names and not (turned and name in (*ORIENTATIONS, "fromto")):
             element.set(name, value)
     element.attrib.pop("class", None)
 

@@ -106,16 +106,16 @@ class _Reader:
         return _Carrier(tree, before + 1)
 
     def _masses(self, body: ET.Element, frame: Frame) -> Iterator[CarriedMass]:
-        found = self.inertias.of(body)
-        if found is None or (found.mass <= MINVAL and np.all(found.moments <= MINVAL)):
+        inertial = self.inertias.of(body)
+        if inertial is None or (inertial.mass <= MINVAL and np.all(inertial.moments <= MINVAL)):
             return
-        placed = frame.then(found.axes)
-        if np.all(found.moments <= MINVAL):
-            yield CarriedMass(found.mass, placed.shift)
+        placed = frame.then(inertial.axes)
+        if np.all(inertial.moments <= MINVAL):
+            yield CarriedMass(inertial.mass, placed.shift)
             return
         try:
             axes = MatrixFrame(placed.turn)
-            yield from rigid_body_masses(found.mass, found.moments, centre=placed.shift, frame=axes)
+            yield from rigid_body_masses(inertial.mass, inertial.moments, centre=placed.shift, frame=axes)
         except ValueError as error:
             raise MJCFError(f"The inertia of {label(body)} is impossible: {error}") from None
 
@@ -123,7 +123,7 @@ class _Reader:
 def read_inside(
     shell: ET.Element, frame: Frame, inertias: Inertias, forces: Mapping[str, Sequence[AbstractJointForce]]
 ) -> Inside:
-    """The masses and mechanisms in a shell, whose element has the ``frame`` in the axes of the ball.
+    """Reads the masses and mechanisms in a shell, whose element has the ``frame`` in the axes of the ball.
 
     ``forces`` are those of actuators by the names of their joints.
 
@@ -149,7 +149,7 @@ def refuse_contacts(geom: ET.Element) -> None:
 
 
 def touches(geom: ET.Element) -> bool:
-    """Whether other geoms may touch a geom."""
+    """Returns whether other geoms may touch a geom."""
     return geom.get("contype", "1") != "0" or geom.get("conaffinity", "1") != "0"
 
 

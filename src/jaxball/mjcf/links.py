@@ -113,11 +113,11 @@ def _write_mechanism(mechanism: Mechanism, name: str, shell: ET.Element, links: 
         places = np.asarray(mechanism.place)[carried] + np.stack([shifts[mechanism.carrier[i]] for i in carried])
         _check_circle(mechanism, a, path)
         _drive(element, joint.drive, _inertia(element, np.asarray(mechanism.mass)[carried], places), links)
-        own = {f"{name}.masses[{i}]": i for i, link in enumerate(mechanism.carrier) if link == a}
-        for mass, i in own.items():
+        masses = {f"{name}.masses[{i}]": i for i, link in enumerate(mechanism.carrier) if link == a}
+        for mass, i in masses.items():
             _add_mass(body, mass, float(mechanism.mass[i]), np.asarray(mechanism.place[i]) + shifts[a], links)
         if not _is_on_circle(joint):
-            links.shifts |= {path: shifts[a], **dict.fromkeys(own, np.zeros(3))}
+            links.shifts |= {path: shifts[a], **dict.fromkeys(masses, np.zeros(3))}
         bodies.append(body)
 
 
@@ -142,7 +142,7 @@ def _add_joint(body: ET.Element, name: str, joint: AbstractJoint, before: Float[
 
 
 def _add_guide(body: ET.Element, name: str, rail: AbstractRail, before: Float[np.ndarray, "3"]) -> ET.Element:
-    """A circle as the hinge about its axis, and a tube as a slider."""
+    """Adds a circle as the hinge about its axis, and a tube as a slider."""
     if isinstance(rail, Tube):
         return add(body, "joint", name=name, type="slide", axis=rail.direction)
     if isinstance(rail, Circle):
@@ -177,7 +177,7 @@ def _is_on_circle(joint: AbstractJoint) -> TypeGuard[Carriage]:
 
 
 def _inertia(joint: ET.Element, m: Float[np.ndarray, " n"], places: Float[np.ndarray, "n 3"]) -> float:
-    """The inertia of masses against a rate of a joint."""
+    """Computes the inertia of masses against a rate of a joint."""
     if joint.get("type") == "slide":
         return float(np.sum(m))
     axis = np.fromstring(joint.get("axis", ""), sep=" ")
@@ -186,9 +186,9 @@ def _inertia(joint: ET.Element, m: Float[np.ndarray, " n"], places: Float[np.nda
 
 
 def _add_mass(body: ET.Element, name: str, mass: float, place: Sequence[float] | Any, links: Links) -> None:
-    own = add(body, "body", name=name, pos=place)
-    add(own, "inertial", pos=np.zeros(3), mass=mass, diaginertia=np.zeros(3))
-    add(own, "geom", type="sphere", size=links.shown, contype="0", conaffinity="0", rgba="0.8 0.3 0.1 1")
+    child = add(body, "body", name=name, pos=place)
+    add(child, "inertial", pos=np.zeros(3), mass=mass, diaginertia=np.zeros(3))
+    add(child, "geom", type="sphere", size=links.shown, contype="0", conaffinity="0", rgba="0.8 0.3 0.1 1")
 
 
 def _add_least(body: ET.Element) -> None:

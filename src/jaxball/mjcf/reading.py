@@ -80,7 +80,7 @@ class Imported(NamedTuple):
 
 
 def from_mjcf(text: str, *, times: Numbers = TIMES, contact: bool = False) -> Scenario:
-    """The scenario of a ball or a disk with mechanisms that an MJCF file describes.
+    """Reads the scenario of a ball or a disk with mechanisms that an MJCF file describes.
 
     The file must have a plane; one body on it with a free joint (for a disk, two slides and a hinge) and a sphere; and
     in it bodies on hinges and slides without contacts. Bodies state their inertias, or have those of their geoms,
@@ -148,11 +148,11 @@ def read_mjcf(text: str, *, times: Numbers = TIMES, contact: bool = False) -> Im
     controls = controls if key is None else numbers(key, "ctrl", controls)
     actuated = read_actuators(actuators, controls)
     notes = [*_notes(shell, actuators, key), *actuated.notes]
-    own = _own_frame(shell, sphere, inertias)
-    inside = read_inside(shell, own.inverse, inertias, actuated.forces)
+    body_frame = _own_frame(shell, sphere, inertias)
+    inside = read_inside(shell, body_frame.inverse, inertias, actuated.forces)
     surface = _surface(plane, sphere)
-    system = _system(shell, sphere, own, angles, inside, surface, _gravity(root))
-    state = _state(system, shell, own, angles, key, inside.joints)
+    system = _system(shell, sphere, body_frame, angles, inside, surface, _gravity(root))
+    state = _state(system, shell, body_frame, angles, key, inside.joints)
     rolls = not contact and _rolls(system, state)
     law = None if rolls else Contact(friction=surface.friction[0])
     if law is not None:
@@ -166,7 +166,7 @@ def read_mjcf(text: str, *, times: Numbers = TIMES, contact: bool = False) -> Im
 
 
 def _notes(shell: ET.Element, actuators: list[ET.Element], key: ET.Element | None) -> list[str]:
-    """The sentences about controls that the file does not have, and about limits of joints."""
+    """Returns the sentences about controls that the file does not have, and about limits of joints."""
     notes = []
     if actuators and (key is None or key.get("ctrl") is None):
         names = all_of([label(element) for element in actuators])
@@ -207,30 +207,30 @@ def _gravity(root: ET.Element) -> Float[np.ndarray, "3"]:
 
 
 def _only(parent: ET.Element, tag: str, where: str) -> ET.Element:
-    found = parent.findall(tag)
-    if len(found) != 1:
+    children = parent.findall(tag)
+    if len(children) != 1:
         raise MJCFError(
-            f"There must be one <{tag}> in {where}, the robot itself in the world, but there are {len(found)}."
+            f"There must be one <{tag}> in {where}, the robot itself in the world, but there are {len(children)}."
         )
-    return found[0]
+    return children[0]
 
 
 def _touching(parent: ET.Element, kind: str) -> ET.Element:
-    """The one geom of an element that others touch."""
-    found = [geom for geom in parent.findall("geom") if touches(geom)]
-    if len(found) != 1 or found[0].get("type", "sphere") != kind:
-        which = ", ".join(f"{label(geom)} of type {geom.get('type', 'sphere')}" for geom in found) or "none"
+    """Returns the one geom of an element that others touch."""
+    geoms = [geom for geom in parent.findall("geom") if touches(geom)]
+    if len(geoms) != 1 or geoms[0].get("type", "sphere") != kind:
+        which = ", ".join(f"{label(geom)} of type {geom.get('type', 'sphere')}" for geom in geoms) or "none"
         raise MJCFError(
             f"Element {label(parent)} must have one geom that others touch, a {kind}, but it has {which}; the others "
             "must have contype and conaffinity 0."
         )
-    return found[0]
+    return geoms[0]
 
 
 def _surface(plane: ET.Element, sphere: ET.Element) -> Surface:
-    """The larger friction of the two, as MuJoCo has it."""
-    given = [numbers(geom, "friction") if geom.get("friction") else np.zeros(0) for geom in (plane, sphere)]
-    pair = [np.append(values, FRICTION[len(values) :])[:3] for values in given]
+    """Returns the larger friction of the two, as MuJoCo has it."""
+    coefficients = [numbers(geom, "friction") if geom.get("friction") else np.zeros(0) for geom in (plane, sphere)]
+    pair = [np.append(values, FRICTION[len(values) :])[:3] for values in coefficients]
     condim = max(number(geom, "condim", 3.0) for geom in (plane, sphere))
     friction = np.maximum(*pair)
     if condim >= 4 and friction[1] > LEAST_FRICTION:
@@ -242,17 +242,19 @@ def _surface(plane: ET.Element, sphere: ET.Element) -> Surface:
 
 
 def _own_frame(shell: ET.Element, sphere: ET.Element, inertias: Inertias) -> OwnFrame:
-    """The frame of the ball in that of the element: at the centre of the sphere, along the principal axes."""
-    found = inertias.of(shell)
-    if found is None:
+    """Returns the frame of the ball in the frame of the element: at the centre of the sphere, along the
+    principal axes.
+    """
+    inertia = inertias.of(shell)
+    if inertia is None:
         raise MJCFError(f"Element {label(shell)} must have an <inertial>, or geoms with a mass, but it has none.")
-    return OwnFrame(found, Frame(found.axes.turn, numbers(sphere, "pos", np.zeros(3))))
+    return OwnFrame(inertia, Frame(inertia.axes.turn, numbers(sphere, "pos", np.zeros(3))))
 
 
 def _system(
     shell: ET.Element,
     sphere: ET.Element,
-    own: OwnFrame,
+    body_frame: OwnFrame,
     angles: Angles,
     inside: Inside,
     surface: Surface,
@@ -260,20 +262,20 @@ def _system(
 ) -> System:
     radius, g = float(numbers(sphere, "size")[0]), float(np.linalg.norm(gravity))
     dry = surface.friction[2] if surface.condim == 6 else 0.0
-    given: dict[str, Any] = {
-        "mass": own.inertial.mass,
+    arguments: dict[str, Any] = {
+        "mass": body_frame.inertial.mass,
         "radius": radius,
         "gravity": g,
-        "offset": own.inverse.of_point(own.inertial.axes.shift),
+        "offset": body_frame.inverse.of_point(body_frame.inertial.axes.shift),
         "masses": inside.masses,
         "mechanisms": inside.mechanisms,
         "ground": _ground(gravity),
         "resistance": Resistance(dry=dry / radius) if dry > LEAST_FRICTION else None,
     }
     if shell.find("freejoint") is not None:
-        return Ball(inertia=own.inertial.moments, **given)
-    _check_disk(shell, own, angles)
-    return Disk(inertia=own.inertial.moments[1], **given)
+        return Ball(inertia=body_frame.inertial.moments, **arguments)
+    _check_disk(shell, body_frame, angles)
+    return Disk(inertia=body_frame.inertial.moments[1], **arguments)
 
 
 def _ground(gravity: Float[np.ndarray, "3"]) -> Ground | None:
@@ -285,7 +287,7 @@ def _ground(gravity: Float[np.ndarray, "3"]) -> Ground | None:
     return Ground(angle=np.arctan2(across, -gravity[2]), heading=np.arctan2(gravity[1], gravity[0]))
 
 
-def _check_disk(shell: ET.Element, own: OwnFrame, angles: Angles) -> None:
+def _check_disk(shell: ET.Element, body_frame: OwnFrame, angles: Angles) -> None:
     """Raises unless the joints of the shell are those of a disk."""
     joints = [
         (joint.get("type", "hinge"), tuple(numbers(joint, "axis", (0.0, 0.0, 1.0)))) for joint in shell.findall("joint")
@@ -295,7 +297,7 @@ def _check_disk(shell: ET.Element, own: OwnFrame, angles: Angles) -> None:
             f"Element {label(shell)} must have a <freejoint>, or, for a disk, slides along x and z and a hinge about "
             "−y in this order, but it does not."
         )
-    still = _is_at(frame_of(shell, angles), np.eye(3), 1) and _is_at(own.frame, np.eye(3), 0, 1, 2)
+    still = _is_at(frame_of(shell, angles), np.eye(3), 1) and _is_at(body_frame.frame, np.eye(3), 0, 1, 2)
     if not still:
         raise MJCFError(
             f"Element {label(shell)} of a disk must have the axes of the world, and its sphere and inertia the same, "
@@ -304,19 +306,19 @@ def _check_disk(shell: ET.Element, own: OwnFrame, angles: Angles) -> None:
 
 
 def _is_at(frame: Frame, turn: Float[np.ndarray, "3 3"], *axes: int) -> bool:
-    """Whether a frame has an orientation, and no position along some axes."""
+    """Returns whether a frame has an orientation, and no position along some axes."""
     return bool(np.array_equal(frame.turn, turn) and np.all(frame.shift[list(axes)] == 0))
 
 
 def _state(
     system: System,
     shell: ET.Element,
-    own: OwnFrame,
+    body_frame: OwnFrame,
     angles: Angles,
     key: ET.Element | None,
     joints: tuple[str, ...],
 ) -> ReleasedState:
-    """The state of the first keyframe, or at rest where the file has its bodies."""
+    """Reads the state of the first keyframe, or at rest where the file has its bodies."""
     placed, radius = frame_of(shell, angles), float(system.radius)
     n = len(joints)
     if system.planar:
@@ -333,11 +335,11 @@ def _state(
         return ReleasedState(disk, V=(qvel[0], 0.0, qvel[1]), height=height)
     q = qpos[3:7] / np.linalg.norm(qpos[3:7])
     turn = Rotation.from_quat(np.roll(q, -1))
-    arm = turn.apply(own.frame.shift)
+    arm = turn.apply(body_frame.frame.shift)
     centre, V = qpos[:3] + arm, qvel[:3] + np.cross(turn.apply(qvel[3:6]), arm)
-    if not np.array_equal(own.frame.turn, np.eye(3)):
-        q = np.roll((turn * Rotation.from_matrix(own.frame.turn)).as_quat(), 1)
-    Omega = own.frame.turn.T @ qvel[3:6]
+    if not np.array_equal(body_frame.frame.turn, np.eye(3)):
+        q = np.roll((turn * Rotation.from_matrix(body_frame.frame.turn)).as_quat(), 1)
+    Omega = body_frame.frame.turn.T @ qvel[3:6]
     body = BallState(q=q, Omega=Omega, z=centre[:2], theta=theta, thetadot=thetadot)
     return ReleasedState(body, V=V, height=centre[2] - radius)
 

@@ -53,31 +53,32 @@ def write_sensors(
             site = _site(name, sensor, np.zeros(3) if sensor.on is None else shifts[sensor.on])
             body = shell if sensor.on is None else bodies[sensor.on]
             body.insert(1, site)  # after its inertia
-            at = {"objtype": "site", "objname": name} if isinstance(sensor, Position) else {"site": name}
-            add(elements, AT_SITES[type(sensor)], name=name, **at)
+            attributes = {"objtype": "site", "objname": name} if isinstance(sensor, Position) else {"site": name}
+            add(elements, AT_SITES[type(sensor)], name=name, **attributes)
 
 
 def _site(name: str, sensor: Accelerometer | Gyroscope | Position, shift: Shift) -> ET.Element:
-    at = shift if isinstance(sensor, Gyroscope) else np.asarray(sensor.at) + shift
+    position = shift if isinstance(sensor, Gyroscope) else np.asarray(sensor.at) + shift
     B = np.eye(3) if isinstance(sensor, Position) else np.asarray(sensor.frame.matrix())
     turn = None if np.array_equal(B, np.eye(3)) else (*B[:, 0], *B[:, 1])
-    return add(ET.Element("body"), "site", name=name, pos=at, xyaxes=turn)
+    return add(ET.Element("body"), "site", name=name, pos=position, xyaxes=turn)
 
 
 def read_sensors(root: ET.Element, sites: Mapping[str, Site], joints: Mapping[str, str]) -> dict[str, AbstractSensor]:
-    """The sensors of a file by their names, from its sites, and from its joints, whose paths here are given by name.
+    """Reads the sensors of a file by their names, from its sites, and from its joints, whose paths here are given by
+    name.
 
     The noise that a file states is left out, because MuJoCo adds none either.
 
     **Raises:** :class:`MJCFError` for a sensor of another kind, and for one that is not on the robot.
     """
-    found: dict[str, AbstractSensor] = {}
-    for index, element in enumerate(one for group in root.findall("sensor") for one in group):
+    sensors: dict[str, AbstractSensor] = {}
+    for index, element in enumerate(child for group in root.findall("sensor") for child in group):
         refuse_values(element, ("cutoff",), "readings are not cut off here")
         name = re.sub(r"\W", "_", element.get("name", ""), flags=re.ASCII)
         name = name if name[:1].isalpha() else f"sensor_{name or index}"
-        found[name] = _read_sensor(element, sites, joints)
-    return found
+        sensors[name] = _read_sensor(element, sites, joints)
+    return sensors
 
 
 def _read_sensor(element: ET.Element, sites: Mapping[str, Site], joints: Mapping[str, str]) -> AbstractSensor:
@@ -100,8 +101,8 @@ def _read_sensor(element: ET.Element, sites: Mapping[str, Site], joints: Mapping
                 if kind is Gyroscope
                 else Accelerometer(at=site.frame.shift, on=site.on, frame=axes)
             )
-    known = ", ".join(f"<{tag}>" for tag in (*AT_SITES.values(), *OF_JOINTS.values()))
-    raise MJCFError(f"Element {label(element)} must be one of {known}, because others have no counterpart here.")
+    tags = ", ".join(f"<{tag}>" for tag in (*AT_SITES.values(), *OF_JOINTS.values()))
+    raise MJCFError(f"Element {label(element)} must be one of {tags}, because others have no counterpart here.")
 
 
 def _find_part(element: ET.Element, attribute: str, parts: Mapping[str, Any]) -> Any:

@@ -28,7 +28,9 @@ def _ellipsoid(s: Size) -> Moments:
 
 
 def _capsule(s: Size) -> Moments:
-    """Of a cylinder and two halves of a ball, whose centres of mass are 3/8 of the radius from its ends."""
+    """Computes the moments of a cylinder and two halves of a ball, whose centres of mass are 3/8 of the radius from its
+    ends.
+    """
     r, h = s
     ends = 2 * r / (3 * h + 2 * r)  # of the mass
     across = (1 - ends) * (r**2 / 4 + h**2 / 3) + ends * (0.4 * r**2 + h**2 + 0.75 * h * r)
@@ -56,7 +58,7 @@ class Inertias(NamedTuple):
     from_geoms: str
 
     def of(self, body: ET.Element) -> Inertial | None:
-        """The inertia of a body in its own frame, None if it has none.
+        """Returns the inertia of a body in its own frame, None if it has none.
 
         **Raises:** :class:`MJCFError` for a geom whose mass is not computed here.
         """
@@ -65,7 +67,7 @@ class Inertias(NamedTuple):
 
 
 def inertial_of_geoms(body: ET.Element, angles: Angles) -> Inertial | None:
-    """The inertia of the geoms of a body in its frame; None where they have no mass.
+    """Computes the inertia of the geoms of a body in its frame; None where they have no mass.
 
     **Raises:** :class:`MJCFError` for a geom with a mass whose shape is none of these.
     """

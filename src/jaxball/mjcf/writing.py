@@ -49,14 +49,14 @@ class Exported(NamedTuple):
         return tuple(control.actuator for control in self.signals)
 
     def controls_at(self, times: Float[np.ndarray, " T"]) -> Float[np.ndarray, "T controls"]:
-        """The controls at some times, with which the actuators exert what the drives of the scenario do."""
+        """Computes the controls at some times, with which the actuators exert what the drives of the scenario do."""
         return control_values(self.signals, np.asarray(times, dtype=float))
 
 
 def to_mjcf(
     scenario: Scenario, *, timestep: float = TIMESTEP, any_units: bool = False, extent: float | None = None
 ) -> Exported:
-    """A scenario with a ball or a disk as MJCF, with the same equations of motion in free flight.
+    """Writes a scenario with a ball or a disk as MJCF, with the same equations of motion in free flight.
 
     A link of a mechanism is a body, and each mass a body fixed in it. Hinges and sliders are those of MuJoCo, a
     carriage on a circle is the hinge about its axis and one in a tube a slider. A prescribed joint or mass has a servo,
@@ -196,7 +196,7 @@ def _has(mechanism: AbstractMechanism, kind: type[AbstractJointForce]) -> bool:
 
 
 def _friction(system: System, sliding: float) -> dict[str, Any]:
-    """The friction of both surfaces: sliding, and rolling where there is dry resistance to it."""
+    """Returns the friction of both surfaces: sliding, and rolling where there is dry resistance to it."""
     resistance = system.resistance
     if not isinstance(resistance, Resistance) or resistance.dry is None:
         return {"condim": "3", "friction": (sliding, 0.0, 0.0)}
@@ -219,7 +219,7 @@ def _add_shell(world: ET.Element, system: System, friction: dict[str, Any]) -> E
 
 
 def _release(system: System, t: Any, state: AbstractState | ReleasedState) -> Any:
-    """The initial state as that of a body that need not roll."""
+    """Converts the initial state to the state of a body that need not roll."""
     if isinstance(state, ReleasedState):
         return state
     if not isinstance(state, BallState | RotationState | DiskState):
@@ -254,14 +254,14 @@ def _add_keyframe(
 def _of_joints(
     root: ET.Element, system: System, t: Any, body: BallState | RotationState | DiskState, links: Links
 ) -> tuple[list[float], list[float]]:
-    """θ and θ̇ of the joints in the order of the file, in which MuJoCo has them."""
+    """Returns θ and θ̇ of the joints in the order of the file, in which MuJoCo has them."""
     of_state = zip(np.asarray(body.theta), np.asarray(body.thetadot), strict=True)
-    own = dict(zip(system.coordinates, of_state, strict=True))
+    joint_states = dict(zip(system.coordinates, of_state, strict=True))
     pairs = []
     for joint in root.iter("joint"):
         name = joint.get("name", "")
         if name not in links.schedules:  # those of the disk itself, and of a turntable
             continue
         schedule = links.schedules[name]
-        pairs.append(own[name] if schedule is None else tuple(map(float, schedule.derivatives(t)[:2])))
+        pairs.append(joint_states[name] if schedule is None else tuple(map(float, schedule.derivatives(t)[:2])))
     return [float(theta) for theta, _ in pairs], [float(rate) for _, rate in pairs]

@@ -19,12 +19,12 @@ Numbers = TypeAliasType("Numbers", ArrayLike | Sequence[Any])
 
 
 def default_dtype() -> np.dtype:
-    """float64 where x64 is enabled, else float32."""
+    """Returns float64 where x64 is enabled, else float32."""
     return jax.dtypes.canonicalize_dtype(np.float64)
 
 
 def to_array(x: Numbers, name: str = "x") -> Float[Array, "..."]:
-    """``x`` as an array of the default floating type.
+    """Converts ``x`` to an array of the default floating type.
 
     **Raises:** a ``TypeError`` that names the argument if it is not made of real numbers.
     """
@@ -41,7 +41,7 @@ def to_array(x: Numbers, name: str = "x") -> Float[Array, "..."]:
 
 
 def namespace_of(x: Any) -> Any:
-    """The namespace for ``x``: NumPy for a NumPy array, without compiling anything, otherwise ``jax.numpy``."""
+    """Returns the namespace for ``x``: NumPy for a NumPy array, without compiling anything, otherwise ``jax.numpy``."""
     return np if isinstance(x, np.ndarray | np.generic) else jnp
 
 
@@ -58,7 +58,7 @@ def require_not_nan(name: str, value: Any) -> None:
 
 
 def to_numpy(x: Numbers, name: str = "x") -> Float[np.ndarray, "..."]:
-    """``x``, which must not be traced, as an array of NumPy in float64.
+    """Converts ``x``, which must not be traced, to an array of NumPy in float64.
 
     **Raises:** as :func:`to_array`.
     """
@@ -72,35 +72,35 @@ def to_numpy(x: Numbers, name: str = "x") -> Float[np.ndarray, "..."]:
 
 
 def join_arrays(parts: Sequence[Float[Array, "_"]]) -> Float[Array, " n"]:
-    """The parts one after the other; an empty array of the default type where there are none."""
+    """Joins the parts one after the other; an empty array of the default type where there are none."""
     return jnp.concatenate(parts) if parts else jnp.zeros((0,), dtype=default_dtype())
 
 
 def stack_arrays(parts: Sequence[Float[Array, "..."]], shape: tuple[int, ...] = ()) -> Float[Array, "n ..."]:
-    """The parts, each of this shape, side by side; an empty array of the default type where there are none."""
+    """Stacks the parts, each of this shape, side by side; an empty array of the default type where there are none."""
     if not parts:
         return jnp.zeros((0, *shape), default_dtype())
     return jnp.stack(parts) if any(map(is_traced, parts)) else jnp.asarray(np.stack(parts))  # NumPy compiles nothing
 
 
 def select_tree(condition: Bool[Array, "..."], first: T, second: T) -> T:
-    """A PyTree of the arrays of ``first`` where the condition holds, else of those of ``second``.
+    """Returns a PyTree of the arrays of ``first`` where the condition holds, else of the arrays of ``second``.
 
     As by ``jnp.where``, but a single condition is not repeated for each element, and then an array that is the same in
     both is taken as it is, so that a state of many arrays is traced in less time.
     """
 
-    def of_each(one: Any, other: Any) -> Any:
-        alike = jnp.shape(one) == jnp.shape(other) and jnp.result_type(one) == jnp.result_type(other)
+    def of_each(leaf: Any, other: Any) -> Any:
+        alike = jnp.shape(leaf) == jnp.shape(other) and jnp.result_type(leaf) == jnp.result_type(other)
         if jnp.ndim(condition) or not alike:
-            return jnp.where(condition, one, other)
-        return one if one is other else jax.lax.select(condition, one, other)
+            return jnp.where(condition, leaf, other)
+        return leaf if leaf is other else jax.lax.select(condition, leaf, other)
 
     return jax.tree.map(of_each, first, second)
 
 
 def a_number() -> jax.ShapeDtypeStruct:
-    """An abstract number of the default floating type, for tracing a function."""
+    """Returns an abstract number of the default floating type, for tracing a function."""
     return jax.ShapeDtypeStruct((), default_dtype())
 
 
@@ -116,7 +116,7 @@ def _is_real(x: Any) -> bool:
 def numbers(
     name: str, shape: tuple[int | str, ...] = (), *, batch: bool = False
 ) -> Callable[[Numbers], Float[Array, "..."]]:
-    """The converter of a field ``name`` to an array.
+    """Returns the converter of a field ``name`` to an array.
 
     ``shape`` has a letter for each arbitrary length; with ``batch`` there may be more axes before it. It applies to the
     arguments of a constructor: transformations of JAX, which add axes, do not call it.
@@ -133,7 +133,9 @@ def numbers(
 def number_or_none(
     name: str, shape: tuple[int | str, ...] = ()
 ) -> Callable[[Numbers | None], Float[Array, "..."] | None]:
-    """The converter of a field ``name`` to a single number, or to an array of a ``shape``, which may be left out."""
+    """Returns the converter of a field ``name`` to a single number, or to an array of a ``shape``, which may be left
+    out.
+    """
     convert = numbers(name, shape)
 
     def convert_given(x: Numbers | None) -> Float[Array, "..."] | None:
@@ -144,15 +146,13 @@ def number_or_none(
 
 def require_shape(name: str, value: Array, shape: tuple[int | str, ...], *, batch: bool = False) -> None:
     """Raises a ``ValueError`` unless the argument ``name`` has the required ``shape``; see ``numbers``."""
-    given = value.shape
-    own = given[len(given) - len(shape) :] if batch and len(given) >= len(shape) else given
-    if own == shape:
+    dimensions = value.shape
+    tail = dimensions[len(dimensions) - len(shape) :] if batch and len(dimensions) >= len(shape) else dimensions
+    if tail == shape:
         return
-    if len(own) == len(shape) and all(
-        isinstance(wanted, str) or wanted == n for wanted, n in zip(shape, own, strict=True)
-    ):
+    if len(tail) == len(shape) and all(isinstance(size, str) or size == n for size, n in zip(shape, tail, strict=True)):
         return
-    raise ValueError(f"Argument `{name}` must be {_shape_in_words(shape)}, but its shape is {given}.")
+    raise ValueError(f"Argument `{name}` must be {_shape_in_words(shape)}, but its shape is {dimensions}.")
 
 
 def _shape_in_words(shape: tuple[int | str, ...]) -> str:

@@ -18,7 +18,9 @@ class Sample(NamedTuple):
 
 
 def between(old: Sample, new: Sample, xp: Any = None) -> Any:
-    """The next point: the zero of the secant, or the midpoint if that is not inside or an end is already a zero."""
+    """Returns the next point: the zero of the secant, or the midpoint if that is not inside or an end is already a
+    zero.
+    """
     xp = xp or jnp
     slope = new.f - old.f
     x = new.x - new.f * (new.x - old.x) / xp.where(slope == 0, 1.0, slope)
@@ -27,8 +29,8 @@ def between(old: Sample, new: Sample, xp: Any = None) -> Any:
 
 
 def other_end(old: Sample, new: Sample, newest: Sample, xp: Any = None) -> Sample:
-    """The end of the next bracket opposite to ``newest``, which lies between; at a zero, ``newest`` itself."""
+    """Returns the end of the next bracket opposite to ``newest``, which lies between; at a zero, ``newest`` itself."""
     xp = xp or jnp
-    crossed, found = (newest.f > 0) != (new.f > 0), newest.f == 0
+    crossed, is_zero = (newest.f > 0) != (new.f > 0), newest.f == 0
     x, f = xp.where(crossed, new.x, old.x), xp.where(crossed, new.f, old.f / 2)
-    return Sample(xp.where(found, newest.x, x), xp.where(found, newest.f, f))
+    return Sample(xp.where(is_zero, newest.x, x), xp.where(is_zero, newest.f, f))

@@ -18,19 +18,19 @@ Curve = Callable[[Float[Array, ""]], Float[Array, "..."]]
 def two_derivatives(
     curve: Curve, x: Float[Array, ""]
 ) -> tuple[Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
-    """The value of ``curve`` at ``x`` with its first and second derivatives."""
+    """Computes the value of ``curve`` at ``x`` with its first and second derivatives."""
     x = jnp.asarray(x)
-    one = jnp.ones_like(x)
+    unit = jnp.ones_like(x)
 
     def value_and_slope(x):
-        return jax.jvp(curve, (x,), (one,))
+        return jax.jvp(curve, (x,), (unit,))
 
-    (value, slope), (_, curvature) = jax.jvp(value_and_slope, (x,), (one,))
+    (value, slope), (_, curvature) = jax.jvp(value_and_slope, (x,), (unit,))
     return value, slope, curvature
 
 
 def with_derivatives(value: Any, function: Callable[..., Any], *arguments: Any) -> Any:
-    """``value``, with the derivatives of ``function(*arguments)``, which has the same value up to rounding.
+    """Returns ``value``, with the derivatives of ``function(*arguments)``, which has the same value up to rounding.
 
     Where nothing is differentiated, the function is not evaluated.
     """
@@ -64,7 +64,8 @@ class Furthest(NamedTuple):
 
 
 def furthest(curve: Curve, x: Float[Array, " n"], points: Float[Array, "n 3"]) -> Furthest:
-    """Where a curve is furthest from the origin: at the best of its ``points`` at evenly spaced ``x``, or near it.
+    """Finds where a curve is furthest from the origin: at the best of its ``points`` at evenly spaced ``x``, or near
+    it.
 
     The distance is that of a point of the curve, so it is never too large. Points where the curve is not finite are
     ignored.
@@ -79,9 +80,9 @@ def furthest(curve: Curve, x: Float[Array, " n"], points: Float[Array, "n 3"]) -
         return jnp.min(jnp.where(squares == largest, x, jnp.inf)), largest
 
     def nearer(_, carry):
-        (at, _), spacing = carry
-        x = at + spacing * shares
+        (place, _), spacing = carry
+        x = place + spacing * shares
         return best(x, jax.vmap(curve)(x)), spacing / POINTS_EACH_SIDE
 
-    (at, largest), _ = jax.lax.fori_loop(0, REFINEMENTS, nearer, (best(x, points), x[1] - x[0]))
-    return Furthest(at, jnp.sqrt(largest))
+    (place, largest), _ = jax.lax.fori_loop(0, REFINEMENTS, nearer, (best(x, points), x[1] - x[0]))
+    return Furthest(place, jnp.sqrt(largest))

@@ -36,12 +36,12 @@ WEIGHTS = (1 / 20, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 49 / 180, 16 / 45, 49 / 180, 1 
 def step(
     slope: Callable[[Float[Array, " n"]], Float[Array, " n"]], x: Float[Array, " n"], h: Float[Array, ""]
 ) -> Float[Array, " n"]:
-    """x(h) of ẋ = slope(x), where x is given at 0."""
+    """Computes x(h) of ẋ = slope(x), where x is given at 0."""
     count = len(WEIGHTS)
     rows = np.array([(*row, *(0.0,) * (count - len(row))) for row in ((), *STAGES)])
 
-    def stage(slopes: Float[Array, "stages n"], at: tuple[Array, Array]) -> tuple[Float[Array, "stages n"], None]:
-        place, row = at
+    def stage(slopes: Float[Array, "stages n"], entry: tuple[Array, Array]) -> tuple[Float[Array, "stages n"], None]:
+        place, row = entry
         return slopes.at[place].set(slope(x + h * _add_weighted(row, slopes))), None
 
     # A loop, so that the slope is traced and compiled once.

@@ -26,7 +26,7 @@ def diverging(
     about: Any,
     guess: Float[Array, "2"],
 ) -> Direction:
-    """The direction σ in which ``pull`` of it points, of several that in which it pulls most.
+    """Finds the direction σ in which ``pull`` of it points; of several, the one in which it pulls most.
 
     ``pull`` gives a vector for each σ, and a number that is positive where the vector means something; its first
     operand is ``about``, arrays with respect to which σ has first derivatives. ``guess`` need not be a unit vector; its
@@ -48,12 +48,12 @@ def diverging(
     start = _angle(guess)
     width = 2 * jnp.pi / DIRECTIONS_SAMPLED
     angles = start + width * (jnp.arange(DIRECTIONS_SAMPLED, dtype=guess.dtype) - 0.5)
-    found = map_rows(turning, angles)
-    ends = jnp.roll(found, -1)
-    share = found / jnp.where(found == ends, 1.0, found - ends)
+    values = map_rows(turning, angles)
+    ends = jnp.roll(values, -1)
+    share = values / jnp.where(values == ends, 1.0, values - ends)
     _, along = map_rows(lambda angle: parts(still, angle), angles + width * jnp.clip(share, 0.0, 1.0))
-    best = jnp.argmax(jnp.where((found > 0) != (ends > 0), along, -jnp.inf))
-    old, new = Sample(angles[best], found[best]), Sample(angles[best] + width, ends[best])
+    best = jnp.argmax(jnp.where((values > 0) != (ends > 0), along, -jnp.inf))
+    old, new = Sample(angles[best], values[best]), Sample(angles[best] + width, ends[best])
 
     def narrow(_, bracket: tuple[Sample, Sample]) -> tuple[Sample, Sample]:
         newest = between(*bracket)
@@ -71,23 +71,23 @@ def diverging(
 
 
 def across(sigma: Float[Array, "2"], vector: Float[Array, "size"]) -> Float[Array, ""]:
-    """The component of a vector perpendicular to σ, positive to its left."""
+    """Computes the component of a vector perpendicular to σ, positive to its left."""
     return sigma[0] * vector[1] - sigma[1] * vector[0]
 
 
 def unit(sigma: Float[Array, "2"]) -> Float[Array, "2"]:
-    """σ with length 1; 0 of 0."""
+    """Returns σ with length 1; 0 for 0."""
     square = jnp.sum(sigma**2)
     return sigma / jnp.sqrt(jnp.where(square > 0, square, 1.0))
 
 
 def turn_left(sigma: Float[Array, "2"]) -> Float[Array, "2"]:
-    """σ turned by a right angle."""
+    """Returns σ turned by a right angle."""
     return jnp.stack([-sigma[1], sigma[0]])
 
 
 def _angle(sigma: Float[Array, "2"]) -> Float[Array, ""]:
-    """The angle of a direction; 0 of none."""
+    """Computes the angle of a direction; 0 where σ is 0."""
     some = jnp.sum(sigma**2) > 0
     return jnp.where(some, jnp.arctan2(sigma[1], jnp.where(some, sigma[0], 1.0)), 0.0)
 

@@ -19,12 +19,14 @@ Residuals = Callable[[tuple[float, ...]], tuple[Float[np.ndarray, " residuals"],
 
 
 def find_determined(singular_values: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-    """Which directions of a Jacobian with these singular values the data determine."""
+    """Returns which directions of a Jacobian with these singular values the data determine."""
     return singular_values > UNSEEN * singular_values[0]
 
 
 def where_finite(residuals: Residuals) -> Residuals:
-    """The same, kept for the last unknowns, with residuals that are all NaN where the Jacobian is not finite."""
+    """Returns the same function of residuals, kept for the last unknowns, with residuals that are all NaN where the
+    Jacobian is not finite.
+    """
 
     @functools.lru_cache(maxsize=1)
     def evaluate(y: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
@@ -35,7 +37,7 @@ def where_finite(residuals: Residuals) -> Residuals:
 
 
 def fit_unknowns(residuals: Residuals, start: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], bool]:
-    """The unknowns with the least sum of squares near ``start``, and whether the last step was negligible.
+    """Finds the unknowns with the least sum of squares near ``start``, and whether the last step was negligible.
 
     By Levenberg's and Marquardt's method as in SciPy, which shortens a step to where residuals are NaN. No step is
     taken along directions that the data do not determine.
@@ -43,9 +45,9 @@ def fit_unknowns(residuals: Residuals, start: Float[np.ndarray, " n"]) -> tuple[
 
     def jacobian_of_determined(y: Float[np.ndarray, " n"]) -> Float[np.ndarray, "residuals n"]:
         U, s, Vt = np.linalg.svd(residuals(tuple(y))[1], full_matrices=False)
-        known = (U * np.where(find_determined(s), s, 0.0)) @ Vt
+        jacobian = (U * np.where(find_determined(s), s, 0.0)) @ Vt
         # SciPy scales unknowns by their columns, and would take the rounding in an empty one for a sensitivity.
-        return np.where(np.abs(known) > ROUNDING_OF_FIT * s[0], known, 0.0)
+        return np.where(np.abs(jacobian) > ROUNDING_OF_FIT * s[0], jacobian, 0.0)
 
     fit = least_squares(
         lambda y: residuals(tuple(y))[0],

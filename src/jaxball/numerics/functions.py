@@ -114,7 +114,9 @@ class PiecewisePolynomial(eqx.Module):
         return value
 
     def _piece_at(self, x: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, "degree_plus_one *shape"]]:
-        """The origin and the coefficients of the piece at x: of few pieces by a sum, of many by a binary search."""
+        """Returns the origin and the coefficients of the piece at x: of few pieces by a sum, of many by a binary
+        search.
+        """
         if self.breaks.shape[0] > MOST_SUMMED:
             piece = _count_up_to(self.breaks, x)
             return row_at(self.origins, piece), row_at(self.coefficients, piece)
@@ -124,7 +126,9 @@ class PiecewisePolynomial(eqx.Module):
         return jnp.sum(jnp.where(holds, self.origins, 0.0)), jnp.sum(jnp.where(mask, self.coefficients, 0.0), axis=0)
 
     def integral(self) -> "PiecewisePolynomial":
-        """The integral of a scalar one whose first two origins are its first break, where the integral is 0."""
+        """Returns the integral of a scalar polynomial whose first two origins are its first break, where the integral
+        is 0.
+        """
         power = jnp.arange(1, self.coefficients.shape[1] + 1, dtype=self.coefficients.dtype)
         raised = self.coefficients / power[None]
         h = jnp.diff(self.breaks)[:, None]
@@ -135,7 +139,7 @@ class PiecewisePolynomial(eqx.Module):
 
 
 def _count_up_to(breaks: Float[Array, " n"], x: Float[Array, ""]) -> Int[Array, ""]:
-    """How many of the increasing ``breaks`` are x or less, by bisection.
+    """Counts the increasing ``breaks`` that are x or less, by bisection.
 
     It is ``jnp.searchsorted(breaks, x, "right")``, but that is a function of its own, to which a compiler may pass a
     copy of all breaks.
@@ -149,14 +153,14 @@ def _count_up_to(breaks: Float[Array, " n"], x: Float[Array, ""]) -> Int[Array, 
 
 
 def row_at(rows: Float[Array, "n *shape"], index: Int[Array, ""]) -> Float[Array, "*shape"]:
-    """The row at an index that is known to be within range."""
+    """Returns the row at an index that is known to be within range."""
     return rows.at[index].get(mode="promise_in_bounds")
 
 
 def periodic_cubic_spline(
     knots: Float[Array, " n_plus_one"], values: Float[Array, "n *shape"]
 ) -> Float[Array, "n 4 *shape"]:
-    """Coefficients of the twice continuously differentiable periodic cubic through ``values``.
+    """Computes the coefficients of the twice continuously differentiable periodic cubic through ``values``.
 
     ``knots`` has one entry more than ``values``: its last is where the first value comes again.
     """
@@ -172,7 +176,9 @@ def cubic_spline_with_slopes(
     values: Float[Array, "n *shape"],
     end_slopes: Float[Array, "2 *shape"],
 ) -> Float[Array, "n_minus_one 4 *shape"]:
-    """Coefficients of the twice continuously differentiable cubic through ``values`` with given end slopes."""
+    """Computes the coefficients of the twice continuously differentiable cubic through ``values`` with given end
+    slopes.
+    """
     h = jnp.diff(knots)
     step = h.reshape(h.shape + (1,) * (values.ndim - 1))
     chord = jnp.diff(values, axis=0) / step
@@ -185,7 +191,7 @@ def cubic_spline_with_slopes(
 def _bends(
     before: Float[Array, " n"], after: Float[Array, " n"], turns: Float[Array, "n *shape"]
 ) -> Float[Array, "n *shape"]:
-    """The second derivatives at knots, the first of which follows the last, by the changes of slope there.
+    """Computes the second derivatives at knots, the first of which follows the last, by the changes of slope there.
 
     - ``before``, ``after``: the lengths of the intervals beside each knot; 0 where there is none.
     """
@@ -196,8 +202,9 @@ def _bends(
 
 
 def not_a_knot_cubic_spline(knots: Float[Array, " n"], values: Float[Array, " n"]) -> Float[Array, "n_minus_one 4"]:
-    """Coefficients of the cubic spline through ``values`` whose third derivative does not jump at the second and the
-    last but one of its ``knots``, which makes it accurate to the fourth power of their distance up to the ends.
+    """Computes the coefficients of the cubic spline through ``values`` whose third derivative does not jump at the
+    second and the last but one of its ``knots``, which makes it accurate to the fourth power of their distance up to
+    the ends.
 
     Through three values it is a parabola, and through two a line (de Boor, *A Practical Guide to Splines*, 1978, IV).
     """

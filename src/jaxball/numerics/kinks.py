@@ -29,7 +29,8 @@ class Traced(NamedTuple):
 
 
 def kinks_of_function(part: Any, *others: Any) -> Float[Array, " kinks"]:
-    """The kinks, declared in ``kink_times`` or seen, of a ``part`` with a ``function`` of (t, ``others``, parameters).
+    """Returns the kinks, declared in ``kink_times`` or seen, of a ``part`` with a ``function`` of (t, ``others``,
+    parameters).
 
     A declared time that is also seen in the trace is taken from there, for its derivatives.
     """
@@ -43,9 +44,13 @@ def kinks_of_function(part: Any, *others: Any) -> Float[Array, " kinks"]:
 def kinks_of_functions(
     part: Any, functions: Sequence[Traced], declared: Float[Array, " declared"]
 ) -> Float[Array, " kinks"]:
-    """The same of a ``part`` with several functions, whose ``kink_times`` are ``declared``."""
+    """Returns the kinks, declared or seen, of a ``part`` with several functions, whose ``kink_times`` are
+    ``declared``.
+    """
     remedy = None if declared.size else "give the times in `kink_times`"
-    seen = join_arrays([_times_seen(part, one.evaluate, one.others, one.function, remedy) for one in functions])
+    seen = join_arrays(
+        [_times_seen(part, function.evaluate, function.others, function.function, remedy) for function in functions]
+    )
     if not (seen.size and declared.size):
         return declared if declared.size else seen
     near = CLOSE_KINKS * jnp.finfo(seen.dtype).eps * jnp.abs(seen)
@@ -54,7 +59,7 @@ def kinks_of_functions(
 
 
 def kinks_seen(part: Any, evaluate: Callable[..., Any], *others: Any, method: str = "kinks") -> Float[Array, " kinks"]:
-    """The kinks of a ``part`` whose class declares none, from the trace of ``evaluate(part, t, *others)``.
+    """Returns the kinks of a ``part`` whose class declares none, from the trace of ``evaluate(part, t, *others)``.
 
     Classes of jaxball declare all that they have. ``method`` is the one in which a class of a user's does.
     """
@@ -67,7 +72,7 @@ def kinks_seen(part: Any, evaluate: Callable[..., Any], *others: Any, method: st
 def _times_seen(
     part: Any, evaluate: Callable[..., Any], others: tuple[Any, ...], of: Callable[..., Any], remedy: str | None
 ) -> Float[Array, " times"]:
-    """The times in a trace; with a ``remedy``, a warning where there may be others."""
+    """Finds the times in a trace; with a ``remedy``, warns where there may be others."""
     parameters, static = eqx.partition(part, is_array)
 
     def function(t: Float[Array, ""], parameters: Any, *others: Any) -> Any:
@@ -85,13 +90,13 @@ def _times_seen(
 
 
 def before_kink(kinks: Float[Array, " kinks"], t0: Float[Array, ""], t1: Float[Array, ""]) -> Float[Array, ""]:
-    """``t1``, or the last time before the next kink after ``t0`` if that is earlier."""
+    """Returns ``t1``, or the last time before the next kink after ``t0`` if that is earlier."""
     ends = before(kinks)
     return jnp.minimum(jnp.min(jnp.where(ends > t0, ends, jnp.inf), initial=jnp.inf), t1)
 
 
 def just_before(kinks: Float[Array, " kinks"], end: Float[Array, ""]) -> Float[Array, ""]:
-    """The time at which to evaluate the end of a run: just before a kink there, otherwise ``end`` itself.
+    """Returns the time at which to evaluate the end of a run: just before a kink there, otherwise ``end`` itself.
 
     A quantity that jumps there has, at the kink, the value of the later side, which is not part of the run.
     """
@@ -102,17 +107,19 @@ def just_before(kinks: Float[Array, " kinks"], end: Float[Array, ""]) -> Float[A
 
 
 def before(t: Float[Array, "..."]) -> Float[Array, "..."]:
-    """The floating-point number before ``t``, with the derivative of ``t``."""
+    """Returns the floating-point number before ``t``, with the derivative of ``t``."""
     return _neighbour(t, -1.0)
 
 
 def after(t: Float[Array, "..."]) -> Float[Array, "..."]:
-    """The floating-point number after ``t``, with the derivative of ``t``."""
+    """Returns the floating-point number after ``t``, with the derivative of ``t``."""
     return _neighbour(t, 1.0)
 
 
 def _neighbour(t: Float[Array, "..."], direction: float) -> Float[Array, "..."]:
-    """XLA treats the neighbours of 0 as 0, so the smallest numbers that it distinguishes from 0 are used instead."""
+    """Returns the floating-point number next to ``t``. XLA treats the neighbours of 0 as 0, so the smallest numbers
+    that it distinguishes from 0 are used instead.
+    """
     fixed = jax.lax.stop_gradient(t)
     distance = jnp.abs(jnp.nextafter(fixed, jnp.full_like(fixed, direction * jnp.inf)) - fixed)
     return t + direction * jnp.maximum(distance, jnp.finfo(fixed.dtype).tiny)

@@ -14,17 +14,19 @@ LARGEST_CHANGED = 64
 
 
 def product(A: Inexact[Array, "m n"], B: Inexact[Array, "n k"]) -> Inexact[Array, "m k"]:
-    """``A @ B``, as a sum."""
+    """Computes ``A @ B``, as a sum."""
     return jnp.sum(A[:, :, None] * B[None], axis=1)
 
 
 def solutions(inverses: Float[Array, "#k n n"], b: Float[Array, "k n"]) -> Float[Array, "k n"]:
-    """The solutions of k systems by their inverses, or one that they share, each with its own right-hand side."""
+    """Computes the solutions of k systems by their inverses, or one that they share, each with its own
+    right-hand side.
+    """
     return jnp.sum(inverses * b[:, None, :], axis=2)
 
 
 def inverses(matrices: Float[Array, "k n n"]) -> Float[Array, "k n n"]:
-    """The inverses of matrices; that of a singular one has entries that are not finite."""
+    """Computes the inverses of matrices; the inverse of a singular one has entries that are not finite."""
     if matrices.shape[1] > LARGEST_SMALL:
         return jnp.linalg.inv(matrices)
     return _invert_by_elimination((matrices,))[0]
@@ -32,7 +34,7 @@ def inverses(matrices: Float[Array, "k n n"]) -> Float[Array, "k n n"]:
 
 @jax.custom_jvp
 def inverse(A: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """The inverse of one matrix, whose derivatives, of any order and in both modes, are those of −A⁻¹ dA A⁻¹.
+    """Computes the inverse of one matrix, whose derivatives, of any order and in both modes, follow from −A⁻¹ dA A⁻¹.
 
     So reverse mode goes through products, and not back through the elimination.
     """
@@ -41,14 +43,14 @@ def inverse(A: Float[Array, "n n"]) -> Float[Array, "n n"]:
 
 @inverse.defjvp
 def _inverse_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
-    found = inverse(*primals)
-    return found, -product(product(found, tangents[0]), found)
+    inverse_matrix = inverse(*primals)
+    return inverse_matrix, -product(product(inverse_matrix, tangents[0]), inverse_matrix)
 
 
 def complex_inverses(
     real: Float[Array, "k n n"], imaginary: Float[Array, "k n n"]
 ) -> tuple[Float[Array, "k n n"], Float[Array, "k n n"]]:
-    """The same of complex matrices, by their real and imaginary parts."""
+    """Computes the inverses of complex matrices, by their real and imaginary parts."""
     if real.shape[1] > LARGEST_SMALL:
         inverse = jnp.linalg.inv(jax.lax.complex(real, imaginary))
         return inverse.real, inverse.imag
@@ -61,7 +63,7 @@ _Parts: TypeAlias = tuple[Array, ...]
 
 
 def _invert_by_elimination(matrices: _Parts) -> _Parts:
-    """The inverses by Gauss–Jordan elimination with partial pivoting, in place and without a library call.
+    """Computes the inverses by Gauss–Jordan elimination with partial pivoting, in place and without a library call.
 
     Each turn eliminates the first column by the first row, and moves both to the end, so that every index is known
     while compiling. Rows of more than a few numbers are exchanged only in a turn in which a matrix needs it.
@@ -91,14 +93,18 @@ def _invert_by_elimination(matrices: _Parts) -> _Parts:
 
 
 def _if_any(needed: Bool[Array, "..."], change: Callable[..., Any], before: Any, *others: Any) -> Any:
-    """``change`` where it is needed, or ``before``; for a few numbers always, because a branch costs more."""
+    """Applies ``change`` where it is needed, or returns ``before``; for a few numbers always, because a branch costs
+    more.
+    """
     if sum(part.size for part in jax.tree.leaves(before)) <= LARGEST_CHANGED:
         return change(before, *others)
     return jax.lax.cond(jnp.any(needed), change, lambda before, *others: before, before, *others)
 
 
 def _exchange(carry: tuple[_Parts, Int[Array, "k n"]], pivot: Int[Array, " k"]) -> tuple[_Parts, Int[Array, "k n"]]:
-    """The matrices and the numbers of their rows, with the row ``pivot`` as the first, and that one in its place."""
+    """Returns the matrices and the numbers of their rows, with the row ``pivot`` as the first, and the first in its
+    place.
+    """
     here = pivot[:, None] == jnp.arange(carry[1].shape[1])[None]
 
     def exchange(B: Array) -> Array:
@@ -109,14 +115,14 @@ def _exchange(carry: tuple[_Parts, Int[Array, "k n"]], pivot: Int[Array, " k"]) 
 
 
 def _with_columns(B: _Parts, places: Int[Array, "k n"]) -> _Parts:
-    """B with each column at its place."""
+    """Returns B with each column at its place."""
 
-    def add(place, found):
-        def with_column(part, found):
+    def add(place, columns):
+        def with_column(part, columns):
             column = jnp.sum(jnp.where((places == place)[:, None], part, 0.0), axis=2, keepdims=True)
-            return jnp.concatenate([found[:, :, 1:], column], axis=2)
+            return jnp.concatenate([columns[:, :, 1:], column], axis=2)
 
-        return tuple(map(with_column, B, found))
+        return tuple(map(with_column, B, columns))
 
     return jax.lax.fori_loop(0, places.shape[1], add, tuple(map(jnp.zeros_like, B)))
 
@@ -137,7 +143,7 @@ def _reciprocal(x: _Parts) -> _Parts:
 def tridiagonal_solution(
     lower: Float[Array, " n"], diagonal: Float[Array, " n"], upper: Float[Array, " n"], b: Float[Array, " n"]
 ) -> Float[Array, " n"]:
-    """The x with lower_i x_(i−1) + diagonal_i x_i + upper_i x_(i+1) = b_i, where lower_0 and upper_(n−1) are 0.
+    """Solves lower_i x_(i−1) + diagonal_i x_i + upper_i x_(i+1) = b_i for x, where lower_0 and upper_(n−1) are 0.
 
     Gaussian elimination without pivoting, which is stable where each diagonal entry exceeds the others of its row.
     """
@@ -166,18 +172,18 @@ class Factors(NamedTuple):
     pivots: Float[Array, " k"]  # the diagonal of D, all positive where A is positive definite
 
     def solve_lower(self, b: Float[Array, "k *columns"]) -> Float[Array, "k *columns"]:
-        """L⁻¹ b."""
+        """Computes L⁻¹ b."""
         rows: list[Array] = []
         for i in range(len(self.pivots)):
             rows.append(b[i] - sum((self.lower[i, j] * row for j, row in enumerate(rows)), jnp.zeros_like(b[i])))
         return jnp.stack(rows)
 
     def divide_by_pivots(self, y: Float[Array, "k *columns"]) -> Float[Array, "k *columns"]:
-        """D⁻¹ y."""
+        """Computes D⁻¹ y."""
         return jnp.stack([row / pivot for row, pivot in zip(y, self.pivots, strict=True)])
 
     def solve_upper(self, y: Float[Array, "k *columns"]) -> Float[Array, "k *columns"]:
-        """L⁻ᵀ y."""
+        """Computes L⁻ᵀ y."""
         rows: list[Array] = []
         for i in reversed(range(len(self.pivots))):
             later = (self.lower[j, i] * row for j, row in zip(range(i + 1, len(self.pivots)), rows, strict=True))
@@ -186,10 +192,12 @@ class Factors(NamedTuple):
 
 
 def factor_symmetric(A: Float[Array, "k k"]) -> Factors:
-    """The factors of a symmetric matrix, of which only the lower half is read; not finite where it is singular."""
+    """Computes the factors of a symmetric matrix, of which only the lower half is read; not finite where it is
+    singular.
+    """
     k = A.shape[0]
-    zero, one = jnp.zeros_like(A[0, 0]), jnp.ones_like(A[0, 0])
-    L: list[list[Array]] = [[zero] * i + [one] + [zero] * (k - i - 1) for i in range(k)]
+    zero, unit = jnp.zeros_like(A[0, 0]), jnp.ones_like(A[0, 0])
+    L: list[list[Array]] = [[zero] * i + [unit] + [zero] * (k - i - 1) for i in range(k)]
     d: list[Array] = []
     for i in range(k):
         for j in range(i):
@@ -199,7 +207,7 @@ def factor_symmetric(A: Float[Array, "k k"]) -> Factors:
 
 
 def least_squares(matrix: Float[Array, "rows n"], wanted: Float[Array, " rows"]) -> Float[Array, " n"]:
-    """The x with the least |matrix x − wanted|, for a matrix of full column rank.
+    """Finds the x with the least |matrix x − wanted|, for a matrix of full column rank.
 
     Modified Gram–Schmidt on the columns of the matrix, which is as stable as Householder's method if the right-hand
     side is treated as an additional column (Björck 1967).

@@ -19,7 +19,7 @@ Number = Float[Array, ""]
 def find_rising_root(
     function: Callable[..., Number], guess: Number, lowest: Number | float, scale: Number, *arguments: Any
 ) -> Number:
-    """The x at which ``function(x, *arguments)`` rises through zero, next to ``guess`` and above ``lowest``.
+    """Finds the x at which ``function(x, *arguments)`` rises through zero, next to ``guess`` and above ``lowest``.
 
     It is found by Newton's method, by halving where that leads out of a bracket, and by ever longer steps where there
     is no bracket yet; the first of them are as if the slope was 1. Where the function has no such zero, or none is
@@ -43,7 +43,8 @@ def find_rising_root(
 
 
 def with_derivatives_of_root(x: Number, function: Callable[..., Number], *arguments: Any) -> Number:
-    """``x``, at which ``function(x, *arguments)`` is zero, with the derivatives of that: dx = −(∂f/∂a) da / (∂f/∂x).
+    """Returns ``x``, at which ``function(x, *arguments)`` is zero, with the derivatives of this root: dx = −(∂f/∂a) da
+    / (∂f/∂x).
 
     They are those of every order, by forward and reverse mode.
     """
@@ -95,7 +96,7 @@ class _Trial(NamedTuple):
         return jnp.isfinite(self.low) & jnp.isfinite(self.high)
 
     def next(self, function: Callable[[Number], tuple[Number, Number]], scale: Number) -> "_Trial":
-        """After one more step."""
+        """Returns the trial after one more step."""
         below = self.value < 0
         low, high = jnp.where(below, self.x, self.low), jnp.where(below, self.high, self.x)
         # A step of Newton's method that is no longer than this leaves only rounding to the next one.

@@ -53,15 +53,16 @@ class TimeComparisons(NamedTuple):
 
 
 def find_compared_times(program: Program, t: Float[Array, ""], parameters: Any) -> TimeComparisons:
-    """The times with which a function of (t, parameters, others) compares ``t``, from the program that it is traced to.
+    """Finds the times with which a function of (t, parameters, others) compares ``t``, from the program that it is
+    traced to.
 
     - ``t``: any time; only its type matters.
     - ``parameters``: arrays in a PyTree, by which the times are differentiable. Of the others nothing is known.
     """
-    known = [fix_value(value) for value in jax.tree.leaves(parameters)]
-    unknown = [Dependent(False, True)] * (len(program.jaxpr.invars) - 1 - len(known))
+    parameter_values = [fix_value(value) for value in jax.tree.leaves(parameters)]
+    unknown = [Dependent(False, True)] * (len(program.jaxpr.invars) - 1 - len(parameter_values))
     trace = _Trace()
-    trace.follow(program, list(map(fix_value, program.consts)), [_the_time(t), *known, *unknown])
+    trace.follow(program, list(map(fix_value, program.consts)), [_the_time(t), *parameter_values, *unknown])
     times = [jnp.ravel(time).astype(t.dtype) for time in trace.times]
     return TimeComparisons(
         jnp.concatenate(times) if times else jnp.zeros((0,), t.dtype), tuple(dict.fromkeys(trace.unresolved))
@@ -82,7 +83,7 @@ class _Trace:
         self.loops = 0  # that are not followed turn by turn, around what is being looked at
 
     def follow(self, program: Program, constants: Sequence[Value], operands: Sequence[Value]) -> list[Value]:
-        """The results of a program, as they depend on time."""
+        """Returns the results of a program, as they depend on time."""
         jaxpr = program.jaxpr
         values = dict(zip(jaxpr.constvars, constants, strict=True)) | dict(zip(jaxpr.invars, operands, strict=True))
 
@@ -90,83 +91,85 @@ class _Trace:
             return read_literal(variable) if isinstance(variable, Literal) else values[variable]
 
         for equation in jaxpr.eqns:
-            given = list(map(read, equation.invars))
-            constant = [value for value in given if isinstance(value, Fixed)]
+            inputs = list(map(read, equation.invars))
+            constant = [value for value in inputs if isinstance(value, Fixed)]
             results = (
-                _compute_known(equation, constant) if len(constant) == len(given) else self._results(equation, given)
+                _compute_known(equation, constant) if len(constant) == len(inputs) else self._results(equation, inputs)
             )
             values |= dict(zip(equation.outvars, results, strict=True))
         return list(map(read, jaxpr.outvars))
 
-    def _results(self, equation: Any, given: list[Value]) -> Sequence[Value]:
+    def _results(self, equation: Any, inputs: list[Value]) -> Sequence[Value]:
         name, inner = equation.primitive.name, program_within(equation)
         if inner is not None:
-            return self._of_call(equation, inner, given)
+            return self._of_call(equation, inner, inputs)
         if name == "cond":
-            which, *operands = given
+            which, *operands = inputs
             each = [self.follow(branch, list(map(fix_value, branch.consts)), operands) for branch in branches(equation)]
             return [_choose(which, cases) for cases in zip(*each, strict=True)]
         if name == "scan":
-            return self._of_scan(equation, given)
+            return self._of_scan(equation, inputs)
         if name == "while":
-            return self._of_while(equation, given)
-        if is_linear(name, equation, given):
-            return [through(equation, given)]
+            return self._of_while(equation, inputs)
+        if is_linear(name, equation, inputs):
+            return [through(equation, inputs)]
         rule = _RULES.get(name)
-        result = rule(self, equation, given) if rule is not None else _join(name, equation, given)
+        result = rule(self, equation, inputs) if rule is not None else _join(name, equation, inputs)
         return [result] * len(equation.outvars)
 
-    def _of_call(self, equation: Any, inner: Program, given: list[Value]) -> Sequence[Value]:
+    def _of_call(self, equation: Any, inner: Program, operands: list[Value]) -> Sequence[Value]:
         name = str(equation.params.get("name", ""))
         primitives = {within.primitive.name for within in inner.jaxpr.eqns}
         if _hides_comparisons(name, primitives):
-            return [join_dependences(given)] * len(equation.outvars)
+            return [join_dependences(operands)] * len(equation.outvars)
         if name.startswith("_searchsorted"):
             # In any order of operands: the table is the only sequence that no time changes.
-            tables = [value for value, variable in zip(given, equation.invars, strict=True) if variable.aval.ndim == 1]
-            queries = [value for value in given if not isinstance(value, Fixed)]
+            tables = [
+                value for value, variable in zip(operands, equation.invars, strict=True) if variable.aval.ndim == 1
+            ]
+            queries = [value for value in operands if not isinstance(value, Fixed)]
             if len(tables) == len(queries) == 1 and isinstance(tables[0], Fixed) and isinstance(queries[0], Piecewise):
                 return [self._look_up(tables[0], queries[0])] * len(equation.outvars)
         before = self.tables_are_smooth
         self.tables_are_smooth = before or name == "_interp"
         try:
-            return self.follow(inner, list(map(fix_value, inner.consts)), given)
+            return self.follow(inner, list(map(fix_value, inner.consts)), operands)
         finally:
             self.tables_are_smooth = before
 
     def _look_up(self, table: Fixed, query: Piecewise) -> Value:
-        """The row of a table of times in which a time is."""
+        """Returns the row of a table of times in which a time is."""
         if jnp.size(table.value()) <= MOST_TIMES:
             self._take(query.to_each(), table)
         elif not self.tables_are_smooth:
             self.unresolved.append("searchsorted")
         return Dependent(False, False)
 
-    def _of_scan(self, equation: Any, given: list[Value]) -> Sequence[Value]:
+    def _of_scan(self, equation: Any, operands: list[Value]) -> Sequence[Value]:
         scan = loop(equation)
-        constants, carried = given[: scan.constants], given[scan.constants : scan.constants + scan.carried]
-        sequences, own = given[scan.constants + scan.carried :], list(map(fix_value, scan.body.consts))
+        constants, carried = operands[: scan.constants], operands[scan.constants : scan.constants + scan.carried]
+        sequences, body_constants = operands[scan.constants + scan.carried :], list(map(fix_value, scan.body.consts))
         if scan.length * len(scan.body.jaxpr.eqns) > MOST_EQUATIONS:
             self._follow_any_turn(scan.body, constants, carried, sequences)
-            return [join_dependences(given)] * len(equation.outvars)
+            return [join_dependences(operands)] * len(equation.outvars)
         turns, rows = range(scan.length), []
         for turn in reversed(turns) if scan.backwards else turns:
             elements = [_element(sequence, turn) for sequence in sequences]
-            results = self.follow(scan.body, own, [*constants, *carried, *elements])
+            results = self.follow(scan.body, body_constants, [*constants, *carried, *elements])
             carried = results[: scan.carried]
             rows.append(results[scan.carried :])
         return (
             [*carried, *(join_dependences(column) for column in zip(*rows, strict=True))]
             if rows
-            else [join_dependences(given)] * len(equation.outvars)
+            else [join_dependences(operands)] * len(equation.outvars)
         )
 
-    def _of_while(self, equation: Any, given: list[Value]) -> Sequence[Value]:
+    def _of_while(self, equation: Any, operands: list[Value]) -> Sequence[Value]:
         first = argument(equation, "cond_nconsts")
         start = first + argument(equation, "body_nconsts")
         # Whether there is another turn is no jump of the limit of an iteration.
-        self._follow_any_turn(argument(equation, "body_jaxpr"), given[first:start], given[start:], [])
-        return [join_dependences(given)] * len(equation.outvars)
+        self._follow_any_turn(argument(equation, "body_jaxpr"), operands[first:start], operands[start:], [])
+        return [join_dependences(operands)] * len(equation.outvars)
 
     def _follow_any_turn(
         self, body: Program, constants: Sequence[Value], carried: Sequence[Value], sequences: Sequence[Value]
@@ -177,7 +180,7 @@ class _Trace:
         self.loops -= 1
 
     def _compare(self, symbol: str, comparison: Comparison, left: Value, right: Value) -> Value:
-        """The result of a comparison, which changes at times that are taken if they are known."""
+        """Returns the result of a comparison, which changes at times that are taken if they are known."""
         either = join_dependences([left, right])
         if isinstance(left, Fixed | Piecewise) and isinstance(right, Fixed | Piecewise):
             self._take(left, right, comparison)
@@ -187,47 +190,47 @@ class _Trace:
         return Dependent(False, either.state)
 
     def _take(self, left: Value, right: Value, comparison: Comparison = jnp.less) -> None:
-        """The times at which a comparison of two values changes."""
-        for one in pieces_of(left):
+        """Records the times at which a comparison of two values changes."""
+        for piece in pieces_of(left):
             for other in pieces_of(right):
-                if one.slope is None and other.slope is None:
+                if piece.slope is None and other.slope is None:
                     continue
-                time = _crossing(one, other)
+                time = _crossing(piece, other)
                 if time.size > MOST_TIMES:
                     self.unresolved.append(f"a comparison with {time.size} numbers")
                     continue
-                if not (one.exact and other.exact and (one.slope is None or other.slope is None)):
-                    time = _as_rounded(time, one, other, comparison)
+                if not (piece.exact and other.exact and (piece.slope is None or other.slope is None)):
+                    time = _as_rounded(time, piece, other, comparison)
                 self.times.append(time)
 
 
-def _crossing(one: Piece, other: Piece) -> Array:
-    """The times at which two linear functions are equal; infinite where they never are, or always."""
-    slope = sum(sign * piece.slope() for sign, piece in ((1, one), (-1, other)) if piece.slope is not None)
+def _crossing(line: Piece, other: Piece) -> Array:
+    """Computes the times at which two linear functions are equal; infinite where they never are, or always."""
+    slope = sum(sign * piece.slope() for sign, piece in ((1, line), (-1, other)) if piece.slope is not None)
     moves = jnp.asarray(slope != 0)
-    difference = other.offset() - one.offset()
+    difference = other.offset() - line.offset()
     return jnp.where(moves, difference / jnp.where(moves, slope, 1.0), jnp.inf)
 
 
-def _as_rounded(times: Array, one: Piece, other: Piece, comparison: Comparison) -> Array:
-    """The floating-point times, near these, at which a comparison really changes.
+def _as_rounded(times: Array, line: Piece, other: Piece, comparison: Comparison) -> Array:
+    """Finds the floating-point times, near these, at which a comparison really changes.
 
     Rounding within the function may move that by a few numbers. A step that ends beyond it would not see the side that
     it is on. Found by bisection, one number at a time: of a whole array, XLA divides in another way.
     """
-    offsets = jnp.abs(one.offset()) + jnp.abs(other.offset())
-    slopes = sum(jnp.abs(piece.slope()) for piece in (one, other) if piece.slope is not None)
+    offsets = jnp.abs(line.offset()) + jnp.abs(other.offset())
+    slopes = sum(jnp.abs(piece.slope()) for piece in (line, other) if piece.slope is not None)
     moves = jnp.isfinite(times)
     near = jnp.abs(times) + offsets / jnp.where(moves, slopes, 1.0)
     width = ROUNDINGS_OF_CHANGE * jnp.finfo(times.dtype).eps * jnp.where(moves, near, 0.0)
     centre = jnp.where(moves, times, 0.0)
 
     def holds_at(t: Array, place: Array) -> Array:
-        results = jnp.ravel(jnp.broadcast_to(comparison(one.evaluate(t), other.evaluate(t)), times.shape))
+        results = jnp.ravel(jnp.broadcast_to(comparison(line.evaluate(t), other.evaluate(t)), times.shape))
         return results[0] if times.size == 1 else jnp.any(results & (jnp.arange(times.size) == place))
 
     def change(near: tuple[Array, Array, Array]) -> Array:
-        """The first time between two at which the comparison is not what it is at the first of them."""
+        """Finds the first time between two at which the comparison is not what it is at the first of them."""
         first, last, place = near
         before = holds_at(first, place)
 
@@ -255,24 +258,28 @@ def _as_rounded(times: Array, one: Piece, other: Piece, comparison: Comparison) 
 
 
 def _hides_comparisons(name: str, primitives: set[str]) -> bool:
-    """Whether a function of JAX only compares so as to be accurate, as ``logaddexp``, or periodic, as ``mod``."""
+    """Returns whether a function of JAX only compares so as to be accurate, as ``logaddexp``, or periodic, as
+    ``mod``.
+    """
     return {"max", "exp", "log1p"} <= primitives or (name == "remainder" and "rem" in primitives)
 
 
-def _join(name: str, equation: Any, given: list[Value]) -> Value:
-    """What an operation without a rule of its own does: its result depends on what its operands depend on."""
-    return join_dependences(given)._replace(positive=_gives_positive(name, equation, given))
+def _join(name: str, equation: Any, operands: list[Value]) -> Value:
+    """Returns the result of an operation without a rule of its own, which depends on all that its operands
+    depend on.
+    """
+    return join_dependences(operands)._replace(positive=_gives_positive(name, equation, operands))
 
 
-def _gives_positive(name: str, equation: Any, given: Sequence[Value]) -> bool:
-    """Whether a result is never negative."""
+def _gives_positive(name: str, equation: Any, operands: Sequence[Value]) -> bool:
+    """Returns whether a result is never negative."""
     if name in ("exp", "exp2", "logistic", "square", "sqrt", "abs"):
         return True
     if name == "integer_pow" and argument(equation, "y") % 2 == 0:
         return True
     if name in ("mul", "dot_general") and equation.invars[0] is equation.invars[1]:
         return True
-    return name in KEEP_SIGN and all(map(_is_positive, given))
+    return name in KEEP_SIGN and all(map(_is_positive, operands))
 
 
 def _is_positive(value: Value) -> bool:
@@ -280,9 +287,11 @@ def _is_positive(value: Value) -> bool:
 
 
 def _is_guard(left: Value, right: Value) -> bool:
-    """Whether a number that is never negative is compared with 0, or almost: to touch that is no change of sign."""
-    for one, other in ((left, right), (right, left)):
-        small = isinstance(one, Fixed) and one.known is not None and abs(one.known) <= GUARD
+    """Returns whether a number that is never negative is compared with 0, or almost: to touch that is no change of
+    sign.
+    """
+    for value, other in ((left, right), (right, left)):
+        small = isinstance(value, Fixed) and value.known is not None and abs(value.known) <= GUARD
         if small and _is_positive(other):
             return True
     return False
@@ -293,7 +302,7 @@ def _is_linear_in_time(*values: Value) -> bool:
 
 
 def _choose(which: Value, cases: Sequence[Value]) -> Value:
-    """One of several values, by an index."""
+    """Chooses one of several values, by an index."""
     by = join_dependences([which])
     if not by.time and not by.state and all(isinstance(case, Fixed | Piecewise) for case in cases):
         pieces = tuple(dict.fromkeys(piece for case in cases for piece in pieces_of(case)))
@@ -308,53 +317,55 @@ def _element(sequence: Value, turn: int) -> Value:
     return join_dependences([sequence])
 
 
-def _compute_known(equation: Any, given: Sequence[Fixed]) -> Iterator[Fixed]:
-    """The results of an operation on numbers that depend on nothing but parameters, computed if they are needed."""
+def _compute_known(equation: Any, operands: Sequence[Fixed]) -> Iterator[Fixed]:
+    """Yields the results of an operation on numbers that depend on nothing but parameters, computed if they
+    are needed.
+    """
     results: list[Any] = []
 
     def compute() -> list[Any]:
         if not results:
-            value = function_of(equation)(*(operand.value() for operand in given))
+            value = function_of(equation)(*(operand.value() for operand in operands))
             results.extend(value if equation.primitive.multiple_results else [value])
         return results
 
     name = equation.primitive.name
     copies = name in ("convert_element_type", "broadcast_in_dim", "reshape", "squeeze", "copy")
-    known, positive = given[0].known if copies else None, _gives_positive(name, equation, given)
+    number, positive = operands[0].known if copies else None, _gives_positive(name, equation, operands)
     for index, _ in enumerate(equation.outvars):
-        yield Fixed(lambda index=index: compute()[index], known, positive)
+        yield Fixed(lambda index=index: compute()[index], number, positive)
 
 
 # What operations that jump or have kinks do. Each takes the trace, the equation and its operands, and gives its result.
 
 
-def _compare(trace: _Trace, equation: Any, given: list[Value]) -> Value:
-    return trace._compare(COMPARISONS[equation.primitive.name], function_of(equation), *given)
+def _compare(trace: _Trace, equation: Any, operands: list[Value]) -> Value:
+    return trace._compare(COMPARISONS[equation.primitive.name], function_of(equation), *operands)
 
 
-def _of_larger_or_smaller(trace: _Trace, equation: Any, given: list[Value]) -> Value:
-    if all(isinstance(value, Fixed | Piecewise) for value in given):
-        left, right = given
+def _of_larger_or_smaller(trace: _Trace, equation: Any, operands: list[Value]) -> Value:
+    if all(isinstance(value, Fixed | Piecewise) for value in operands):
+        left, right = operands
         trace._take(left, right)
-        return Piecewise.of(tuple(piece for value in given for piece in pieces_of(value)))
-    return _join(equation.primitive.name, equation, given)
+        return Piecewise.of(tuple(piece for value in operands for piece in pieces_of(value)))
+    return _join(equation.primitive.name, equation, operands)
 
 
-def _clamp(trace: _Trace, equation: Any, given: list[Value]) -> Value:
-    lowest, value, highest = given
+def _clamp(trace: _Trace, equation: Any, operands: list[Value]) -> Value:
+    lowest, value, highest = operands
     return _of_larger_or_smaller(trace, equation, [_of_larger_or_smaller(trace, equation, [lowest, value]), highest])
 
 
-def _magnitude(trace: _Trace, equation: Any, given: list[Value]) -> Value:
-    (value,) = given
+def _magnitude(trace: _Trace, equation: Any, operands: list[Value]) -> Value:
+    (value,) = operands
     if isinstance(value, Piecewise):
         trace._take(value, _zero(equation))
         return Piecewise.of(tuple(piece for both in value.pieces for piece in (both, both.transform(jnp.negative))))
-    return _join("abs", equation, given)
+    return _join("abs", equation, operands)
 
 
-def _sign(trace: _Trace, equation: Any, given: list[Value]) -> Value:
-    return trace._compare("sign", jnp.less, given[0], _zero(equation))
+def _sign(trace: _Trace, equation: Any, operands: list[Value]) -> Value:
+    return trace._compare("sign", jnp.less, operands[0], _zero(equation))
 
 
 def _zero(equation: Any) -> Fixed:
@@ -362,26 +373,26 @@ def _zero(equation: Any) -> Fixed:
     return Fixed(lambda: jnp.zeros(of.shape, of.dtype), 0.0)
 
 
-def _round(trace: _Trace, equation: Any, given: list[Value]) -> Value:
-    whole = join_dependences(given)
+def _round(trace: _Trace, equation: Any, operands: list[Value]) -> Value:
+    whole = join_dependences(operands)
     if whole.time and not trace.loops:
         trace.unresolved.append(name if (name := equation.primitive.name) in STEP_FUNCTIONS else "astype(int)")
     return Dependent(False, whole.state)
 
 
-def _convert(trace: _Trace, equation: Any, given: list[Value]) -> Value:
+def _convert(trace: _Trace, equation: Any, operands: list[Value]) -> Value:
     was, becomes = equation.invars[0].aval.dtype, equation.outvars[0].aval.dtype
     if jnp.issubdtype(was, jnp.floating) and jnp.issubdtype(becomes, jnp.integer):
-        return _round(trace, equation, given)
-    return _join("convert_element_type", equation, given)
+        return _round(trace, equation, operands)
+    return _join("convert_element_type", equation, operands)
 
 
-def _equal(trace: _Trace, equation: Any, given: list[Value]) -> Value:
-    return Dependent(False, join_dependences(given).state)  # at single instants, which no integral notices
+def _equal(trace: _Trace, equation: Any, operands: list[Value]) -> Value:
+    return Dependent(False, join_dependences(operands).state)  # at single instants, which no integral notices
 
 
-def _select(trace: _Trace, equation: Any, given: list[Value]) -> Value:
-    return _choose(given[0], given[1:])
+def _select(trace: _Trace, equation: Any, operands: list[Value]) -> Value:
+    return _choose(operands[0], operands[1:])
 
 
 _RULES: dict[str, Callable[[_Trace, Any, list[Value]], Value]] = {

@@ -62,7 +62,7 @@ class Piece(NamedTuple):
         return cls(None, value, lambda t: value(), True)
 
     def transform(self, transform: Callable[[Array], Array]) -> "Piece":
-        """What a linear transformation without rounding makes of it."""
+        """Applies a linear transformation without rounding to the piece."""
         slope = self.slope
         return Piece(
             None if slope is None else lambda: transform(slope()),
@@ -97,7 +97,7 @@ class Piecewise(NamedTuple):
         return Dependent(any(piece.slope is not None for piece in pieces), False)
 
     def to_each(self) -> "Piecewise":
-        """The same value with an axis of length 1 after its own, to be compared with each row of a table."""
+        """Returns the same value with an axis of length 1 after its own, to be compared with each row of a table."""
         return Piecewise(tuple(piece.transform(lambda x: x[..., None]) for piece in self.pieces))
 
 
@@ -105,19 +105,19 @@ Value = Fixed | Piecewise | Dependent
 
 
 def fix_value(value: Any) -> Fixed:
-    """A value that no time changes."""
+    """Returns a value as one that does not change with time."""
     return Fixed(lambda: value)
 
 
 def read_literal(literal: Any) -> Fixed:
-    """A number that is written in the function."""
+    """Reads a number that is written in the function."""
     value = np.asarray(literal.val, literal.aval.dtype)
-    known = float(value) if value.ndim == 0 and np.isrealobj(value) else None
-    return Fixed(lambda: value, known, known is not None and known >= 0)
+    number = float(value) if value.ndim == 0 and np.isrealobj(value) else None
+    return Fixed(lambda: value, number, number is not None and number >= 0)
 
 
 def pieces_of(value: Value) -> tuple[Piece, ...]:
-    """The pieces of a value, one constant piece for a fixed one."""
+    """Returns the pieces of a value, one constant piece for a fixed one."""
     if isinstance(value, Piecewise):
         return value.pieces
     assert isinstance(value, Fixed)
@@ -125,7 +125,7 @@ def pieces_of(value: Value) -> tuple[Piece, ...]:
 
 
 def join_dependences(values: Sequence[Value]) -> Dependent:
-    """What a function of several values depends on."""
+    """Returns whether a function of several values depends on time, and whether on the state."""
     each = [_dependence(value) for value in values]
     return Dependent(any(value.time for value in each), any(value.state for value in each))
 
@@ -137,7 +137,7 @@ def _dependence(value: Value) -> Dependent:
 
 
 def is_linear(name: str, equation: Any, given: Sequence[Value]) -> bool:
-    """Whether an operation on these operands gives pieces again, of which there are not too many."""
+    """Returns whether an operation on these operands gives pieces again, of which there are not too many."""
     if not all(isinstance(value, Fixed | Piecewise) for value in given):
         return False
     count = 1
@@ -162,28 +162,28 @@ def through(equation: Any, given: Sequence[Value]) -> Piecewise:
     return Piecewise(tuple(_piece(name, equation, each) for each in itertools.product(*map(pieces_of, given))))
 
 
-def _piece(name: str, equation: Any, given: tuple[Piece, ...]) -> Piece:
+def _piece(name: str, equation: Any, pieces: tuple[Piece, ...]) -> Piece:
     operation = function_of(equation)
 
     @functools.cache
     def offset() -> Array:
-        return operation(*(piece.offset() for piece in given))
+        return operation(*(piece.offset() for piece in pieces))
 
     def evaluate(t: Array) -> Array:
-        return operation(*(piece.evaluate(t) for piece in given))
+        return operation(*(piece.evaluate(t) for piece in pieces))
 
-    exact = name not in ROUNDING_OPERATIONS and all(piece.exact for piece in given)
-    if all(piece.slope is None for piece in given):
+    exact = name not in ROUNDING_OPERATIONS and all(piece.exact for piece in pieces)
+    if all(piece.slope is None for piece in pieces):
         return Piece(None, offset, evaluate, True)
 
     @functools.cache
     def slope() -> Array:
-        first, *others = given
+        first, *others = pieces
         if name == "mul":
-            return operation(*(_slope(piece) if piece.slope is not None else piece.offset() for piece in given))
+            return operation(*(_slope(piece) if piece.slope is not None else piece.offset() for piece in pieces))
         if name == "div" or name in BY_INDEX:
             return operation(_slope(first), *(piece.offset() for piece in others))
-        return operation(*map(_slope, given))
+        return operation(*map(_slope, pieces))
 
     return Piece(slope, offset, evaluate, exact)
 

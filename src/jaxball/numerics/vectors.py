@@ -29,32 +29,32 @@ COSINE = tuple((-1) ** k / math.factorial(2 * k) for k in range(9))
 
 
 def dot(a: Float[Array, "3"], b: Float[Array, "3"]) -> Float[Array, ""]:
-    """The scalar product a · b."""
+    """Returns the scalar product a · b."""
     return jnp.sum(a * b)
 
 
 def cross(a: Float[Array, "*rows 3"], b: Float[Array, "*rows 3"]) -> Float[Array, "*rows 3"]:
-    """The vector product a × b, of rows where there are more."""
+    """Returns the vector product a × b, of rows where there are more."""
     return _next(a * _next(b) - _next(a) * b)
 
 
 def _next(a: Float[Array, "*rows 3"]) -> Float[Array, "*rows 3"]:
-    """Components 1, 2 and 0 in place of 0, 1 and 2."""
+    """Puts components 1, 2 and 0 in place of 0, 1 and 2."""
     return jax.lax.concatenate([a[..., 1:], a[..., :1]], a.ndim - 1)
 
 
 def outer(a: Float[Array, "3"], b: Float[Array, "3"]) -> Float[Array, "3 3"]:
-    """The dyad a bᵀ."""
+    """Returns the dyad a bᵀ."""
     return a[:, None] * b[None, :]
 
 
 def apply(A: Float[Array, "3 3"], b: Float[Array, "3"]) -> Float[Array, "3"]:
-    """The product A b."""
+    """Returns the product A b."""
     return jnp.sum(A * b[None, :], axis=1)
 
 
 def hat(a: Float[Array, "3"]) -> Float[Array, "3 3"]:
-    """The antisymmetric matrix â with â b = a × b."""
+    """Returns the antisymmetric matrix â with â b = a × b."""
     zero = jnp.zeros_like(a[0])
     return jnp.stack(
         [
@@ -66,24 +66,26 @@ def hat(a: Float[Array, "3"]) -> Float[Array, "3 3"]:
 
 
 def turn_about(n: Float[Array, "3"], angle: Float[Array, ""]) -> Float[Array, "3 3"]:
-    """The matrix of the rotation by an angle, rad, about the unit vector ``n``: Rodrigues' formula."""
+    """Computes the matrix of the rotation by an angle, rad, about the unit vector ``n``, by Rodrigues' formula."""
     sine, cosine = sine_cosine(angle)
     return cosine * jnp.eye(3, dtype=n.dtype) + sine * hat(n) + (1 - cosine) * outer(n, n)
 
 
 def unit_vector(a: Float[Array, "3"]) -> Float[Array, "3"]:
-    """a / |a|."""
+    """Returns the unit vector a / |a|."""
     return a / jnp.sqrt(dot(a, a))
 
 
 def inverse(A: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
-    """A⁻¹ by cofactors; not finite where A is singular."""
+    """Computes A⁻¹ by cofactors; not finite where A is singular."""
     C = cofactors(A)
     return C.T * (1.0 / dot(A[0], C[0]))  # nine divisions take as long as a hundred products
 
 
 def cofactors(A: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
-    """The vector products of the rows of A: of the second and third, the third and first, the first and second."""
+    """Returns the vector products of the rows of A: of the second and third, the third and first, the first
+    and second.
+    """
     after = jnp.concatenate([A[1:], A[:1]])
     return cross(after, jnp.concatenate([after[1:], after[:1]]))
 
@@ -93,23 +95,24 @@ ROUNDING_SQUARED = 1e-30
 
 
 def root(square: Float[Array, "*batch"], rounding: float = 0.0) -> Float[Array, "*batch"]:
-    """The square root; 0, with the derivative 0, where ``square`` is not above ``rounding``."""
+    """Returns the square root; 0, with the derivative 0, where ``square`` is not above ``rounding``."""
     positive = square > rounding
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
 
 
 def norm(x: Float[Array, "*batch n"]) -> Float[Array, "*batch"]:
-    """|x| over the last axis, for |x| of order one; 0, with the derivative 0, where it is rounding."""
+    """Returns |x| over the last axis, for |x| of order one; 0, with the derivative 0, where it is rounding."""
     return root(jnp.sum(x**2, axis=-1), ROUNDING_SQUARED)
 
 
 def room(x: Float[Array, "*batch n"], most: Float[Array, "*#batch"]) -> Float[Array, "*batch"]:
-    """most − |x|, as far as it is small, with all derivatives everywhere: (most² − |x|²) / (2 most)."""
+    """Computes most − |x|, as far as it is small, with all derivatives everywhere: (most² − |x|²) / (2 most)."""
     return (most**2 - jnp.sum(x**2, axis=-1)) / (2 * most)
 
 
 def length(x: Float[np.ndarray, "*batch n"]) -> Float[np.ndarray, "*batch"]:
-    """|x| over the last axis, of numbers whose squares overflow or vanish as well; infinite where |x| is too large.
+    """Computes |x| over the last axis, also where the squares of the numbers overflow or vanish; infinite where |x| is
+    too large.
 
     Numbers are scaled by a power of two, so results for ordinary numbers are the same as from ``numpy.linalg.norm``,
     bit for bit.
@@ -121,7 +124,8 @@ def length(x: Float[np.ndarray, "*batch n"]) -> Float[np.ndarray, "*batch"]:
 
 
 def sine_cosine(x: Float[Array, "*shape"]) -> tuple[Float[Array, "*shape"], Float[Array, "*shape"]]:
-    """sin x and cos x of an angle in radians, to 2e-16 for |x| up to 10⁶ and beyond that to the rounding of x itself.
+    """Computes sin x and cos x of an angle in radians, to 2e-16 for |x| up to 10⁶ and beyond that to the rounding of x
+    itself.
 
     For types other than float64, those of ``jax.numpy``. Derivatives of any order are sines and cosines again.
     """
@@ -130,7 +134,7 @@ def sine_cosine(x: Float[Array, "*shape"]) -> tuple[Float[Array, "*shape"], Floa
 
 
 def sine_cosine_of_jax(x: Float[Array, "*shape"]) -> tuple[Float[Array, "*shape"], Float[Array, "*shape"]]:
-    """What :func:`sine_cosine` computes, by operations of JAX."""
+    """Computes the results of :func:`sine_cosine` by operations of JAX."""
     if x.dtype != jnp.float64:
         return jnp.sin(x), jnp.cos(x)
     quarter = jnp.round(x * (2 / math.pi))

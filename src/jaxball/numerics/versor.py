@@ -15,23 +15,23 @@ SMALL_ANGLE = 1e-4  # squared; the series below it have an error of a rounding
 
 
 def product(p: Float[Array, "4"], q: Float[Array, "4"]) -> Float[Array, "4"]:
-    """The quaternion product p q."""
+    """Returns the quaternion product p q."""
     scalar = p[0] * q[0] - dot(p[1:], q[1:])
     return jnp.concatenate([scalar[None], p[0] * q[1:] + q[0] * p[1:] + cross(p[1:], q[1:])])
 
 
 def conjugate(q: Float[Array, "4"]) -> Float[Array, "4"]:
-    """The conjugate q*, which is the inverse of a versor."""
+    """Returns the conjugate q*, which is the inverse of a versor."""
     return jnp.concatenate([q[:1], -q[1:]])
 
 
 def normalize(q: Float[Array, "4"]) -> Float[Array, "4"]:
-    """q / |q|."""
+    """Returns the versor q / |q|."""
     return q / jnp.sqrt(jnp.sum(q * q))
 
 
 def exponential(rotation: Float[Array, "3"]) -> Float[Array, "4"]:
-    """The versor of a rotation vector, whose direction is the axis and whose length the angle, rad."""
+    """Computes the versor of a rotation vector, whose direction is the axis and whose length the angle, rad."""
     s = dot(rotation, rotation)
     small = s < SMALL_ANGLE
     angle = jnp.sqrt(jnp.where(small, 1.0, s))
@@ -41,20 +41,22 @@ def exponential(rotation: Float[Array, "3"]) -> Float[Array, "4"]:
 
 
 def logarithm(q: Float[Array, "4"]) -> Float[Array, "3"]:
-    """The rotation vector of a versor, of a length up to π; the same of q and of −q, which are one rotation."""
+    """Computes the rotation vector of a versor, of a length up to π; it is the same for q and −q, which are one
+    rotation.
+    """
     real, imaginary = jnp.abs(q[0]), jnp.where(q[0] < 0, -q[1:], q[1:])
     s = dot(imaginary, imaginary)
     small = s < SMALL_ANGLE
     sine = jnp.sqrt(jnp.where(small, 1.0, s))
-    known = jnp.where(small, real, 1.0)
-    ratio = s / (known * known)
-    series = 2 / known * (1 - ratio * (1 / 3 - ratio * (1 / 5 - ratio * (1 / 7 - ratio / 9))))
+    cosine = jnp.where(small, real, 1.0)
+    ratio = s / (cosine * cosine)
+    series = 2 / cosine * (1 - ratio * (1 / 3 - ratio * (1 / 5 - ratio * (1 / 7 - ratio / 9))))
     return jnp.where(small, series, 2 * jnp.arctan2(sine, real) / sine) * imaginary
 
 
 @functools.partial(jnp.vectorize, signature="(n,n)->(k)")
 def from_rotation_matrix(Lambda: Float[Array, "3 3"]) -> Float[Array, "4"]:
-    """A versor of the rotation matrix Λ; of the two, the one whose largest component is positive.
+    """Computes a versor of the rotation matrix Λ; of the two, the one whose largest component is positive.
 
     Of several, along any leading axes.
     """
@@ -72,7 +74,7 @@ def from_rotation_matrix(Lambda: Float[Array, "3 3"]) -> Float[Array, "4"]:
 
 @jax.jit
 def rotation_matrix(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"]:
-    """The rotation matrix Λ of a versor, ``eq_versor_rot``."""
+    """Computes the rotation matrix Λ of a versor, ``eq_versor_rot``."""
     q0, q1, q2, q3 = _components(q)
     return jnp.stack(
         [
@@ -85,13 +87,13 @@ def rotation_matrix(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"]:
 
 
 def derivative(q: Float[Array, "4"], Omega: Float[Array, "3"]) -> Float[Array, "4"]:
-    """q̇ = ½ q Ω♯ for the body angular velocity Ω."""
+    """Computes q̇ = ½ q Ω♯ for the body angular velocity Ω."""
     scalar = -dot(q[1:], Omega)
     return 0.5 * jnp.concatenate([scalar[None], q[0] * Omega + cross(q[1:], Omega)])
 
 
 def vertical_in_body(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3"]:
-    """Γ = Λ⁻¹ e3, the upward vertical seen from the body."""
+    """Computes Γ = Λ⁻¹ e3, the upward vertical seen from the body."""
     q0, q1, q2, q3 = _components(q)
     return jnp.stack([2 * (q1 * q3 - q0 * q2), 2 * (q2 * q3 + q0 * q1), 1 - 2 * (q1**2 + q2**2)], axis=-1)
 

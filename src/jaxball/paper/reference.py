@@ -29,7 +29,7 @@ class Reference:
     decimals: tuple[tuple[str, ...], ...]
 
     def column(self, name: str) -> Float[np.ndarray, " T"]:
-        """One component over time.
+        """Returns one component over time.
 
         **Raises:** ``KeyError`` when the state has no component of that name.
         """
@@ -38,7 +38,7 @@ class Reference:
         return self.values[:, self.names.index(name)]
 
     def columns(self, symbol: str) -> Float[np.ndarray, "T k"]:
-        """A vector over time, by its symbol without indices; a scalar gives one column.
+        """Returns a vector over time, by its symbol without indices; a scalar gives one column.
 
         **Raises:** ``KeyError`` when there is none.
         """
@@ -49,12 +49,12 @@ class Reference:
 
 
 def ball() -> Reference:
-    """The ball of section 5: θ, θ̇, q, Ω, z."""
+    """Returns the reference solution of the ball of section 5: θ, θ̇, q, Ω, z."""
     return _load("paper_ball.json")
 
 
 def disk() -> Reference:
-    """The disk of section 4: θ, θ̇, φ, φ̇."""
+    """Returns the reference solution of the disk of section 4: θ, θ̇, φ, φ̇."""
     return _load("paper_disk.json")
 
 

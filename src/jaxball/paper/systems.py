@@ -32,7 +32,7 @@ BALL_THETA = (0.0, 2.0369, 0.7044)
 
 
 def disk() -> Disk:
-    """The disk of section 4 with four masses on concentric circles, pushed by ``eq_prescribed_u_disk``.
+    """Builds the disk of section 4 with four masses on concentric circles, pushed by ``eq_prescribed_u_disk``.
 
     It starts at rest at the origin (``eq_disk_initial_conds_spec``), the default state.
 
@@ -57,7 +57,7 @@ def disk() -> Disk:
 
 
 def ball() -> Ball:
-    """The ball of section 5 with three masses on circles, pushed by ``eq_prescribed_u_ball``.
+    """Builds the ball of section 5 with three masses on circles, pushed by ``eq_prescribed_u_ball``.
 
     It starts at rest at the origin (``eq_ball_initial_conds_spec``), the default state.
 

@@ -123,7 +123,9 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
                 yield argument.key + jax.tree_util.keystr(tuple(path)), leaf
 
     def prepare(self: AnyBody) -> AnyBody:
-        """The same body with splines solved and frames converted to matrices: once per solve, not once per step."""
+        """Returns the same body with splines solved and frames converted to matrices: once per solve, not once per
+        step.
+        """
         groups = tuple(
             eqx.tree_at(lambda g: g.motion, group, eqx.filter_vmap(lambda motion: motion.prepare())(group.motion))
             for group in self.groups
@@ -155,11 +157,11 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
         return bool(self.sticking) or self.is_held
 
     def motion_kinks(self) -> Float[Array, " kinks"]:
-        """The unsorted times at which χ̈ of a prescribed motion jumps or has a kink; none with dry friction."""
+        """Returns the unsorted times at which χ̈ of a prescribed motion jumps or has a kink; none with dry friction."""
         return join_arrays([] if self._is_dry else self._kinks_of_schedules())
 
     def driving_kinks(self) -> Float[Array, " kinks"]:
-        """The unsorted times at which a law, a force or the ground's motion jumps or has a kink.
+        """Returns the unsorted times at which a law, a force or the ground's motion jumps or has a kink.
 
         Dry friction is proportional to the normal force, which jumps with prescribed accelerations.
         """
@@ -193,7 +195,8 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
         return from_locked(self, t, packed)
 
     def field(self, t: Float[Array, ""], state: Any) -> Any:
-        """``rolling_ball_ode_f``, ``uncon_ball_eqns_explicit_full`` or ``uncon_ball_eqns_explicit``, by the state.
+        """Evaluates ``rolling_ball_ode_f``, ``uncon_ball_eqns_explicit_full`` or ``uncon_ball_eqns_explicit``, by the
+        state.
 
         Of a disk ``eq_rdisk_dynamics``: φ̈ is −Ω̇₂ of the ball's equation.
         """
@@ -253,7 +256,7 @@ class AbstractBodyWithModes(AbstractSystem[AnyState]):
         yield from self.body.numbers()
 
     def driving_kinks(self) -> Float[Array, " kinks"]:
-        """All kinks: accelerations, on which the modes depend, jump with those of prescribed motions."""
+        """Returns all kinks: accelerations, on which the modes depend, jump where prescribed motions have jumps."""
         return jnp.concatenate([self.body.driving_kinks(), self.body.motion_kinks()])
 
     def is_confined(self, times: Float[Array, " T"], state: Any) -> Bool[Array, ""]:
@@ -335,7 +338,7 @@ class Ball(AbstractBody):
         return self.force is None and self.ground is None
 
     def phase_point(self, state: Any) -> BallState | ReducedState:
-        """(Ω, Γ), unless a force acts or the ground is tilted or moves, which they cannot express."""
+        """Returns (Ω, Γ), unless a force acts or the ground is tilted or moves, which they cannot express."""
         return state.reduce() if self.is_reducible else state.in_space()
 
 
@@ -370,7 +373,7 @@ class Disk(AbstractBody):
     state_type: ClassVar[Any] = DiskState
 
     def embed(self) -> Ball:
-        """The disk as a ball with three equal moments that rolls in the plane of e1 and e3."""
+        """Returns the disk as a ball with three equal moments that rolls in the plane of e1 and e3."""
         arguments: dict[str, Any] = {**self.arguments, "inertia": jnp.stack([self.inertia] * 3)}
         return Ball(**arguments)
 
@@ -379,7 +382,7 @@ System = Ball | Disk
 
 
 def with_masses(system: System, masses: Sequence[PointMass], law: AbstractLaw | None = None) -> System:
-    """The same body with other point masses, and the law that drives them.
+    """Returns the same body with other point masses, and the law that drives them.
 
     **Arguments:**
 
@@ -400,7 +403,8 @@ def with_masses(system: System, masses: Sequence[PointMass], law: AbstractLaw | 
 def with_integrated_angles(
     system: System, t0: Numbers = 0.0, state: State | None = None
 ) -> tuple[System, dict[str, Array]]:
-    """The same system in the paper's own form, where the state contains θ and θ̇ of everything that has a schedule.
+    """Returns the same system in the paper's own form, where the state contains θ and θ̇ of everything that has a
+    schedule.
 
     **Arguments:**
 
@@ -441,19 +445,19 @@ def with_integrated_angles(
         mechanisms.append(mechanism.with_drives(drives))
     law = FollowSchedules(tuple(schedules)) if schedules else None
     driven = type(system)(**{**system.arguments, "masses": masses, "law": law, "mechanisms": mechanisms})
-    given = _free_angles(system, state)
+    free_angles = _free_angles(system, state)
     rates = [schedule.derivatives(to_array(t0)) for schedule in schedules]
     accelerated = driven.accelerated
     places = [*accelerated, *(slot for slot in range(len(driven.coordinates)) if slot not in accelerated)]
     angles = {}
     for order, name in enumerate(("theta", "thetadot")):
-        values = jnp.concatenate([to_array([rate[order] for rate in rates]), given[name]])
-        angles[name] = values[np.argsort(places)] if given[name].size else values
+        values = jnp.concatenate([to_array([rate[order] for rate in rates]), free_angles[name]])
+        angles[name] = values[np.argsort(places)] if free_angles[name].size else values
     return driven, angles
 
 
 def _free_angles(system: System, state: State | None) -> dict[str, Array]:
-    """θ and θ̇ of a state of the system, if it has any."""
+    """Returns θ and θ̇ of a state of the system, if it has any."""
     if not system.coordinates:
         return dict.fromkeys(("theta", "thetadot"), jnp.zeros((0,), default_dtype()))
     if state is None:
@@ -466,18 +470,18 @@ def _free_angles(system: System, state: State | None) -> dict[str, Array]:
 
 
 def _wild_masses(system: AbstractBody, t: float, state: State) -> Iterator[Problem]:
-    """The masses whose positions or velocities are not finite at the start."""
+    """Finds the masses whose positions or velocities are not finite at the start."""
     places, rates = jax.tree.map(np.asarray, _at_start(system, state, t))
     names = [f"masses[{index}].motion" for index in range(system.n_masses)]
     for index, mechanism in enumerate(system.mechanisms):
         names += [f"mechanisms[{index}]"] * mechanism.mass.shape[-1]
     for index in np.flatnonzero(~np.all(np.isfinite(places) & np.isfinite(rates), axis=1)):
-        given = f"it gives {places[index].tolist()} and {rates[index].tolist()}"
-        yield Problem(names[index], f"give a finite position and a finite velocity at t = {t:g}", given)
+        description = f"it gives {places[index].tolist()} and {rates[index].tolist()}"
+        yield Problem(names[index], f"give a finite position and a finite velocity at t = {t:g}", description)
 
 
 @programs.filter_jit
 def _at_start(system: AbstractBody, state: State, t: Float[ArrayLike, ""]):
-    """Positions and velocities of the masses."""
-    at = kinematics(system.prepare(), jnp.asarray(t, system.mass.dtype), (state.theta, state.thetadot, state.theta))
-    return at.chi, at.chidot
+    """Computes the positions and velocities of the masses."""
+    masses = kinematics(system.prepare(), jnp.asarray(t, system.mass.dtype), (state.theta, state.thetadot, state.theta))
+    return masses.chi, masses.chidot

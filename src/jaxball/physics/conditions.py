@@ -27,7 +27,7 @@ class Condition(NamedTuple):
     must: str
 
     def problems(self) -> Iterator["Problem"]:
-        """A problem for each number that violates it, where numbers are known."""
+        """Yields a problem for each number that violates the condition, where numbers are known."""
         if isinstance(self.name, str):
             cases = [(self.holds, self.name, self.value)]
         else:
@@ -44,7 +44,7 @@ class ExplainedCondition(NamedTuple):
     problem: "Callable[[], Problem]"
 
     def problems(self) -> Iterator["Problem"]:
-        """The problem if it is violated, where that is known."""
+        """Yields the problem if the condition is violated, where that is known."""
         if not bool(self.holds):
             yield self.problem()
 
@@ -57,28 +57,28 @@ class Problem(NamedTuple):
     but: str
 
     def sentence(self, kind: str = "Argument", name: str | None = None) -> str:
-        """The problem in a sentence, in which the number may have another name."""
+        """Describes the problem in a sentence, in which the number may have another name."""
         return f"{kind} `{self.name if name is None else name}` must {self.must}, but {self.but}."
 
 
 def all_hold(conditions: Iterable[Condition | ExplainedCondition]) -> Bool[Array, ""]:
-    """Whether all conditions hold; traceable."""
+    """Returns whether all conditions hold; traceable."""
     holds = [jnp.all(c.holds) if c.holds.ndim else c.holds for c in conditions]
     return jnp.all(jnp.stack(holds)) if holds else jnp.asarray(True)
 
 
 def positive(x: AnyArray) -> Any:
-    """Whether every entry is positive and finite."""
+    """Returns whether every entry is positive and finite."""
     return ((x > 0) & namespace_of(x).isfinite(x)).all()
 
 
 def positive_inertia(d: Float[AnyArray, "..."]) -> Condition:
-    """The condition on a moment of inertia, or on three, to be positive."""
+    """Returns the condition on a moment of inertia, or on three, to be positive."""
     return Condition(positive(d), "inertia", d, "positive")
 
 
 def real_inertia(d: Float[AnyArray, "3"]) -> Condition:
-    """The condition that three principal moments belong to some distribution of mass."""
+    """Returns the condition that three principal moments belong to some distribution of mass."""
     return Condition(
         namespace_of(d).all(2 * d <= d.sum() * (1 + 1e-6)),
         "inertia",
@@ -88,13 +88,13 @@ def real_inertia(d: Float[AnyArray, "3"]) -> Condition:
 
 
 def unit(name: str, x: Float[Array, " size"]) -> Condition:
-    """The condition on a vector of an initial state that its length is 1."""
+    """Returns the condition on a vector of an initial state that its length is 1."""
     must = "a versor, four numbers whose squares add up to 1" if x.size == 4 else "a unit vector"
     return Condition(jnp.abs(jnp.sum(x**2) - 1) < UNIT, name, x, must)
 
 
 def a_direction(name: str, axis: Float[AnyArray, "3"]) -> Condition:
-    """The condition on three numbers to be a direction, of any length but 0."""
+    """Returns the condition on three numbers to be a direction, of any length but 0."""
     number = namespace_of(axis)
     holds = number.all(number.isfinite(axis)) & number.any(axis != 0)
     return Condition(holds, name, axis, "a direction, three finite numbers that are not all 0")

@@ -19,12 +19,12 @@ WITH_UNIT = "a state with a unit vector, such as a BallState, a ReducedState or 
 
 
 def algebraic_component(state: AbstractState) -> Int[Array, ""]:
-    """The component of q (of Γ, in a reduced state) that is largest in size."""
+    """Finds the component of q (of Γ, in a reduced state) that is largest in size."""
     return jnp.argmax(jnp.abs(_unit_of(state)(state)))
 
 
 def dae_field(system: AbstractSystem, t: Float[Array, ""], state: AnyState, component: Int[Array, ""]) -> AnyState:
-    """g(t, x) of ``rolling_ball_dae_g``, with ``component`` in place of q₀.
+    """Computes g(t, x) of ``rolling_ball_dae_g``, with ``component`` in place of q₀.
 
     **Raises:** ``TypeError`` for states without a unit vector.
     """
@@ -40,13 +40,13 @@ def constrain(rates: AnyState, state: AnyState, component: Int[Array, ""]) -> An
 
 
 def mass_diagonal(state: AnyState, component: Int[Array, ""]) -> AnyState:
-    """The diagonal of M for states of the kind of ``state``: 0 at q's ``component``, and 1."""
+    """Returns the diagonal of M for states of the kind of ``state``: 0 at q's ``component``, and 1."""
     unit, ones = _unit_of(state), jax.tree.map(jnp.ones_like, state)
     return eqx.tree_at(unit, ones, jnp.where(jnp.arange(unit(state).size) == component, 0.0, unit(ones)))
 
 
 def _unit_of(state: AbstractState) -> Any:
-    """The function that takes a state of this kind to its unit vector."""
+    """Returns the function that takes a state of this kind to its unit vector."""
     name = state.unit_vector
     if name is None:
         raise TypeError(

@@ -26,27 +26,27 @@ class AbstractLaw(Printed):
 
     @abc.abstractmethod
     def __call__(self, t: Float[Array, ""], state: State) -> Float[Array, " driven"]:
-        """u(t, state)."""
+        """Computes u(t, state)."""
 
     def among(self, driven: Sequence[int], t: Float[Array, ""], state: State) -> Float[Array, " driven"]:
-        """u(t, state), where ``driven`` are the indices in the state's ``theta`` that the law drives."""
+        """Computes u(t, state), where ``driven`` are the indices in the state's ``theta`` that the law drives."""
         return self(t, state)
 
     def require_driven(self, count: int) -> None:
         """Raises a ``ValueError`` if the law is known not to fit ``count`` driven masses."""
 
     def kinks(self) -> Float[Array, " kinks"]:
-        """The times at which u or one of its derivatives jumps."""
+        """Returns the times at which u or one of its derivatives jumps."""
         return jnp.zeros((0,), dtype=default_dtype())
 
     def kinks_with(self, state: State) -> Float[Array, " kinks"]:
-        """The same for such a state; of a class without ``kinks`` of its own, those seen in its trace."""
+        """Returns the kinks for such a state; of a class without ``kinks`` of its own, the ones seen in its trace."""
         if type(self).kinks is not AbstractLaw.kinks:
             return self.kinks()
         return kinks_seen(self, type(self).__call__, state)
 
     def prepare(self) -> "AbstractLaw":
-        """The same law, ready to be evaluated many times."""
+        """Returns the same law, ready to be evaluated many times."""
         return self
 
 
@@ -235,16 +235,16 @@ class LinearLaw(AbstractLaw):
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 
     def _counts(self) -> dict[str, int]:
-        """The number of driven coordinates, by each argument that is given."""
+        """Returns the number of driven coordinates, by each argument that is given."""
         signals = {"signals": len(self.signals)} if self.signals else {}
         return {name: factor.shape[0] for name, factor in self._factors().items()} | signals
 
     def require_driven(self, count: int) -> None:
-        for name, own in self._counts().items():
-            if own != count:
+        for name, size in self._counts().items():
+            if size != count:
                 raise ValueError(
                     f"Argument `{name}` of the law must have one entry for each driven coordinate, {count} in all, "
-                    f"but it has {own}."
+                    f"but it has {size}."
                 )
 
     def __call__(self, t: Float[Array, ""], state: State) -> Float[Array, " driven"]:
@@ -264,7 +264,7 @@ class LinearLaw(AbstractLaw):
 
 
 def _numbers_of(state: State, name: str, factor: Float[Array, "driven columns"]) -> Float[Array, " columns"]:
-    """What a factor of a linear law multiplies: the entry ``name`` of the state, or ω."""
+    """Returns the numbers that a factor of a linear law multiplies: the entry ``name`` of the state, or ω."""
     if name == "omega" and not isinstance(state, ReducedState):
         return jnp.sum(state.Lambda * state.Omega[None], axis=1)
     value = getattr(state, name, None)

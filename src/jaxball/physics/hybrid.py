@@ -109,7 +109,9 @@ class Transition(NamedTuple):
 
 
 def entry(which: Int[Array, ""], values: Float[Array, "k *rest"]) -> Float[Array, "*rest"]:
-    """One of several numbers or rows; 0 for none. Not by indexing, which XLA's CPU compiler turns into slow loops."""
+    """Returns one of several numbers or rows; 0 for none. Not by indexing, which XLA's CPU compiler turns into slow
+    loops.
+    """
     chosen = jnp.expand_dims(jnp.arange(values.shape[0]) == which, tuple(range(1, values.ndim)))
     return jnp.sum(jnp.where(chosen, values, 0.0), axis=0)
 
@@ -122,7 +124,8 @@ def at_zero(
     which: Int[Array, ""],
     applies: Bool[Array, ""] | bool = True,
 ) -> tuple[Float[Array, ""], Any, Float[Array, ""]]:
-    """The time and the state at the zero of guard ``which`` that is next to nothing away, and the rate of the guard.
+    """Computes the time and the state at the zero of guard ``which`` that is next to nothing away, and the rate of the
+    guard.
 
     By one step of Newton's method along the field of the system, which changes next to nothing, but has the first
     derivatives of the zero. Where it does not apply or there is no such guard, time and state are unchanged. Just after
@@ -143,7 +146,9 @@ def at_zero(
 
 
 def _after_kink(kinks: Float[Array, " kinks"], t: Float[Array, ""]) -> tuple[Bool[Array, ""], Float[Array, ""]]:
-    """Whether a time follows a kink as closely as a step can end, and a zero with the derivative of that kink."""
+    """Returns whether a time follows a kink as closely as a step can end, and a zero with the derivative of
+    that kink.
+    """
     if not kinks.size:
         return jnp.zeros_like(t, bool), jnp.zeros_like(t)
     fixed = jax.lax.stop_gradient(kinks)
@@ -153,7 +158,7 @@ def _after_kink(kinks: Float[Array, " kinks"], t: Float[Array, ""]) -> tuple[Boo
 
 
 def _flows(leaf: Any) -> bool:
-    """Whether a part of a state is a number with a rate; integers only change at events."""
+    """Returns whether a part of a state is a number with a rate; integers only change at events."""
     return jnp.issubdtype(jnp.result_type(leaf), jnp.inexact)
 
 
@@ -201,11 +206,11 @@ class AbstractHistory(Printed):
         return []
 
     def at_rows(self, rows: slice) -> "AbstractHistory":
-        """The history at some of the saved times, with all switches."""
+        """Returns the history at some of the saved times, with all switches."""
         return self
 
     def as_solved(self, system: Any, states: Any) -> tuple[Any, Any]:
-        """The system that was solved, and its states, where a trajectory shows a part of them: ``states``."""
+        """Returns the system that was solved, and its states, where a trajectory shows a part of them: ``states``."""
         return system, states
 
 
@@ -233,11 +238,11 @@ class Switches(Printed):
 
     @classmethod
     def of(cls, record: Record, **others: Any) -> Any:
-        """Those of one run, or of several as a leading axis; ``others`` are further fields, by name."""
-        known = jnp.isfinite(record.times)
+        """Returns the switches of one run, or of several as a leading axis; ``others`` are further fields, by name."""
+        is_switch = jnp.isfinite(record.times)
         fields = {"before": record.before, "after": record.after} | others
-        event = jnp.where(known, record.event, NONE)
-        return cls(count=record.number, times=record.times, event=event, grazing=record.grazing & known, **fields)
+        event = jnp.where(is_switch, record.event, NONE)
+        return cls(count=record.number, times=record.times, event=event, grazing=record.grazing & is_switch, **fields)
 
     def __repr__(self) -> str:
         return (
@@ -249,12 +254,12 @@ class Switches(Printed):
     @property
     def lines(self) -> list[str]:
         """A line for each switch that was kept. For one trajectory, not for a batch."""
-        count, kept = int(self.count), self.times.shape[-1]
+        count, capacity = int(self.count), self.times.shape[-1]
         times, grazing = (np.asarray(column)[:count] for column in (self.times, self.grazing))
         lines = [
             f"t = {float(t):.10g}: {self.words(k)}{', grazing' if grazing[k] else ''}" for k, t in enumerate(times)
         ]
-        return [*lines, *([f"{count - kept} more, {self.remedy}"] if count > kept else [])] or ["none"]
+        return [*lines, *([f"{count - capacity} more, {self.remedy}"] if count > capacity else [])] or ["none"]
 
     @property
     def first_lines(self) -> list[str]:
@@ -271,7 +276,7 @@ class Switches(Printed):
         return "once" if count == 1 else f"{count:,} times"
 
     def words(self, k: int) -> str:
-        """What happened at switch ``k``."""
+        """Describes the event at switch ``k``."""
         return f"event {int(np.asarray(self.event)[k])}"
 
     @property

@@ -113,7 +113,7 @@ class Observables(Printed):
 
 
 def observe(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskState) -> Observables:
-    """The observables of a ball or a disk at time ``t``. A disk is observed in space.
+    """Computes the observables of a ball or a disk at time ``t``. A disk is observed in space.
 
     **Arguments:**
 
@@ -171,7 +171,9 @@ class Slip(NamedTuple):
 
 @functools.singledispatch
 def movement(system: Any, t: Float[Array, ""], state: Any) -> Movement:
-    """The motion of a body from its state: of one that rolls, or of one on its plane that may slide and fly."""
+    """Computes the motion of a body from its state: of one that rolls, or of one on its plane that may slide
+    and fly.
+    """
     raise refusal("system", "a Ball or a Disk", system)
 
 
@@ -179,11 +181,11 @@ def movement(system: Any, t: Float[Array, ""], state: Any) -> Movement:
 def _of_rolling(system: AbstractBody, t: Float[Array, ""], state: Any) -> Movement:
     state = state.in_space() if isinstance(state, RotationState) else state
     acting = load(system, t, state)
-    found = accelerations(system, t, state, acting)
+    solution = accelerations(system, t, state, acting)
     in_space = state.in_space()
-    reaction = reaction_in_body(found.at, system.radius, acting, in_space.Omega, found.Omegadot)
+    reaction = reaction_in_body(solution.at, system.radius, acting, in_space.Omega, solution.Omegadot)
     R = apply(in_space.Lambda, reaction)
-    return Movement(in_space, found.Omegadot, found.angles, acting, found.at, found.dry, R, None)
+    return Movement(in_space, solution.Omegadot, solution.angles, acting, solution.at, solution.dry, R, None)
 
 
 @movement.register
@@ -208,7 +210,7 @@ def _of_hybrid(plane: BodyOnPlane, t: Float[Array, ""], state: Any) -> Movement:
 
 def compute_observables(system: AbstractBody, t: Float[Array, ""], motion: Movement) -> Observables:
     """Computes the observables of a body from its motion."""
-    in_space, at, acting, slip = motion.state, motion.at, motion.acting, motion.slip
+    in_space, body_moments, acting, slip = motion.state, motion.at, motion.acting, motion.slip
     r, g, Omega, Lambda = system.radius, system.gravity, in_space.Omega, in_space.Lambda
     under, omega, Omegadot = acting.footing, apply(Lambda, Omega), motion.Omegadot
     Gamma = Lambda[2] if under is None else acting.Gamma
@@ -234,10 +236,10 @@ def compute_observables(system: AbstractBody, t: Float[Array, ""], motion: Movem
     if slip is not None:
         velocity, lowest = velocity + slip.velocity, slip.velocity if lowest is None else lowest + slip.velocity
         centre = centre.at[2].set(slip.height) if under is None else centre
-    drift, Pi = None, contact_momentum(at, r, Omega, Gamma)
+    drift, Pi = None, contact_momentum(body_moments, r, Omega, Gamma)
     if lowest is not None:
         drift = apply(Lambda.T, lowest)
-        Pi = Pi + cross(at.M * r * Gamma + at.p, drift)
+        Pi = Pi + cross(body_moments.M * r * Gamma + body_moments.p, drift)
     up = jnp.zeros_like(Omega).at[2].set(1.0) if system.ground is None else system.ground.up()
     lost = dissipation(acting, motion.dry, Lambda, velocity, omega)
     if slip is not None:
@@ -250,15 +252,17 @@ def compute_observables(system: AbstractBody, t: Float[Array, ""], motion: Movem
     elif u is not None:
         power = power + jnp.sum(contact.friction * u)
     if isinstance(system.ground, Ground) and system.ground.motion is not None:
-        P = apply(Lambda, linear_momentum(at, r, Omega, Gamma) + (0.0 if drift is None else at.M * drift))
+        P = apply(
+            Lambda, linear_momentum(body_moments, r, Omega, Gamma) + (0.0 if drift is None else body_moments.M * drift)
+        )
         power = power - dot(system.ground.motion.kinematics(t).chiddot, P)
     on_rails, places = along_rails(system, t, motion.angles), np.asarray(system.on_rails, dtype=int)
     joints = joint_motion(system, t, motion.angles, a[1:] + weight[None])
     return Observables(
         mass_positions_body=points.chi,
         mass_positions_space=jnp.sum(Lambda[None] * points.chi[:, None, :], axis=-1),
-        centre_of_mass_body=at.p / at.M,
-        centre_of_mass_space=apply(Lambda, at.p) / at.M,
+        centre_of_mass_body=body_moments.p / body_moments.M,
+        centre_of_mass_space=apply(Lambda, body_moments.p) / body_moments.M,
         geometric_centre=centre,
         contact_point=foot,
         vertical_body=Lambda[2],

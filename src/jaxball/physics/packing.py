@@ -32,46 +32,46 @@ class Packing(eqx.Module, Generic[AnySystem, AnyState]):
 
     @staticmethod
     def of(system: AbstractSystem, state: AbstractState) -> "Packing[Any, Any]":
-        """The packing of states of the kind of ``state``; ``system`` is prepared."""
+        """Returns the packing of states of the kind of ``state``; ``system`` is prepared."""
         return Packing(system, ravel_state(state)[1])
 
     def pack(self, t: Float[Array, ""], state: AnyState) -> Float[Array, " size"]:
-        """The vector of a state."""
+        """Converts a state to its vector."""
         return ravel_state(self.system.to_packed(t, state))[0]
 
     def unpack(self, t: Float[Array, ""], x: Float[Array, " size"]) -> AnyState:
-        """The state of a vector."""
+        """Converts a vector to its state."""
         return self.system.from_packed(t, self.unravel(x))
 
     def unpack_where(self, used: Bool[Array, ""], t: Float[Array, ""], x: Float[Array, " size"]) -> AnyState:
-        """The state of a vector; NaN, and nothing that has derivatives, where it is not ``used``."""
+        """Converts a vector to its state; NaN, and nothing that has derivatives, where it is not ``used``."""
         packing, t, x = differentiate_where(used, (self, t, x))
         return jax.tree.map(lambda leaf: keep_if_known(used, leaf), packing.unpack(t, x))
 
     def rates(self, t: Float[Array, ""], x: Float[Array, " size"]) -> AnyState:
-        """The rates of the variables in the vector, not yet packed."""
+        """Computes the rates of the variables in the vector, not yet packed."""
         return self.system.field_of_packed(t, self.unravel(x))
 
     def field(self, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, " size"]:
-        """The rate of the vector."""
+        """Computes the rate of the vector."""
         return ravel_state(self.rates(t, x))[0]
 
     def dae_field(
         self, t: Float[Array, ""], x: Float[Array, " size"], component: Int[Array, ""]
     ) -> Float[Array, " size"]:
-        """The right-hand side of the differential-algebraic form: M ẋ of the vector."""
+        """Computes the right-hand side of the differential-algebraic form: M ẋ of the vector."""
         return ravel_pytree(constrain(self.rates(t, x), self.unravel(x), component))[0]
 
     def mass_diagonal(self, x: Float[Array, " size"], component: Int[Array, ""]) -> Float[Array, " size"]:
-        """The diagonal of M."""
+        """Returns the diagonal of M."""
         return ravel_pytree(mass_diagonal(self.unravel(x), component))[0]
 
     def algebraic_component(self, x: Float[Array, " size"]) -> Int[Array, ""]:
-        """The component that is algebraic in a step that starts at ``x``."""
+        """Finds the component that is algebraic in a step that starts at ``x``."""
         return algebraic_component(self.unravel(x))
 
     def projected(self, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, " size"]:
-        """The vector of the nearest state on the constraints, such as |q| = 1."""
+        """Returns the vector of the nearest state on the constraints, such as |q| = 1."""
         return ravel_state(self.system.projected(t, self.unravel(x)))[0]
 
 
@@ -114,7 +114,8 @@ def phase_point(system: AbstractSystem, state: AbstractState) -> AbstractState: 
 
 
 def phase_point(system: AbstractSystem, state: AbstractState) -> AbstractState:
-    """``state`` as a point of the phase space: for a ball (Ω, Γ), unless a force acts, which they cannot express.
+    """Returns ``state`` as a point of the phase space: for a ball (Ω, Γ), unless a force acts, which they cannot
+    express.
 
     **Raises:** ``TypeError`` when the system has no state of that kind, and for a hybrid one, whose motion jumps.
     """
@@ -129,12 +130,12 @@ def phase_point(system: AbstractSystem, state: AbstractState) -> AbstractState:
 
 
 def dimension(state: AbstractState) -> int:
-    """The dimension of the phase space, where a unit vector counts one less than its number of components."""
+    """Returns the dimension of the phase space, where a unit vector counts one less than its number of components."""
     return ravel_pytree(state)[0].size - (state.unit_vector is not None)
 
 
 def normal_of(state: AbstractState) -> Normal | None:
-    """The normal, at a packed state, of the sphere on which its unit vector stays; None where it has none."""
+    """Returns the normal, at a packed state, of the sphere on which its unit vector stays; None where it has none."""
     if state.unit_vector is None:
         return None
     before = 0
@@ -147,7 +148,7 @@ def normal_of(state: AbstractState) -> Normal | None:
 
 @functools.cache
 def _along(start: int, end: int) -> Normal:
-    """One function for all states of a kind, so that programs made for it are found again."""
+    """Returns one function for all states of a kind, so that programs made for it are found again."""
 
     def along(x: Float[Array, " size"]) -> Float[Array, " size"]:
         return jnp.zeros_like(x).at[start:end].set(x[start:end])

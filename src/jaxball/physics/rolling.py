@@ -32,7 +32,7 @@ class Reaction(NamedTuple):
 
     @classmethod
     def of(cls, R: Float[Array, "3"], Gamma: Float[Array, "3"]) -> "Reaction":
-        """N = R·Γ and |f|², f = R − NΓ, of the plane's force in body axes."""
+        """Computes N = R·Γ and |f|², f = R − NΓ, of the plane's force in body axes."""
         normal = dot(R, Gamma)
         friction = R - normal * Gamma
         return cls(normal, dot(friction, friction))
@@ -54,7 +54,7 @@ class Reaction(NamedTuple):
 
 
 def friction_ratio(friction: Float[Array, "*batch"], normal: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
-    """|f| / N; infinite where N ≤ 0."""
+    """Computes |f| / N; infinite where N ≤ 0."""
     held = ~(normal <= 0)  # NaN counts as held, so that it stays NaN
     return jnp.where(held, friction / jnp.where(held, normal, 1.0), jnp.inf)
 
@@ -74,7 +74,9 @@ class AbstractRollingSystem(AbstractSystem[AnyState]):
 
     @abc.abstractmethod
     def plane_reaction(self, t: Float[Array, ""], state: AnyState) -> Reaction:
-        """N, negative where the plane would have to pull, and |f|²; traced, for one state, ``self`` prepared or not."""
+        """Computes N, negative where the plane would have to pull, and |f|²; traced, for one state, ``self`` prepared
+        or not.
+        """
 
     @property
     @abc.abstractmethod

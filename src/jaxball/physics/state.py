@@ -35,14 +35,14 @@ class AbstractBodyState(AbstractState):
     rotation_rate: ClassVar[str] = "Omega"  # the field with the angular velocity
 
     def with_Omega(self: AnyState, Omega: Float[Array, "*batch 3"]) -> AnyState:
-        """The state with another Ω."""
+        """Returns the state with another Ω."""
         return eqx.tree_at(lambda state: state.Omega, self, Omega)  # pyright: ignore
 
     @abc.abstractmethod
     def rates(
         self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates, drift: Float[Array, "2"] | None = None
     ) -> "AbstractBodyState":
-        """ẋ where Ω̇ is known, and θ, θ̇, θ̈: the kinematics of rolling, for a body of radius r.
+        """Computes ẋ where Ω̇ is known, and θ, θ̇, θ̈: the kinematics of rolling, for a body of radius r.
 
         ``drift`` is the velocity u of a turntable under the body's centre, if there is one.
 
@@ -101,7 +101,7 @@ class BallState(AbstractBodyState):
     def rates(
         self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates, drift: Float[Array, "2"] | None = None
     ) -> "BallState":
-        """q̇ = ½ q Ω♯ and the rolling constraint."""
+        """Computes the rates by q̇ = ½ q Ω♯ and the rolling constraint."""
         self._require_one()
         return BallState(
             q=versor.derivative(self.q, self.Omega),
@@ -112,7 +112,7 @@ class BallState(AbstractBodyState):
         )
 
     def in_space(self) -> "BallState":
-        """The state itself; see :meth:`DiskState.in_space`."""
+        """Returns the state itself; see :meth:`DiskState.in_space`."""
         return self
 
     def turn(self, rotation: Float[Array, "3"]) -> Float[Array, "4"]:
@@ -122,7 +122,7 @@ class BallState(AbstractBodyState):
         return versor.logarithm(versor.product(versor.conjugate(self.q), other.q))
 
     def reduce(self) -> "ReducedState":
-        """(Ω, Γ), without position and heading."""
+        """Returns (Ω, Γ), without position and heading."""
         return ReducedState(self.Omega, self.Gamma, self.theta, self.thetadot)
 
 
@@ -165,7 +165,7 @@ class RotationState(AbstractBodyState):
     def rates(
         self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates, drift: Float[Array, "2"] | None = None
     ) -> "RotationState":
-        """Λ̇ = Λ Ω̂ and the rolling constraint."""
+        """Computes the rates by Λ̇ = Λ Ω̂ and the rolling constraint."""
         self._require_one()
         return RotationState(
             Lambda=jnp.sum(self.Lambda[:, :, None] * hat(self.Omega)[None, :, :], axis=1),
@@ -184,14 +184,14 @@ class RotationState(AbstractBodyState):
         yield from super().conditions()
 
     def projected(self) -> "RotationState":
-        """The state with Λ orthogonal, up to second order in its distance from a rotation."""
+        """Returns the state with Λ orthogonal, up to second order in its distance from a rotation."""
         R = self.Lambda
         gram = jnp.sum(R[..., :, :, None] * R[..., :, None, :], axis=-3)
         nearer = 1.5 * R - 0.5 * jnp.sum(R[..., :, :, None] * gram[..., None, :, :], axis=-2)
         return eqx.tree_at(lambda state: state.Lambda, self, nearer)
 
     def in_space(self) -> BallState:
-        """The same state with a versor."""
+        """Returns the same state with a versor."""
         return BallState(versor.from_rotation_matrix(self.Lambda), self.Omega, self.z, self.theta, self.thetadot)
 
     def turn(self, rotation: Float[Array, "3"]) -> Float[Array, "3 3"]:
@@ -203,7 +203,7 @@ class RotationState(AbstractBodyState):
         return versor.logarithm(versor.from_rotation_matrix(turn))
 
     def reduce(self) -> "ReducedState":
-        """(Ω, Γ), without position and heading."""
+        """Returns (Ω, Γ), without position and heading."""
         return ReducedState(self.Omega, self.Gamma, self.theta, self.thetadot)
 
 
@@ -237,7 +237,7 @@ class ReducedState(AbstractBodyState):
     def rates(
         self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates, drift: Float[Array, "2"] | None = None
     ) -> "ReducedState":
-        """Γ̇ = Γ × Ω."""
+        """Computes the rates by Γ̇ = Γ × Ω."""
         self._require_one()
         return ReducedState(Omega=Omegadot, Gamma=cross(self.Gamma, self.Omega), theta=angles[1], thetadot=angles[2])
 
@@ -277,8 +277,8 @@ class DiskState(AbstractBodyState):
     def Lambda(self) -> Float[Array, "*batch 3 3"]:
         """The rotation matrix Λ from body to space."""
         s, c = sine_cosine(self.phi)
-        zero, one = jnp.zeros_like(c), jnp.ones_like(c)
-        rows = ([c, zero, -s], [zero, one, zero], [s, zero, c])
+        zero, unit = jnp.zeros_like(c), jnp.ones_like(c)
+        rows = ([c, zero, -s], [zero, unit, zero], [s, zero, c])
         return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
 
     @property
@@ -294,18 +294,18 @@ class DiskState(AbstractBodyState):
         return jnp.stack([zero, -self.phidot, zero], axis=-1)
 
     def with_Omega(self, Omega: Float[Array, "*batch 3"]) -> "DiskState":
-        """The state with φ̇ = −Ω₂."""
+        """Returns the state with φ̇ = −Ω₂."""
         return eqx.tree_at(lambda state: state.phidot, self, -Omega[..., 1])
 
     def rates(
         self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates, drift: Float[Array, "2"] | None = None
     ) -> "DiskState":
-        """φ̈ = −Ω̇₂ and ż = −r φ̇ of ``eq_disk_GC``."""
+        """Computes the rates by φ̈ = −Ω̇₂ and ż = −r φ̇ of ``eq_disk_GC``."""
         self._require_one()
         return DiskState(phi=self.phidot, phidot=-Omegadot[1], z=-r * self.phidot, theta=angles[1], thetadot=angles[2])
 
     def in_space(self) -> BallState:
-        """The same motion as that of a ball: rotation by −φ about E2, Ω = −φ̇ E2, z = (z, 0)."""
+        """Returns the same motion as the motion of a ball: rotation by −φ about E2, Ω = −φ̇ E2, z = (z, 0)."""
         zero = jnp.zeros_like(self.phi)
         half = self.phi / 2
         return BallState(
@@ -322,7 +322,7 @@ State = PlacedState | ReducedState
 
 
 def rolling_velocity(Lambda: Float[Array, "3 3"], Omega: Float[Array, "3"], r: Float[Array, ""]) -> Float[Array, "2"]:
-    """ż = (ΛΩ × r e3)₁₂, the rolling constraint at the geometric centre."""
+    """Computes ż = (ΛΩ × r e3)₁₂, the rolling constraint at the geometric centre."""
     omega1 = dot(Lambda[0], Omega)
     omega2 = dot(Lambda[1], Omega)
     return jnp.stack([r * omega2, -r * omega1])
@@ -331,6 +331,6 @@ def rolling_velocity(Lambda: Float[Array, "3 3"], Omega: Float[Array, "3"], r: F
 def centre_velocity(
     Lambda: Float[Array, "3 3"], Omega: Float[Array, "3"], r: Float[Array, ""], drift: Float[Array, "2"] | None
 ) -> Float[Array, "2"]:
-    """ż over a plane that moves with the velocity ``drift`` under the centre, if there is one."""
+    """Computes ż over a plane that moves with the velocity ``drift`` under the centre, if there is one."""
     rolling = rolling_velocity(Lambda, Omega, r)
     return rolling if drift is None else rolling + drift

@@ -64,14 +64,14 @@ class AbstractState(Printed):
     attitude: ClassVar[str | None] = None
 
     def conditions(self) -> Iterator[Condition]:
-        """Every condition that an initial state must meet; traceable. A state that is not finite meets none."""
+        """Yields every condition that an initial state must meet; traceable. A state that is not finite meets none."""
         if self.unit_vector is not None:
             yield unit(f"state.{self.unit_vector}", getattr(self, self.unit_vector))
         for path, leaf in jax.tree_util.tree_leaves_with_path(self):
             yield Condition(jnp.all(jnp.isfinite(leaf)), "state" + jax.tree_util.keystr(path), leaf, "finite")
 
     def projected(self: AnyState) -> AnyState:
-        """The nearest valid state: with a unit vector of length 1."""
+        """Returns the nearest valid state: with a unit vector of length 1."""
         if self.unit_vector is None:
             return self
         name, vector = self.unit_vector, getattr(self, self.unit_vector)
@@ -79,7 +79,7 @@ class AbstractState(Printed):
         return eqx.tree_at(lambda state: getattr(state, name), self, vector / length)
 
     def reduce(self) -> "AbstractState":
-        """The part of the state that the motion depends on if nothing breaks the symmetries: the phase space."""
+        """Returns the part of the state on which the motion depends if nothing breaks the symmetries."""
         return self
 
     @property
@@ -92,7 +92,7 @@ class AbstractState(Printed):
         return tuple(names)
 
     def retract(self: AnyState, xi: Numbers) -> AnyState:
-        """The state with local coordinates ``xi`` around this one, shape (directions,).
+        """Returns the state with local coordinates ``xi`` around this one, shape (directions,).
 
         The attitude is turned by the first three, a rotation vector in body axes; the rest are added.
 
@@ -106,7 +106,7 @@ class AbstractState(Printed):
         return eqx.tree_at(lambda s: getattr(s, name), moved, self.turn(xi[:3]), is_leaf=lambda x: x is None)
 
     def difference(self, other: Any) -> Float[Array, " directions"]:
-        """The local coordinates of ``other`` around this state: the inverse of :meth:`retract`.
+        """Returns the local coordinates of ``other`` around this state: the inverse of :meth:`retract`.
 
         **Raises:** as :meth:`retract`.
         """
@@ -114,11 +114,11 @@ class AbstractState(Printed):
         return there - flat if self.attitude is None else jnp.concatenate([self.turn_to(other), there - flat])
 
     def turn(self, rotation: Float[Array, "3"]) -> Float[Array, "..."]:
-        """The attitude, turned by a rotation vector in body axes."""
+        """Returns the attitude, turned by a rotation vector in body axes."""
         raise NotImplementedError
 
     def turn_to(self, other: Any) -> Float[Array, "3"]:
-        """The rotation vector, in body axes, that turns this attitude into that of ``other``; no longer than π."""
+        """Returns the rotation vector, in body axes, from this attitude to that of ``other``; no longer than π."""
         raise NotImplementedError
 
     def _without_attitude(self: AnyState) -> AnyState:
@@ -174,7 +174,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
 
     @abc.abstractmethod
     def field(self, t: Float[Array, ""], state: AnyState) -> AnyState:
-        """ẋ = f(t, x), in the form of a state."""
+        """Computes ẋ = f(t, x), in the form of a state."""
 
     def describe(self) -> str:
         """Describes the system, for a sentence after "a"."""
@@ -183,19 +183,19 @@ class AbstractSystem(Printed, Generic[AnyState]):
     # What is possible.
 
     def conditions(self) -> Iterator[Condition]:
-        """Every condition that the parameters must meet; traceable."""
+        """Yields every condition that the parameters must meet; traceable."""
         yield from ()
 
     def start_conditions(self, t: Float[Array, ""], state: AnyState) -> Iterator[Condition | ExplainedCondition]:
-        """Every condition that an initial state must meet in addition to its own; traceable."""
+        """Yields every condition that an initial state must meet in addition to its own; traceable."""
         yield from ()
 
     def run_conditions(self, times: Float[AnyArray, " T"]) -> Iterator[Condition | ExplainedCondition]:
-        """Every condition on what is prescribed over the ``times`` of a run; traceable."""
+        """Yields every condition on what is prescribed over the ``times`` of a run; traceable."""
         yield from ()
 
     def default_state(self) -> AnyState:
-        """The state from which a run starts if none is given: the defaults of ``state_type``.
+        """Returns the state from which a run starts if none is given: the defaults of ``state_type``.
 
         **Raises:** ``ValueError`` where a state must be given.
         """
@@ -219,7 +219,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
             )
 
     def numbers(self) -> Iterator[tuple[str, Array]]:
-        """The parameters by name, for sentences."""
+        """Yields the parameters by name, for sentences."""
         for path, leaf in jax.tree_util.tree_leaves_with_path(self):
             if is_array(leaf):
                 yield jax.tree_util.keystr(path).removeprefix("."), leaf
@@ -227,19 +227,19 @@ class AbstractSystem(Printed, Generic[AnyState]):
     # What a solve advances.
 
     def prepare(self: AnySystem) -> AnySystem:
-        """The same system, ready to be evaluated many times: called once per solve, not once per step."""
+        """Returns the same system, ready to be evaluated many times: called once per solve, not once per step."""
         return self
 
     def to_packed(self, t: Float[Array, ""], state: AnyState) -> AnyState:
-        """The state with some fields replaced by what a solve advances instead; ``self`` is prepared."""
+        """Returns the state with some fields replaced by what a solve advances instead; ``self`` is prepared."""
         return state
 
     def from_packed(self, t: Float[Array, ""], packed: AnyState) -> AnyState:
-        """The inverse of ``to_packed``."""
+        """Inverts ``to_packed``."""
         return packed
 
     def field_of_packed(self, t: Float[Array, ""], packed: AnyState) -> AnyState:
-        """The rate of a packed state.
+        """Computes the rate of a packed state.
 
         **Raises:** ``TypeError`` when ``field`` returns anything but a state of the same kind.
         """
@@ -253,7 +253,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
         return rates
 
     def projected(self, t: Float[Array, ""], packed: AnyState) -> AnyState:
-        """The nearest packed state on the constraints at ``t``: by default, that of the state itself."""
+        """Returns the nearest packed state on the constraints at ``t``: by default, on the state's own constraints."""
         return packed.projected()
 
     @property
@@ -262,11 +262,11 @@ class AbstractSystem(Printed, Generic[AnyState]):
         return False
 
     def motion_kinks(self) -> Float[Array, " kinks"]:
-        """The unsorted times of kinks at which the packed field is continuous. They need no derivatives."""
+        """Returns the unsorted times of kinks at which the packed field is continuous. They need no derivatives."""
         return jnp.zeros((0,), dtype=default_dtype())
 
     def driving_kinks(self) -> Float[Array, " kinks"]:
-        """The unsorted times at which the field jumps or has a kink. A solve ends steps at them.
+        """Returns the unsorted times at which the field jumps or has a kink. A solve ends steps at them.
 
         By default, those at which the trace of ``field`` compares the time with something that depends on parameters
         alone, if there is a default state.
@@ -277,14 +277,14 @@ class AbstractSystem(Printed, Generic[AnyState]):
         return kinks_seen(self, type(self).field, default, method="driving_kinks")
 
     def kinks(self) -> Float[Array, " kinks"]:
-        """The unsorted times of all kinks."""
+        """Returns the unsorted times of all kinks."""
         return jnp.concatenate([self.motion_kinks(), self.driving_kinks()])
 
     # Modes that follow each other, of a hybrid system. Its state says in which mode it is, by an integer or a number
     # that only a reset changes, and by which `field` and `guards` choose.
 
     def guards(self, t: Float[Array, ""], state: AnyState) -> Float[Array, " k"]:
-        """Functions that are positive while the mode lasts. Where one falls to zero, there is an event.
+        """Returns functions that are positive while the mode lasts. Where one falls to zero, there is an event.
 
         They are smooth within a mode. A guard that does not apply in it is a positive constant. Where a state after a
         reset has a guard that is zero, that must grow.
@@ -292,14 +292,14 @@ class AbstractSystem(Printed, Generic[AnyState]):
         return jnp.zeros((0,), dtype=default_dtype())
 
     def time_event(self, t: Float[Array, ""], state: AnyState) -> Float[Array, ""]:
-        """The time after ``t`` of an event that the state knows beforehand, such as the next tick of a clock.
+        """Returns the time after ``t`` of an event that the state knows beforehand, such as the next tick of a clock.
 
         Infinite if there is none; a time that is not after ``t`` is none, either.
         """
         return jnp.full((), jnp.inf, dtype=default_dtype())
 
     def reset(self, t: Float[Array, ""], state: AnyState, which: Int[Array, ""]) -> AnyState:
-        """The state after an event, from that before it.
+        """Returns the state after an event, from the state before it.
 
         ``which`` is the index of the guard that fell to zero, the first one if several did, or the number of guards for
         a time event.
@@ -315,24 +315,24 @@ class AbstractSystem(Printed, Generic[AnyState]):
     # The same in more detail. These are for systems whose events depend on how a solve takes its steps.
 
     def step_reference(self, t: Float[Array, ""], state: AnyState, accuracy: Accuracy) -> Any:
-        """What the guards within a step refer to, from the state at its start."""
+        """Returns what the guards within a step refer to, from the state at its start."""
         return ()
 
     def guards_in_step(self, t: Float[Array, ""], state: AnyState, reference: Any) -> Float[Array, " k"]:
-        """The guards within a step."""
+        """Computes the guards within a step."""
         return self.guards(t, state)
 
     def assess(self, step: GuardedStep, accuracy: Accuracy) -> Assessment:
-        """Whether there is an event at the end of a step, and how long the next step may be."""
+        """Decides whether there is an event at the end of a step, and how long the next step may be."""
         timed = jnp.where(step.timed, step.guards.shape[0], NONE)
         return Assessment(jnp.where(step.has_fallen, step.zero, timed), jnp.full_like(step.end, jnp.inf))
 
     def transition(self, t: Float[Array, ""], state: AnyState, event: Int[Array, ""], accuracy: Accuracy) -> Transition:
-        """What happens at an event: the state is reset, or, at the ``START`` of a run, left as it is."""
+        """Computes what happens at an event: the state is reset, or, at the ``START`` of a run, left as it is."""
         starts = event == START
-        t, before, slope = at_zero(lambda system, *at: system.guards(*at), self, t, state, event)
-        system, t_of_reset, given = differentiate_where(~starts, (self, t, before))
-        after = system.reset(t_of_reset, given, event)
+        t, before, slope = at_zero(lambda system, *arguments: system.guards(*arguments), self, t, state, event)
+        system, t_of_reset, state_of_reset = differentiate_where(~starts, (self, t, before))
+        after = system.reset(t_of_reset, state_of_reset, event)
         if jax.tree.structure(after) != jax.tree.structure(before):
             kind = type(self).__name__
             raise TypeError(
@@ -346,7 +346,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
     # What a run shows.
 
     def start(self, t: Float[Array, ""], state: Any) -> AnyState:
-        """The state with which a solve starts, from the one that is given; ``self`` is not prepared."""
+        """Returns the state with which a solve starts, from the one that is given; ``self`` is not prepared."""
         return state
 
     @property
@@ -355,49 +355,49 @@ class AbstractSystem(Printed, Generic[AnyState]):
         return self
 
     def state_to_show(self, state: AnyState) -> AbstractState:
-        """The part of a state, or of several, that a trajectory shows."""
+        """Returns the part of a state, or of several, that a trajectory shows."""
         return state
 
     def history(self, times: Float[Array, " T"], states: AnyState, record: Record | None) -> AbstractHistory:
-        """The history of one run, from the states at its saved times and its switches; None without modes."""
+        """Returns the history of one run, from the states at its saved times and its switches; None without modes."""
         return NO_HISTORY if record is None else History(switches=Switches.of(record))
 
     # What is read off a state.
 
     def laws(self, t: Float[Array, ""], state: AnyState) -> Any:
-        """A named tuple of quantities that are conserved along every motion, or when its entries say so."""
+        """Returns a named tuple of quantities that are conserved along every motion, or when its entries say so."""
         return NoLaws()
 
     def law_rates(self, t: Float[Array, ""], state: AnyState) -> Mapping[str, Float[Array, "..."]]:
-        """The rates of those of the ``laws`` that are balances, by name; the others are constant."""
+        """Returns the rates of the ``laws`` that are balances, by name; the others are constant."""
         return {}
 
     def phase_point(self, state: AnyState) -> AbstractState:
-        """``state`` as a point of the phase space: the part of it that the motion depends on."""
+        """Returns ``state`` as a point of the phase space: the part of it that the motion depends on."""
         return state.reduce()
 
     # Confinement, of a system that has an inside.
 
     def is_confined(self, times: Float[Array, " T"], state: AnyState) -> Bool[Array, ""]:
-        """Whether everything is inside at the first of ``times``; ``self`` is prepared."""
+        """Returns whether everything is inside at the first of ``times``; ``self`` is prepared."""
         return jnp.asarray(True)
 
     def time_of_leaving(self, times: Float[Array, " T"], states: AnyState) -> Float[Array, ""] | None:
-        """When something first leaves; infinite if never, None for a system without an inside. ``self`` is prepared.
+        """Finds when something first leaves; infinite if never, None without an inside. ``self`` is prepared.
 
         What ``clearance`` tells is left out.
         """
         return None
 
     def clearance(self, t: Float[Array, ""], state: AnyState) -> Float[Array, ""] | None:
-        """A number that is positive while nothing leaves whose place only the state tells; None without such things.
+        """Returns a number, positive while nothing leaves whose place only the state tells; None without such things.
 
         A solve watches it in every step. ``self`` is prepared.
         """
         return None
 
     def breaches(self, times: Any, state: AnyState | None, states: AnyState | None) -> Iterator[Problem]:
-        """What is not inside, in words, for numbers that are known.
+        """Yields a problem for everything that is not inside, in words, for numbers that are known.
 
         ``state`` is that at the first of ``times``, and ``states`` those at all of them, as far as they are given.
         """
@@ -406,7 +406,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
 
 @functools.cache
 def default_of(kind: type[AbstractState], dtype: Any) -> Any:
-    """The state of a kind that its defaults make, for ``dtype``; None where a field has none."""
+    """Returns the state of a kind that its defaults make, for ``dtype``; None where a field has none."""
     with jax.ensure_compile_time_eval():
         try:
             return kind()
@@ -454,20 +454,20 @@ def require_one(argument: str, kind: str, given: Any, shapes: Mapping[str, tuple
     """
     sized, values = getattr(given, "sized", ()), vars(given)  # Equinox looks up attributes more slowly
     for name, shape in shapes.items():
-        found = getattr(values[name], "shape", None)
-        if found is None:
-            found = np.shape(values[name])
-        fits = len(found) == len(shape) if name in sized else found == shape
+        actual = getattr(values[name], "shape", None)
+        if actual is None:
+            actual = np.shape(values[name])
+        fits = len(actual) == len(shape) if name in sized else actual == shape
         if not fits:
             raise ValueError(
-                f"Argument `{argument}` must be one {kind}, with `{name}` of shape {shape}, but its shape is {found}; "
+                f"Argument `{argument}` must be one {kind}, with `{name}` of shape {shape}, but its shape is {actual}; "
                 "for many runs use jax.vmap or jaxball.ensemble.simulate_ensemble."
             )
 
 
 @functools.cache
 def shapes_of_state(kind: type[AbstractState], dtype: np.dtype) -> dict[str, tuple[int, ...]]:
-    """The shapes of the arrays of one state, where its kind has a default."""
+    """Returns the shapes of the arrays of one state, where its kind has a default."""
     default = default_of(kind, dtype)
     return (
         {name: np.shape(value) for name, value in vars(default).items() if is_array(value)}
@@ -477,7 +477,7 @@ def shapes_of_state(kind: type[AbstractState], dtype: np.dtype) -> dict[str, tup
 
 
 def vector_field(system: AbstractSystem, t: Float[Array, ""], state: AnyState) -> AnyState:
-    """ẋ = f(t, x) for the system and the kind of state given.
+    """Computes ẋ = f(t, x) for the system and the kind of state given.
 
     **Arguments:**
 

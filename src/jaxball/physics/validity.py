@@ -21,7 +21,7 @@ def possible_start(
     state: AbstractState,
     inside: bool = True,
 ) -> Bool[Array, ""]:
-    """Whether a solve of ``system`` over ``times`` can start from ``state``; traceable.
+    """Returns whether a solve of ``system`` over ``times`` can start from ``state``; traceable.
 
     ``prepared`` is the same system, prepared. ``inside`` says whether what it confines must be inside.
     """
@@ -31,7 +31,7 @@ def possible_start(
 
 
 def problems(system: AbstractSystem, state: AbstractState | None = None, t: Numbers = 0.0) -> list[str]:
-    """One sentence for each impossible number of a body and of its state; empty when all is well.
+    """Returns one sentence for each impossible number of a body and of its state; empty when all is well.
 
     **Arguments:**
 
@@ -59,7 +59,9 @@ def find_problems(
     times: Float[np.ndarray, " T"],
     states: AbstractState | None = None,
 ) -> list[Problem]:
-    """The problems that :func:`problems` reports; with the ``states`` of a run, also where it carried its masses."""
+    """Returns the problems that :func:`problems` reports; with the ``states`` of a run, also where it carried its
+    masses.
+    """
     conditions: list[Condition | ExplainedCondition] = list(system.conditions())
     if state is not None:
         conditions += state.conditions()
@@ -77,14 +79,16 @@ def find_problems(
 
 
 def not_numbers(system: AbstractSystem) -> Iterator[Problem]:
-    """The first NaN entry of each parameter, except parameters of functions."""
+    """Yields the first NaN entry of each parameter, except parameters of functions."""
     for name, value in system.numbers():
         for index in np.argwhere(np.isnan(value))[: "parameters" not in name]:
             yield Problem(name + "".join(f"[{k}]" for k in index), "be a number", "it is nan")
 
 
 def beyond_arithmetic(system: AbstractSystem, state: AbstractState, t: ArrayLike) -> Iterator[Problem]:
-    """What keeps the vector of the initial state, or its rate of change, from being finite, though each number is."""
+    """Yields the problem that keeps the vector of the initial state, or its rate of change, from being finite, though
+    each number is.
+    """
     packed, slope = jax.tree.map(np.asarray, _at_start(system, state, t))
     if np.all(np.isfinite(packed) & np.isfinite(slope)):
         return
@@ -100,14 +104,14 @@ def beyond_arithmetic(system: AbstractSystem, state: AbstractState, t: ArrayLike
 
 @programs.filter_jit
 def _at_start(system: AbstractSystem, state: AbstractState, start: Float[ArrayLike, ""]):
-    """The vector that a solve would start from, and its rate of change."""
+    """Returns the vector that a solve would start from, and its rate of change."""
     packing, t = Packing.of(system.prepare(), state), to_array(start)
     packed = packing.pack(t, state)
     return packed, packing.field(t, packed)
 
 
 def _numbers(system: AbstractSystem, state: AbstractState) -> Iterator[tuple[str, float]]:
-    """The numbers of system and state, entry by entry, but those that are 0."""
+    """Yields the numbers of system and state, entry by entry, except those that are 0."""
     of_state = ((f"state{jax.tree_util.keystr(path)}", x) for path, x in jax.tree_util.tree_leaves_with_path(state))
     for name, value in (*system.numbers(), *of_state):
         array = np.asarray(value)

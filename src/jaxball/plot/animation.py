@@ -108,7 +108,7 @@ def animate(
 
 
 def frames(times: Float[np.ndarray, " T"], step: float) -> Int[np.ndarray, " frames"]:
-    """The indices of the saved times nearest to the first one, the first one + ``step``, and so on."""
+    """Returns the indices of the saved times nearest to the first one, the first one + ``step``, and so on."""
     count = int(np.floor((times[-1] - times[0]) / step + 1e-9)) + 1
     return np.searchsorted((times[1:] + times[:-1]) / 2, times[0] + step * np.arange(count))
 
@@ -141,7 +141,7 @@ def _check_path(path: Path) -> Path:
 
 
 def snapshot(trajectory: Trajectory, t: Numbers | None = None) -> Figure:
-    """The body on its ground, or above it, at one time, with the trail of the contact point up to then.
+    """Draws the body on its ground, or above it, at one time, with the trail of the contact point up to then.
 
     **Arguments:**
 
@@ -171,7 +171,7 @@ class Canvas:
     """Draws a figure repeatedly; artists marked as animated in its Axes are drawn above everything else."""
 
     def __init__(self, figure: Figure, dpi: float | int):
-        """``dpi``: dots per inch."""
+        """Prepares to draw a figure with ``dpi`` dots per inch."""
         figure.set_dpi(dpi)
         self._canvas = FigureCanvasAgg(figure)
         self._canvas.draw()
@@ -187,7 +187,7 @@ class Canvas:
         return self._canvas.get_width_height()
 
     def picture(self) -> Picture:
-        """The current figure."""
+        """Returns the current figure as a picture."""
         self._canvas.restore_region(self._still)
         renderer = self._canvas.get_renderer()
         for artist in self._moving:
@@ -221,8 +221,8 @@ def gif(
             if shown is not None:
                 changed = frame != shown
                 rows, columns = _extent(changed.any(axis=1)), _extent(changed.any(axis=0))
-                kept = long_runs(~changed[rows, columns], SHORTEST_GAP)
-                corner, part = (columns.start, rows.start), np.where(kept, unchanged, frame[rows, columns])
+                gaps = long_runs(~changed[rows, columns], SHORTEST_GAP)
+                corner, part = (columns.start, rows.start), np.where(gaps, unchanged, frame[rows, columns])
             shown = frame
             image = Image.fromarray(part.astype(np.uint8))
             image.putpalette([*palette, 0, 0, 0])
@@ -233,7 +233,7 @@ def gif(
 
 
 def palette_of(colours: Sequence[ColorType]) -> UInt8[np.ndarray, "n 3"]:
-    """Greys, and each colour with its tints; the first one is white."""
+    """Returns greys, and each colour with its tints; the first one is white."""
     hues = dict.fromkeys(to_rgb(colour) for colour in colours)
     shades = [(grey,) * 3 for grey in GREYS]
     for hue in hues:
@@ -243,13 +243,15 @@ def palette_of(colours: Sequence[ColorType]) -> UInt8[np.ndarray, "n 3"]:
 
 
 def _extent(changed: Bool[np.ndarray, " n"]) -> slice:
-    """From the first change to the last; a single pixel where there is none, because a frame must have pixels."""
-    at = np.flatnonzero(changed)
-    return slice(int(at[0]), int(at[-1]) + 1) if at.size else slice(0, 1)
+    """Returns the slice from the first change to the last; a single pixel where there is none, because a frame must
+    have pixels.
+    """
+    indices = np.flatnonzero(changed)
+    return slice(int(indices[0]), int(indices[-1]) + 1) if indices.size else slice(0, 1)
 
 
 def long_runs(same: Bool[np.ndarray, "height width"], shortest: int) -> Bool[np.ndarray, "height width"]:
-    """Where ``same`` is true in a run of at least ``shortest``, reading line after line."""
+    """Returns where ``same`` is true in a run of at least ``shortest``, reading line after line."""
     flat = same.ravel()
     starts = np.flatnonzero(np.diff(flat, prepend=not flat[0]))
     lengths = np.diff(starts, append=flat.size)
@@ -257,7 +259,9 @@ def long_runs(same: Bool[np.ndarray, "height width"], shortest: int) -> Bool[np.
 
 
 def _write_header(file: BinaryIO, size: tuple[int, int], palette: UInt8[np.ndarray, "n 3"]) -> None:
-    """The header before the frames: the size, a table of colours for all of them, and how often they are repeated."""
+    """Writes the header before the frames: the size, a table of colours for all of them, and how often they are
+    repeated.
+    """
     bits = max(1, len(palette).bit_length())  # for the colours and a transparent one
     file.write(b"GIF89a" + struct.pack("<HHBBB", *size, 0xF0 | bits - 1, 0, 0))
     file.write(palette.tobytes().ljust(3 * 2**bits, b"\0"))
@@ -265,7 +269,7 @@ def _write_header(file: BinaryIO, size: tuple[int, int], palette: UInt8[np.ndarr
 
 
 def has_ffmpeg() -> bool:
-    """Whether ffmpeg is installed where matplotlib looks for it."""
+    """Returns whether ffmpeg is installed where matplotlib looks for it."""
     return FFMpegWriter.isAvailable()
 
 

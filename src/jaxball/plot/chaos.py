@@ -26,7 +26,7 @@ NEUTRAL_GROWTH = 1e-6  # a growth rate of either sign below this is rounding
 
 
 def chaos_chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, largest: float | None = None) -> Axes:
-    """The data set of :func:`jaxball.chaos.chart` in colours, its first parameter on the vertical axis.
+    """Draws the data set of :func:`jaxball.chaos.chart` in colours, its first parameter on the vertical axis.
 
     Grey marks where the ball would leave the plane, red where the solve failed.
 
@@ -40,18 +40,20 @@ def chaos_chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, largest: f
     """
     exponent, failed = dataset["exponent"].values, dataset["status"].values != 0
     lifted = ~failed & (dataset["least_normal_force"].values <= 0)
-    known = exponent[np.isfinite(exponent)]
-    top = largest if largest is not None else max(float(known.max(initial=0.0)), 1e-12)
+    exponents = exponent[np.isfinite(exponent)]
+    top = largest if largest is not None else max(float(exponents.max(initial=0.0)), 1e-12)
     marks = {"leaves the plane": (lifted, LIFTED), "solve failed": (failed, FAILED)}
     ax, mesh = _chart(dataset["exponent"], ax, marks, cmap="magma_r", vmin=0.0, vmax=top)
-    colour_bar(ax, mesh, r"$\lambda_1$", extend="max" if known.size and known.max() > top else "neither")
+    colour_bar(ax, mesh, r"$\lambda_1$", extend="max" if exponents.size and exponents.max() > top else "neither")
     return ax
 
 
 def _chart(
     values: "xarray.DataArray", ax: Axes | None, marks: Mapping[str, tuple[np.ndarray, str]], **look: Any
 ) -> tuple[Axes, QuadMesh]:
-    """Values over two parameters in colours, the first upwards, and by name where cells have a colour of their own."""
+    """Draws values over two parameters in colours, the first upwards, and lists by name the cells that have a colour of
+    their own.
+    """
     ax, (up, right) = plane_axes(ax, CHART), map(str, values.dims)
     mesh = ax.pcolormesh(values[right], values[up], values, rasterized=True, **look)
     keys = []
@@ -67,7 +69,8 @@ def _chart(
 
 
 def stability_chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, largest: float | None = None) -> Axes:
-    """The data set of :func:`jaxball.stability.floquet_chart` in colours, its first parameter on the vertical axis.
+    """Draws the data set of :func:`jaxball.stability.floquet_chart` in colours, its first parameter on the vertical
+    axis.
 
     Deviations grow in red regions and decay in blue ones, with a line between them; grey is where no periodic motion
     was found.
@@ -80,24 +83,24 @@ def stability_chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, larges
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
     growth = dataset["growth"].values
-    found = np.isfinite(growth)
-    size = float(np.max(np.abs(growth[found]), initial=0.0))
+    has_motion = np.isfinite(growth)
+    size = float(np.max(np.abs(growth[has_motion]), initial=0.0))
     end = largest if largest is not None else max(size, 1e-12)
-    marks = {"no periodic motion found": (~found, LIFTED)}
+    marks = {"no periodic motion found": (~has_motion, LIFTED)}
     ax, mesh = _chart(dataset["growth"], ax, marks, cmap="RdBu_r", vmin=-end, vmax=end)
     if min(growth.shape) > 1 and np.any(growth > NEUTRAL_GROWTH) and np.any(growth < -NEUTRAL_GROWTH):
         up, right = (dataset[name].values for name in dataset["growth"].dims)
         # Neutral motions count as neither growing nor decaying.
-        told = np.where(growth > NEUTRAL_GROWTH, growth, np.minimum(growth, -NEUTRAL_GROWTH))
-        ax.contour(right, up, told, levels=[0.0], colors=INK, linewidths=0.8)
-    ends = (bool(size and np.min(growth[found]) < -end), bool(size and np.max(growth[found]) > end))
+        signed_growth = np.where(growth > NEUTRAL_GROWTH, growth, np.minimum(growth, -NEUTRAL_GROWTH))
+        ax.contour(right, up, signed_growth, levels=[0.0], colors=INK, linewidths=0.8)
+    ends = (bool(size and np.min(growth[has_motion]) < -end), bool(size and np.max(growth[has_motion]) > end))
     extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[ends]
     colour_bar(ax, mesh, "growth rate", extend=extend)
     return ax
 
 
 def lyapunov_convergence(spectrum: LyapunovSpectrum, ax: Axes | None = None) -> Axes:
-    """The running means of the Lyapunov exponents over time.
+    """Draws the running means of the Lyapunov exponents over time.
 
     **Arguments:**
 
@@ -119,7 +122,7 @@ def lyapunov_convergence(spectrum: LyapunovSpectrum, ax: Axes | None = None) -> 
 def poincare_section(
     across: Float[np.ndarray, " n"], up: Float[np.ndarray, " n"], names: tuple[str, str], ax: Axes | None = None
 ) -> Axes:
-    """The crossings of a section, by two components of the states there.
+    """Draws the crossings of a section, by two components of the states there.
 
     **Arguments:**
 
@@ -136,7 +139,8 @@ def poincare_section(
 
 
 def eigenvalues(motions: Sequence[SteadyMotion], ax: Axes | None = None) -> Axes:
-    """The eigenvalues of steady motions in the complex plane: stable ones in one colour, unstable ones in another.
+    """Draws the eigenvalues of steady motions in the complex plane: stable ones in one colour, unstable ones in
+    another.
 
     **Arguments:**
 
@@ -150,7 +154,8 @@ def eigenvalues(motions: Sequence[SteadyMotion], ax: Axes | None = None) -> Axes
 
 
 def multipliers(motions: Sequence[PeriodicMotion], ax: Axes | None = None) -> Axes:
-    """The Floquet multipliers of periodic motions in the complex plane, with the unit circle, as :func:`eigenvalues`.
+    """Draws the Floquet multipliers of periodic motions in the complex plane, with the unit circle, as
+    :func:`eigenvalues`.
 
     Deviations grow if a multiplier is outside the circle.
 
@@ -167,12 +172,12 @@ def multipliers(motions: Sequence[PeriodicMotion], ax: Axes | None = None) -> Ax
     return ax
 
 
-def _in_the_complex_plane(ax: Axes, found: Sequence[tuple[bool, np.ndarray]], letter: str) -> None:
-    """The numbers of each motion, which is stable or not."""
+def _in_the_complex_plane(ax: Axes, motions: Sequence[tuple[bool, np.ndarray]], letter: str) -> None:
+    """Draws the numbers of each motion in the complex plane, marked by whether it is stable."""
     ax.axvline(0.0, color="0.75", linewidth=0.6, zorder=0)
     zero_line(ax)
     for stable, label, marker, colour in STABLE:
-        chosen = [numbers for one, numbers in found if one == stable]
+        chosen = [numbers for is_stable, numbers in motions if is_stable == stable]
         if chosen:
             values, look = np.concatenate(chosen), {"ms": 5, "linestyle": "none", "mfc": "none"}
             ax.plot(np.real(values), np.imag(values), marker, color=colour, label=label, **look)

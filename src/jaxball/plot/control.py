@@ -19,7 +19,7 @@ RETURNED = COMPONENTS[0]
 
 
 def gains(track: Track, name: str | None = None, ax: Axes | None = None) -> Axes:
-    """The gains of one input over time, one line for each local coordinate whose gain is not 0 throughout.
+    """Draws the gains of one input over time, one line for each local coordinate whose gain is not 0 throughout.
 
     **Arguments:**
 
@@ -39,7 +39,8 @@ def gains(track: Track, name: str | None = None, ax: Axes | None = None) -> Axes
 
 
 def held_paths(loops: Mapping[str, ClosedLoop], ax: Axes | None = None) -> Axes:
-    """The paths of the centre under feedback, or without, and that of the motion, dashed; a disk's place over time.
+    """Draws the paths of the centre under feedback, or without, and the path of the motion, dashed; for a disk, its
+    place over time.
 
     **Arguments:**
 
@@ -76,7 +77,7 @@ def held_paths(loops: Mapping[str, ClosedLoop], ax: Axes | None = None) -> Axes:
 
 
 def held_inputs(loops: Mapping[str, ClosedLoop], name: str | None = None, ax: Axes | None = None) -> Axes:
-    """One input over time in closed loops, in steps, with its limits as lines.
+    """Draws one input over time in closed loops, in steps, with its limits as lines.
 
     **Arguments:**
 
@@ -95,9 +96,9 @@ def held_inputs(loops: Mapping[str, ClosedLoop], name: str | None = None, ax: Ax
         name = inputs[0] if name is None else name
         if name not in inputs:
             raise ValueError(f"Argument `name` must be one of {', '.join(inputs)}, but it is {name!r}.")
-        own = inputs.index(name)
-        limits.append(float(loop.plant.limits[own]))
-        values = np.asarray(loop.u)[:, own]
+        column = inputs.index(name)
+        limits.append(float(loop.plant.limits[column]))
+        values = np.asarray(loop.u)[:, column]
         colour = COLOURS[k % len(COLOURS)]
         ax.stairs(values, np.asarray(loop.times), baseline=None, color=colour, linewidth=1.0, label=label)
     for limit in {limit for limit in limits if np.isfinite(limit)}:
@@ -110,7 +111,7 @@ def held_inputs(loops: Mapping[str, ClosedLoop], name: str | None = None, ax: Ax
 
 
 def basin_map(basin: Basin, ax: Axes | None = None) -> Axes:
-    """Which starts of a grid come back, in colour; its first direction is on the vertical axis.
+    """Draws in colour which starts of a grid come back; its first direction is on the vertical axis.
 
     **Arguments:**
 

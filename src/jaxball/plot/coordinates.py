@@ -26,7 +26,7 @@ Curve = tuple[np.ndarray, np.ndarray]
 
 
 def mass_angles(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    r"""θ_i of the masses on rails, in rad, or along a tube a length.
+    r"""Draws θ_i of the masses on rails, in rad, or along a tube a length.
 
     **Arguments:**
 
@@ -51,19 +51,19 @@ def mass_angles(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def angles_of(trajectory: Trajectory) -> dict[int, Float[np.ndarray, " T"]]:
-    """θ of each mass i = 1 … n on a rail, along a run at the times that are drawn."""
+    """Returns θ of each mass i = 1 … n on a rail, along a run at the times that are drawn."""
     values = record(trajectory).observables.mass_angles
     return {index + 1: values[:, k] for k, index in enumerate(trajectory.system.on_rails)}
 
 
 def mass_units(system: System) -> dict[int, str]:
-    """The unit of θ_i of each mass on a rail."""
+    """Returns the unit of θ_i of each mass on a rail."""
     masses = system.point_masses
     return {index + 1: unit_of(masses[index].rail) for index in system.on_rails}
 
 
 def unit_of(place: Any) -> str:
-    """The unit of the coordinate along a rail or of a joint; none if it is unknown."""
+    """Returns the unit of the coordinate along a rail or of a joint; none if it is unknown."""
     if isinstance(place, Carriage):
         return unit_of(place.rail)
     if isinstance(place, Tube | Slider):
@@ -72,23 +72,23 @@ def unit_of(place: Any) -> str:
 
 
 def units_of(units: Iterable[str]) -> str:
-    """The end of an axis label for coordinates with these units."""
-    known = list(dict.fromkeys(unit for unit in units if unit))
-    return f" ({', '.join(known)})" if known else ""
+    """Returns the end of an axis label for coordinates with these units."""
+    names = list(dict.fromkeys(unit for unit in units if unit))
+    return f" ({', '.join(names)})" if names else ""
 
 
 def joint_units(system: System) -> str:
-    """The end of an axis label for the coordinates of all joints."""
-    return units_of([unit_of(joint) for one in system.mechanisms for joint in getattr(one, "joints", ())])
+    """Returns the end of an axis label for the coordinates of all joints."""
+    return units_of([unit_of(joint) for mechanism in system.mechanisms for joint in getattr(mechanism, "joints", ())])
 
 
 def joints_of(system: System) -> list[str]:
-    """The joints a = 1 … of the mechanisms j = 1 …, as ``j,a``."""
-    return [f"{j},{a}" for j, one in enumerate(system.mechanisms, 1) for a in range(1, one.n_joints + 1)]
+    """Lists the joints a = 1 … of the mechanisms j = 1 …, as ``j,a``."""
+    return [f"{j},{a}" for j, mechanism in enumerate(system.mechanisms, 1) for a in range(1, mechanism.n_joints + 1)]
 
 
 def joint_angles(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """θ of every joint of the mechanisms: rad for a hinge, a length for a slider.
+    """Draws θ of every joint of the mechanisms: rad for a hinge, a length for a slider.
 
     **Arguments:**
 
@@ -103,7 +103,7 @@ def joint_angles(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def joint_efforts(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """Q of every joint of the mechanisms: the torque of a hinge, the force along a slider.
+    """Draws Q of every joint of the mechanisms: the torque of a hinge, the force along a slider.
 
     **Arguments:**
 
@@ -134,7 +134,7 @@ def _of_joints(
 
 
 def acceleration(source: Trajectory | System, ax: Axes | None = None, *, times: Numbers | None = None) -> Axes:
-    """The magnitudes |θ̈_i| over time, ``fig_abs_ui``; masses with the same curve share a line.
+    """Draws the magnitudes |θ̈_i| over time, ``fig_abs_ui``; masses with the same curve share a line.
 
     A line that several masses share is black if it is the only one. If all curves end at zero, the time axis ends soon
     after the last of them becomes zero.
@@ -155,7 +155,9 @@ def acceleration(source: Trajectory | System, ax: Axes | None = None, *, times: 
             "but it has neither; there is no acceleration to draw."
         )
     ax = plane_axes(ax, system=source.system if isinstance(source, Trajectory) else source)
-    groups = group_equal(curves.items(), lambda one, other: all(_close(a, b) for a, b in zip(one, other, strict=True)))
+    groups = group_equal(
+        curves.items(), lambda curve, other: all(_close(a, b) for a, b in zip(curve, other, strict=True))
+    )
     for members, (t, size) in groups:
         shared = {"color": INK, "linestyle": "-"} if len(groups) == 1 < len(members) else {}
         ax.plot(t, size, **mass_line(members[0], **shared), label=_names(members))
@@ -175,7 +177,7 @@ def acceleration(source: Trajectory | System, ax: Axes | None = None, *, times: 
 
 
 def accelerations(source: Trajectory | System, times: Numbers | None = None) -> dict[int, Curve]:
-    """Times and |θ̈_i| for each mass i = 1 … n on a rail whose acceleration is known."""
+    """Returns times and |θ̈_i| for each mass i = 1 … n on a rail whose acceleration is known."""
     curves: dict[int, Curve] = {}
     system = source.system if isinstance(source, Trajectory) else source
     if isinstance(source, Trajectory):

@@ -37,7 +37,7 @@ def designed_path(
     *,
     names: tuple[str, str] = ("before", "after"),
 ) -> Axes:
-    """The path of the geometric centre before and after, the target path dashed, and the discs to avoid.
+    """Draws the path of the geometric centre before and after, the target path dashed, and the discs to avoid.
 
     A ring marks the start of the path after, a square its end.
 
@@ -70,7 +70,7 @@ def place_in_time(
     wanted: tuple[Float[np.ndarray, " t"], Float[np.ndarray, " t"]] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """z of a disk over time in several cases, and its target, dashed.
+    """Draws z of a disk over time in several cases, and its target, dashed.
 
     **Arguments:**
 
@@ -88,7 +88,7 @@ def place_in_time(
 
 
 def rail_angles(times: Float[np.ndarray, " t"], theta: Float[np.ndarray, "t n"], ax: Axes | None = None) -> Axes:
-    """θ_i over time.
+    """Draws θ_i over time.
 
     **Arguments:**
 
@@ -101,7 +101,7 @@ def rail_angles(times: Float[np.ndarray, " t"], theta: Float[np.ndarray, "t n"],
 
 
 def rail_accelerations(times: Float[np.ndarray, " t"], u: Float[np.ndarray, "t n"], ax: Axes | None = None) -> Axes:
-    """θ̈_i over time.
+    """Draws θ̈_i over time.
 
     **Arguments:**
 
@@ -136,7 +136,7 @@ def convergence(
     *,
     polish: int | None = None,
 ) -> Axes:
-    """Objective, violation and gradient norm of the best start at each report, on a logarithmic scale.
+    """Draws objective, violation and gradient norm of the best start at each report, on a logarithmic scale.
 
     Triangles on the lower edge mark reports without any violated constraint; other numbers that are not positive are
     left out. A line is drawn at ``polish``, the report at which the polish begins.
@@ -175,7 +175,7 @@ def branch(
     *,
     of: str = "",
 ) -> Axes:
-    """Positive ``values`` of the solutions of a branch over a positive weight ``name``, both logarithmic.
+    """Draws positive ``values`` of the solutions of a branch over a positive weight ``name``, both logarithmic.
 
     **Arguments:**
 

@@ -22,7 +22,7 @@ LOOKS = [(colour, dashes) for dashes in (SOLID, DASHED, DASH_DOTTED) for colour 
 
 
 def estimate(estimate: AbstractEstimate, truth: PlacedState | None = None, confidence: float = 0.95) -> Figure:
-    """Errors of an estimate over time, the biases of sensors, and in the last panels normalised squares.
+    """Draws errors of an estimate over time, the biases of sensors, and in the last panels normalised squares.
 
     Bands show where errors, and around their estimates biases, lie with this probability if the filter is right; where
     the truth is known, lines show the errors. The normalised squares of innovations, and of errors where the truth is
@@ -60,7 +60,7 @@ def estimate(estimate: AbstractEstimate, truth: PlacedState | None = None, confi
 
 
 def _groups(names: Sequence[str]) -> dict[str, list[int]]:
-    """The places of the numbers of each field, by its name."""
+    """Returns the places of the numbers of each field, by its name."""
     groups: dict[str, list[int]] = {}
     for place, name in enumerate(names):
         groups.setdefault(name.partition("[")[0], []).append(place)
@@ -97,13 +97,13 @@ def _draw_squares(
     ax: Axes,
     times: Float[np.ndarray, " K"],
     name: str,
-    found: Float[np.ndarray, " K"],
+    squares: Float[np.ndarray, " K"],
     degrees: Int[np.ndarray, " K"],
     confidence: float,
 ) -> None:
-    """Numbers that are distributed as χ² with a number of degrees of freedom, and their bounds."""
+    """Draws numbers that are distributed as χ² with a number of degrees of freedom, and their bounds."""
     tails = (1 - confidence) / 2, (1 + confidence) / 2
     bounds = [np.where(degrees > 0, chi2.ppf(p, np.maximum(degrees, 1)), np.nan) for p in tails]
-    lines = [Series(found, "", COMPONENTS[0]), *(Series(bound, "", INK, DASHED) for bound in bounds)]
+    lines = [Series(squares, "", COMPONENTS[0]), *(Series(bound, "", INK, DASHED) for bound in bounds)]
     over_time(None, times, lines, name, ax)
     label_axes(ax, "$t$", name)

@@ -24,7 +24,7 @@ LONGEST_NAME = 60  # letters of a name
 
 
 def run_mark(trajectory: "Trajectory[Any, Any]") -> str:
-    """The mark of a run: a digest of its scenario, or of its states without one, and where it ended."""
+    """Returns the mark of a run: a digest of its scenario, or of its states without one, and where it ended."""
     from ..scenario import ScenarioError, write_scenario
 
     digest = ""
@@ -38,7 +38,7 @@ def run_mark(trajectory: "Trajectory[Any, Any]") -> str:
 
 
 def scenario_mark(text: str) -> str:
-    """The common prefix of the marks of all runs of a scenario with this text."""
+    """Returns the common prefix of the marks of all runs of a scenario with this text."""
     return _mark(text.encode())
 
 
@@ -47,7 +47,9 @@ def _mark(content: bytes) -> str:
 
 
 def plain_name(text: str, otherwise: str) -> str:
-    """A text as a file name: its letters, digits, dots, hyphens and underscores; ``otherwise`` if none remains."""
+    """Converts a text to a file name: its letters, digits, dots, hyphens and underscores; ``otherwise`` if none
+    remains.
+    """
     words = re.sub(r"[^\w.-]+", "-", text).strip("-._")
     return words[:LONGEST_NAME].rstrip("-._") or otherwise
 
@@ -63,7 +65,7 @@ def check_others(paths: Iterable[Path], mark: str, option: str) -> None:
 
 
 def figures_in(folder: Path, name: str, formats: Sequence[str]) -> list[Path]:
-    """The figures called ``name`` in a folder."""
+    """Lists the figures called ``name`` in a folder."""
     return sorted(path for suffix in formats for path in folder.glob(f"{name}_*.{suffix}"))
 
 

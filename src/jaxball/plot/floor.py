@@ -62,7 +62,7 @@ class Placed(NamedTuple):
 
 
 def place(trajectory: Trajectory, run: Record) -> Placed:
-    """A run in the axes of the page."""
+    """Expresses a run in the axes of the page."""
     rows, seen, system = finite_rows(trajectory), run.observables, trajectory.system
     plane = system.ground if isinstance(system.ground, Ground) else None
     with_arms, state = system if system.mechanisms else None, jax.tree.map(lambda leaf: leaf[rows], trajectory.state)
@@ -91,7 +91,7 @@ def _on_plane(
     turned: Float[np.ndarray, " T"] | None,
     count: int,
 ) -> Setting:
-    """The setting of a plane, from its displacement in space axes."""
+    """Returns the setting of a plane, from its displacement in space axes."""
     up = np.array([0.0, 0.0, 1.0]) if plane is None else np.asarray(plane.up())
     tilt = np.array([[0.0, 0.0, -up[0]], [0.0, 0.0, -up[1]], [up[0], up[1], 0.0]])
     page = np.eye(3) + tilt + tilt @ tilt / (1 + up[2])  # turns about a horizontal axis, and takes ``up`` to e3
@@ -103,7 +103,7 @@ def _on_plane(
 
 @programs.filter_jit
 def _evaluate(ground, system, times, states):
-    """Λ, the arms, X and the angle of the turntable at each time; None for what the ground lacks."""
+    """Computes Λ, the arms, X and the angle of the turntable at each time; None for what the ground lacks."""
     ground, system = (None if part is None else part.prepare() for part in (ground, system))
 
     def at_time(t, state):
@@ -123,7 +123,7 @@ class Block(NamedTuple):
     base: Float[np.ndarray, "corners 3"]
 
     def everywhere(self, moved: Float[np.ndarray, "T 3"]) -> Float[np.ndarray, "points 3"]:
-        """The corners at the extremes of the plane's displacement."""
+        """Returns the corners at the extremes of the plane's displacement."""
         corners = np.concatenate([self.top, self.base])
         ends = np.stack(np.meshgrid(*np.stack([moved.min(axis=0), moved.max(axis=0)], axis=1), indexing="ij"), axis=-1)
         return (corners[:, None] + ends.reshape(-1, 3)).reshape(-1, 3)
@@ -145,7 +145,7 @@ class Floor(NamedTuple):
 
 
 def floor_under(path: Float[np.ndarray, "T 3"], r: float, setting: Setting) -> Floor:
-    """The floor under a ``path`` of the contact point, space axes."""
+    """Returns the floor under a ``path`` of the contact point, space axes."""
     along, height, table = path[:, :2], float(path[0, 2]), 0.0
     low, high = along.min(axis=0) - ROOM_AROUND * r, along.max(axis=0) + ROOM_AROUND * r
     if setting.turned is not None:
@@ -157,6 +157,6 @@ def floor_under(path: Float[np.ndarray, "T 3"], r: float, setting: Setting) -> F
 
 
 def ground_under(path: Float[np.ndarray, "T 3"], r: float, setting: Setting) -> Block:
-    """The line under a disk, whose contact point has the ``path``, space axes: from left to right."""
+    """Returns the line under a disk, whose contact point has the ``path``, space axes: from left to right."""
     ends = path[:, 0].min() - ROOM_AROUND * r, path[:, 0].max() + ROOM_AROUND * r
     return _block(np.array([[end, 0.0, path[0, 2]] for end in ends]), setting)

@@ -47,8 +47,8 @@ class Names(Artist):
         data = self._ax.transData.inverted().transform(anchors)
         shifts = centres - anchors / point
         distances = np.linalg.norm(np.maximum(np.abs(shifts) - sizes / 2, 0.0), axis=1) - self._room
-        for text, at, shift, distance in zip(self._texts, data, shifts, distances, strict=True):
-            text.xy = tuple(at)
+        for text, anchor, shift, distance in zip(self._texts, data, shifts, distances, strict=True):
+            text.xy = tuple(anchor)
             text.set_position(tuple(shift))
             assert text.arrow_patch is not None
             text.arrow_patch.set_visible(bool(distance > LEADER))
@@ -92,7 +92,7 @@ def places(
     page: tuple[float, float],
     room: float,
 ) -> Float[np.ndarray, "n 2"]:
-    """The centres of names beside their anchors, chosen so that they hide as little as possible.
+    """Returns the centres of names beside their anchors, chosen so that they hide as little as possible.
 
     All lengths are in points of the page. Each name has candidates around its anchor; names choose in turn, the most
     crowded one first, repeatedly until none would move. The result is deterministic.
@@ -141,7 +141,7 @@ def _counts(
     high: Float[np.ndarray, "n candidates 2"],
     points: Float[np.ndarray, "m 2"],
 ) -> Float[np.ndarray, "n candidates"]:
-    """How many points lie in each box."""
+    """Counts the points that lie in each box."""
     counts = np.zeros(low.shape[:2])
     for i in range(len(low)):
         near = points[np.all((points >= low[i].min(axis=0)) & (points <= high[i].max(axis=0)), axis=1)]
@@ -151,7 +151,7 @@ def _counts(
 
 
 def _on_the_page(ax: Axes, points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n 2"]:
-    """Points in pixels from the lower left corner of the figure."""
+    """Returns points in pixels from the lower left corner of the figure."""
     if isinstance(ax, Axes3D):
         x, y, _ = proj3d.proj_transform(*np.asarray(points).T, ax.get_proj())  # pyright: ignore[reportCallIssue]
         points = np.column_stack([x, y])
@@ -198,7 +198,7 @@ def _sample_curve(points: Float[np.ndarray, "n 2"], spacing: float) -> Float[np.
 
 
 def _disc(points: Float[np.ndarray, "n 2"], radius: float, spacing: float) -> Float[np.ndarray, "m 2"]:
-    """Points that fill a mark."""
+    """Returns points that fill a mark."""
     points = points[np.all(np.isfinite(points), axis=1)]
     steps = np.arange(-radius, radius + spacing, spacing)
     grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)

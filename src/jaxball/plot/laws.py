@@ -38,7 +38,7 @@ ROW = 4  # entries in a row of the legend
 
 
 def classical_motion(trajectory: Trajectory[Any, Any], ax: Axes | None = None) -> Axes:
-    """The body components Ω_i of a rigid body, or every number of another state.
+    """Draws the body components Ω_i of a rigid body, or every number of another state.
 
     A coordinate and its rate have the same colour; the rate is dashed.
 
@@ -64,7 +64,7 @@ def classical_motion(trajectory: Trajectory[Any, Any], ax: Axes | None = None) -
 
 
 def _numbers(trajectory: Trajectory[Any, Any]) -> dict[str, Any]:
-    """The fields of the state; of a system with a Lagrangian, its coordinates and their rates by name."""
+    """Returns the fields of the state; for a system with a Lagrangian, its coordinates and their rates by name."""
     state = trajectory.state
     if not isinstance(state, LagrangianState):
         return vars(state)
@@ -77,7 +77,7 @@ def _numbers(trajectory: Trajectory[Any, Any]) -> dict[str, Any]:
 
 
 def law_errors(trajectory: Trajectory[Any, Any]) -> Figure:
-    """The change of each conserved quantity since the start, in a panel of its own; for a vector, each component.
+    """Draws the change of each conserved quantity since the start, in a panel of its own; for a vector, each component.
 
     **Arguments:**
 
@@ -98,7 +98,7 @@ def law_errors(trajectory: Trajectory[Any, Any]) -> Figure:
 
 
 def _panel(ax: Axes, times: Float[np.ndarray, " T"], changes: Float[np.ndarray, "T k"], name: str) -> None:
-    """The changes of a quantity, in units of a power of ten."""
+    """Draws the changes of a quantity, in units of a power of ten."""
     plane_axes(ax)
     largest = float(np.max(np.abs(changes), initial=0.0))
     power = math.floor(math.log10(largest)) if largest > 0 else 0
@@ -130,7 +130,7 @@ def _rows(trajectory: Trajectory[Any, Any]) -> np.ndarray:
 def law_residuals(
     times: Float[np.ndarray, " n"], residuals: Mapping[str, Float[np.ndarray, " n"]], ax: Axes | None = None
 ) -> Axes:
-    """How far a run departs from each law over time, on a logarithmic axis.
+    """Draws how far a run departs from each law over time, on a logarithmic axis.
 
     The residuals are multiples of those that the tolerances explain, so that a law holds as long as its curve is below
     the dashed line at 1.

@@ -51,22 +51,22 @@ class Modes(NamedTuple):
         return np.array([spell.start for spell in self.spells[1:]])
 
     def at(self, times: Float[np.ndarray, " T"]) -> list[Mode]:
-        """The mode at each time; at a switch, the one that begins."""
+        """Returns the mode at each time; at a switch, the one that begins."""
         return [self.spells[k].mode for k in np.searchsorted(self.changes, times, side="right")]
 
 
 def modes_of(trajectory: Trajectory[Any, Any]) -> Modes:
-    """The modes of a run at the times that are drawn; no spells without a law of contact."""
+    """Returns the modes of a run at the times that are drawn; no spells without a law of contact."""
     history, rows = trajectory.history, finite_rows(trajectory)
     if not (isinstance(history, ContactHistory) and rows.size):
         return NO_MODES
     times = np.asarray(trajectory.times)[rows]
     saved, switches = np.asarray(history.mode)[rows], history.switches
-    kept = min(int(switches.count), history.law.capacity)
-    when = np.asarray(switches.times)[:kept]
-    first = np.asarray(switches.source)[0] if kept else saved[0]
-    begins = [(times[0], first), *zip(when, np.asarray(switches.target)[:kept], strict=True)]
-    if int(switches.count) > kept:  # later modes are known only at the saved times
+    count = min(int(switches.count), history.law.capacity)
+    when = np.asarray(switches.times)[:count]
+    first = np.asarray(switches.source)[0] if count else saved[0]
+    begins = [(times[0], first), *zip(when, np.asarray(switches.target)[:count], strict=True)]
+    if int(switches.count) > count:  # later modes are known only at the saved times
         begins += [(t, mode) for t, mode in zip(times, saved, strict=True) if t > when[-1]]
     return Modes(tuple(_spells(begins, float(times[-1]))), when[when <= times[-1]])
 
@@ -82,13 +82,13 @@ def _spells(begins: list[tuple[Any, Any]], end: float) -> Iterator[Spell]:
         for (_, mode), start, until in zip(begins, starts, [*starts[1:], end], strict=True)
         if start < min(until, end)
     ] or [(Mode(int(begins[-1][1])), starts[0])]
-    merged = [next(group) for _, group in itertools.groupby(lasting, lambda one: one[0])]
+    merged = [next(group) for _, group in itertools.groupby(lasting, lambda spell: spell[0])]
     for (mode, start), until in zip(merged, [*(start for _, start in merged[1:]), end], strict=True):
         yield Spell(mode, start, until)
 
 
 def draw_modes(ax: Axes, modes: Modes) -> None:
-    """Bands where the body slides or flies, and a thin line at each switch, behind what is drawn over time."""
+    """Draws bands where the body slides or flies, and a thin line at each switch, behind what is drawn over time."""
     named = set()
     for mode, start, end in modes.spells:
         if mode in BANDS:
@@ -124,7 +124,7 @@ def share_bands(figure: Figure) -> None:
 def with_breaks(
     modes: Modes, times: Float[np.ndarray, " T"], *series: Float[np.ndarray, " T"]
 ) -> tuple[Float[np.ndarray, " T2"], ...]:
-    """Times and values of a quantity that jumps between modes, with gaps, which no line crosses.
+    """Returns times and values of a quantity that jumps between modes, with gaps, which no line crosses.
 
     Where a switch has two times, before and after it, the gap is between them.
     """
@@ -145,7 +145,7 @@ class Track(NamedTuple):
     modes: list[Mode]
 
     def pieces(self, mode: Mode) -> tuple[Float[np.ndarray, " P"], Float[np.ndarray, "P 3"]]:
-        """The part of the path in a mode, as one curve with breaks, and the times of its points."""
+        """Returns the part of the path in a mode, as one curve with breaks, and the times of its points."""
         times, points, k = [np.zeros(0)], [np.zeros((0, 3))], 0
         for other, group in itertools.groupby(self.modes):
             end = k + len(list(group))
@@ -157,21 +157,21 @@ class Track(NamedTuple):
 
 
 def track_of(trajectory: Trajectory[Any, Any]) -> Track | None:
-    """The track of a run; None without a law of contact."""
+    """Returns the track of a run; None without a law of contact."""
     modes, history = modes_of(trajectory), trajectory.history
     if not (isinstance(history, ContactHistory) and modes.spells):
         return None
-    rows, r, kept = finite_rows(trajectory), float(trajectory.system.radius), len(modes.switches)
+    rows, r, count = finite_rows(trajectory), float(trajectory.system.radius), len(modes.switches)
     saved = _lowest(np.asarray(trajectory.state.z)[rows], np.asarray(history.height)[rows], r)
     after = history.switches.after
-    switched = _lowest(np.asarray(after.body.z)[:kept], np.asarray(after.height)[:kept], r)
+    switched = _lowest(np.asarray(after.body.z)[:count], np.asarray(after.height)[:count], r)
     times = np.concatenate([np.asarray(trajectory.times)[rows], modes.switches])
     times, first = np.unique(times, return_index=True)
     return Track(times, np.concatenate([saved, switched])[first], modes.at((times[1:] + times[:-1]) / 2))
 
 
 def switch_points(trajectory: Trajectory[Any, Any]) -> Float[np.ndarray, "switches 3"]:
-    """Where the body's lowest point is at the switches, space axes."""
+    """Returns where the body's lowest point is at the switches, space axes."""
     track, switches = track_of(trajectory), modes_of(trajectory).switches
     return np.zeros((0, 3)) if track is None else track.points[np.searchsorted(track.times, switches)]
 

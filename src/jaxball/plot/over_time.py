@@ -51,14 +51,14 @@ class Sizes(NamedTuple):
 
 
 def sizes_of(system: Any) -> Sizes:
-    """The scales of a ball or a disk: its radius, its weight and √(r/g); without gravity, the time is 1."""
+    """Returns the scales of a ball or a disk: its radius, its weight and √(r/g); without gravity, the time is 1."""
     radius, gravity = abs(float(system.radius)), abs(float(system.gravity))
     time = (radius / gravity) ** 0.5 if gravity > 0 else 1.0
     return Sizes(radius, time, abs(float(system.total_mass)) * radius / time**2)
 
 
 def without_rounding(values: Float[np.ndarray, "..."], size: float) -> Float[np.ndarray, "..."]:
-    """The values, and 0 for those that are no larger than the rounding of numbers of this ``size``."""
+    """Returns the values, with 0 in place of those that are no larger than the rounding of numbers of this ``size``."""
     return np.where(np.abs(values) <= ROUNDING_DRAWN * size, 0.0, values)
 
 
@@ -72,13 +72,14 @@ def over_time(
     modes: Modes = NO_MODES,
     size: float = 0.0,
 ) -> Axes:
-    """Several series of a system over time; ``name`` labels the vertical axis, ``most`` legend entries are in a row.
+    """Draws several series of a system over time; ``name`` labels the vertical axis, ``most`` legend entries are in a
+    row.
 
     ``modes`` are those of a run with a law of contact, which are drawn behind. Values that are rounding compared with
     ``size`` or with the largest value are drawn as zero.
     """
     ax = plane_axes(ax, system=system)
-    values = [one.values[np.isfinite(one.values)] for one in series]
+    values = [curve.values[np.isfinite(curve.values)] for curve in series]
     drawn = np.concatenate([np.zeros(0), *values])
     largest = max(size, float(np.max(np.abs(drawn), initial=0.0)))
     for shown, label, colour, dashes in series:
@@ -106,19 +107,19 @@ def over_run(
     most: int = 5,
     jumps: bool = False,
 ) -> Axes:
-    """Several series over the times of a run that are drawn, as :func:`over_time`.
+    """Draws several series over the times of a run that are drawn, as :func:`over_time`.
 
     With ``jumps`` they jump where the mode changes, and have gaps there.
     """
     times, modes = np.asarray(run.times)[finite_rows(run)], modes_of(run)
     if jumps:
-        times, *broken = with_breaks(modes, times, *(one.values for one in series))
-        series = [one._replace(values=values) for one, values in zip(series, broken, strict=True)]
+        times, *broken = with_breaks(modes, times, *(curve.values for curve in series))
+        series = [curve._replace(values=values) for curve, values in zip(series, broken, strict=True)]
     return over_time(run.system, times, series, name, ax, most, modes, size)
 
 
 def components(vectors: Float[np.ndarray, "T 3"], symbol: str) -> list[Series]:
-    """The components of a vector over time."""
+    """Returns the components of a vector over time as series."""
     return [Series(vectors[:, j], f"${symbol}_{j + 1}$", COMPONENTS[j]) for j in range(3)]
 
 
@@ -143,15 +144,15 @@ def tell_apart(ax: Axes) -> None:
 
 
 def _near(ax: Axes, curves: Sequence[Line2D]) -> Bool[np.ndarray, "lines lines"]:
-    """Which lines hide each other."""
+    """Returns which lines hide each other."""
     points = [line.get_transform().transform(np.asarray(line.get_xydata(), dtype=float)) for line in curves]
     close = NEAR_LINES * ax.figure.dpi / 72
     near = np.eye(len(curves), dtype=bool)
     for (i, a), (j, b) in itertools.combinations(enumerate(points), 2):
         if len(a) == len(b) and np.array_equal(a[:, 0], b[:, 0], equal_nan=True):
             apart = np.abs(a[:, 1] - b[:, 1])
-            known = np.isfinite(apart)
-            near[i, j] = near[j, i] = bool(known.any() and np.mean(apart[known] < close) >= MOSTLY)
+            is_finite = np.isfinite(apart)
+            near[i, j] = near[j, i] = bool(is_finite.any() and np.mean(apart[is_finite] < close) >= MOSTLY)
     return near
 
 

@@ -50,18 +50,18 @@ ARROWS = {
 
 
 def mass_colour(i: int) -> str:
-    """The colour of mass i = 1 … n, the same in every figure."""
+    """Returns the colour of mass i = 1 … n, the same in every figure."""
     return MASSES[(i - 1) % len(MASSES)]
 
 
 def mass_look(i: int) -> Line:
-    """The colour and the dashes of mass i = 1 … n: no two of the first twelve have both."""
+    """Returns the colour and the dashes of mass i = 1 … n: no two of the first twelve have both."""
     more = (i - 1) // len(MASSES) % 2
     dashes = OF_MORE_MASSES if more else OF_MASSES
     return Line(mass_colour(i), dashes[(i - 1) % len(dashes)])
 
 
 def on_white(colour: str) -> str:
-    """A colour for bands, pale on white."""
+    """Returns a colour for bands, pale on white."""
     parts = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
     return "#" + "".join(f"{round(255 - BAND_SHARE * (255 - part)):02X}" for part in parts)

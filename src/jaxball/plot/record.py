@@ -18,7 +18,7 @@ class Record(NamedTuple):
 
 
 def record(trajectory: Trajectory) -> Record:
-    """The rows of ``trajectory`` whose states are finite; the others are not drawn.
+    """Returns the rows of ``trajectory`` whose states are finite; the others are not drawn.
 
     **Raises:** ``ValueError`` for a batch of trajectories and for a reduced one.
     """
@@ -52,7 +52,7 @@ def require_finite_rows(trajectory: Trajectory) -> np.ndarray:
 
 
 def require_one(trajectory: Trajectory) -> None:
-    """**Raises:** ``ValueError`` for a batch of trajectories."""
+    """Raises ``ValueError`` for a batch of trajectories."""
     if np.ndim(trajectory.status):
         raise ValueError(
             "Argument `trajectory` must be one trajectory, but it is a batch of shape "
@@ -61,6 +61,6 @@ def require_one(trajectory: Trajectory) -> None:
 
 
 def finite_rows(trajectory: Trajectory) -> np.ndarray:
-    """The indices of the saved times at which every entry of the state is finite."""
+    """Returns the indices of the saved times at which every entry of the state is finite."""
     leaves = [np.asarray(leaf).reshape(len(trajectory.times), -1) for leaf in jax.tree.leaves(trajectory.state)]
     return np.flatnonzero(np.all(np.isfinite(np.concatenate(leaves, axis=1)), axis=1))

@@ -100,12 +100,12 @@ def figures(
         )
         return drawn
 
-    drawings = [(f"{begin}_{one}", functools.partial(draw_with_caption, draw)) for one, draw in named]
+    drawings = [(f"{begin}_{figure_name}", functools.partial(draw_with_caption, draw)) for figure_name, draw in named]
     return save_figures(drawings, folder, run_mark(trajectory), formats, svg_text=svg_text, replace=replace)
 
 
 def standard_figures(trajectory: Trajectory[Any, Any]) -> list[Callable[[Trajectory[Any, Any]], Axes | Figure]]:
-    """The functions that draw the standard figures of a run, without empty ones."""
+    """Returns the functions that draw the standard figures of a run, without empty ones."""
     system = trajectory.system
     if not isinstance(system, AbstractBody):
         return [draw for draw in CLASSICAL if draw is not law_errors or trajectory.laws]
@@ -118,7 +118,7 @@ def standard_figures(trajectory: Trajectory[Any, Any]) -> list[Callable[[Traject
 
 
 def _is_central(system: AbstractBody) -> bool:
-    """Whether nothing is in the shell, and its centre of mass is the geometric centre."""
+    """Returns whether nothing is in the shell, and its centre of mass is the geometric centre."""
     return not (system.n_masses or system.mechanisms or np.any(np.asarray(system.offset)))
 
 
@@ -129,7 +129,7 @@ def write_figure(drawn: Axes | Figure, path: Path, system: AbstractSystem, title
 
 
 def overview(trajectory: Trajectory, title: str = "") -> Figure:
-    """One page: configuration, trajectories, path, angular velocity, energies and friction, under a ``title``.
+    """Draws one page: configuration, trajectories, path, angular velocity, energies and friction, under a ``title``.
 
     For a body without masses or mechanisms, the velocity takes the place of the configuration and the trajectories. A
     run with a law of contact that slips or flies has an additional row, with its height, its slip speed and its forces.

@@ -39,7 +39,7 @@ BASELINE = -15.0  # of the clock, in points from the upper edge
 
 
 def line(ax: Axes, animated: bool = True, **look) -> Line2D:
-    """A line that has no points yet."""
+    """Makes a line that has no points yet."""
     empty = [[]] * (3 if isinstance(ax, Axes3D) else 2)
     return ax.plot(*empty, animated=animated, **look)[0]
 
@@ -53,7 +53,7 @@ def move(artist: Line2D, points: Float[np.ndarray, "points 3"]) -> None:
 
 
 def face(ax: Axes3D, edgecolor: str = "none", animated: bool = True, **look) -> Poly3DCollection:
-    """A polygon in space that has no corners yet."""
+    """Makes a polygon in space that has no corners yet."""
     polygon = Poly3DCollection([np.zeros((3, 3))], edgecolor=edgecolor, animated=animated, **look)
     ax.add_collection3d(polygon)
     return polygon
@@ -108,7 +108,7 @@ class Scene(NamedTuple):
 
 
 def scene(trajectory: Trajectory, run: Record) -> Scene:
-    """The scene of a ball in space, or of a disk in its plane; gravity points down."""
+    """Returns the scene of a ball in space, or of a disk in its plane; gravity points down."""
     make = _disk_scene if trajectory.system.planar else _ball_scene
     return make(trajectory, run, place(trajectory, run))
 
@@ -158,7 +158,7 @@ def _ball_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
 
 
 def _stage(content: Float[np.ndarray, "points 3"], azimuth: float) -> tuple[Figure, Axes3D]:
-    """A figure that the points ``content`` fill, and its Axes, seen from ``azimuth``."""
+    """Makes a figure that the points ``content`` fill, and its Axes, seen from ``azimuth``."""
     low, high = content.min(axis=0), content.max(axis=0)
     figure = Figure(figsize=(SCENE_WIDTH, SCENE_WIDTH))
     ax = figure.add_axes((0.0, 0.0, 1.0, 1.0), projection="3d", computed_zorder=False)
@@ -219,7 +219,7 @@ def _disk_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
 
 
 def _spokes(r: float) -> Float[np.ndarray, "points 3"]:
-    """A spoke along E1 and marks around the rim, as one curve with breaks."""
+    """Returns a spoke along E1 and marks around the rim, as one curve with breaks."""
     gap = np.full(3, np.nan)
     points = [np.zeros(3), np.array([r, 0.0, 0.0]), gap]
     for angle in np.arange(1, 12) * np.pi / 6:
@@ -353,7 +353,7 @@ def _turn_to_page(
 
 
 def _grid(floor: Floor, r: float) -> Float[np.ndarray, "points 3"]:
-    """The lines on the floor, as one curve with breaks; space axes."""
+    """Returns the lines on the floor, as one curve with breaks; space axes."""
     (x0, y0), (x1, y1), z = floor.low, floor.high, floor.height
     lines = [np.array([[x, y0, z], [x, y1, z]]) for x in multiples(r, x0, x1)]
     lines += [np.array([[x0, y, z], [x1, y, z]]) for y in multiples(r, y0, y1)]
@@ -361,12 +361,12 @@ def _grid(floor: Floor, r: float) -> Float[np.ndarray, "points 3"]:
 
 
 def multiples(r: float, low: float, high: float) -> Float[np.ndarray, " n"]:
-    """The whole multiples of ``r`` from ``low`` to ``high``."""
+    """Returns the whole multiples of ``r`` from ``low`` to ``high``."""
     return r * np.arange(int(np.ceil(low / r)), int(np.floor(high / r)) + 1)
 
 
 def _table_spokes(radius: float) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "2 3"]]:
-    """The spokes of a turntable as one curve with breaks, and the one that is darker."""
+    """Returns the spokes of a turntable as one curve with breaks, and the one that is darker."""
     angles = np.arange(SPOKES) * 2 * np.pi / SPOKES
     ends = radius * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
     first, *others = (np.stack([np.zeros(3), end]) for end in ends)
@@ -381,8 +381,8 @@ def draw_ground(ax: Axes, path: Float[np.ndarray, "T 3"], r: float, setting: Set
         ax.add_patch(wedge)
     surface = line(ax, color=SHELL, linewidth=1.2, zorder=1, animated=setting.moves)
     height = path[0, 2]
-    at = multiples(r, path[:, 0].min() - ROOM_AROUND * r, path[:, 0].max() + ROOM_AROUND * r)
-    ticks = [np.array([[x, 0.0, height - 0.06 * r], [x, 0.0, height], [np.nan] * 3]) @ setting.page.T for x in at]
+    places = multiples(r, path[:, 0].min() - ROOM_AROUND * r, path[:, 0].max() + ROOM_AROUND * r)
+    ticks = [np.array([[x, 0.0, height - 0.06 * r], [x, 0.0, height], [np.nan] * 3]) @ setting.page.T for x in places]
     marks = line(ax, color=SHELL, linewidth=0.8, zorder=1, animated=setting.moves)
 
     def show(k: int) -> None:

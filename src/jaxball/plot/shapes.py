@@ -21,7 +21,7 @@ Curve = TypeVar("Curve")
 
 
 def rail_points(motion: AbstractMotion, radius: float) -> Float[np.ndarray, "points 3"] | None:
-    """The rail of ``motion``: all of it if it is closed, the part inside the shell if it is a tube.
+    """Returns the rail of ``motion``: all of it if it is closed, the part inside the shell if it is a tube.
 
     None for a motion without a rail, and for an open rail of another family.
     """
@@ -48,7 +48,7 @@ def _points(rail, theta):
 
 
 def rails_of(system: System) -> list[tuple[list[int], Float[np.ndarray, "points 3"]]]:
-    """The rails that can be drawn, each with the masses i = 1 … n that are on it."""
+    """Lists the rails that can be drawn, each with the masses i = 1 … n that are on it."""
     rails = ((i, rail_points(mass.motion, float(system.radius))) for i, mass in enumerate(system.point_masses, start=1))
     drawable = ((i, rail) for i, rail in rails if rail is not None)
     return group_equal(drawable, lambda rail, other: np.shape(other) == np.shape(rail) and np.allclose(other, rail))
@@ -57,7 +57,7 @@ def rails_of(system: System) -> list[tuple[list[int], Float[np.ndarray, "points 
 def group_equal(
     curves: Iterable[tuple[int, Curve]], equal: Callable[[Curve, Curve], bool]
 ) -> list[tuple[list[int], Curve]]:
-    """The distinct curves, each with the masses i = 1 … n on it."""
+    """Lists the distinct curves, each with the masses i = 1 … n on it."""
     groups: list[tuple[list[int], Curve]] = []
     for i, curve in curves:
         for members, other in groups:
@@ -81,7 +81,9 @@ class Look(NamedTuple):
 
 
 def looks(system: System) -> list[Look]:
-    """Each mass of a body: point masses m_i one by one, and those of a mechanism together as M_j."""
+    """Returns the look of each mass of a body: point masses m_i one by one, and the masses of a mechanism together as
+    M_j.
+    """
     shown = [Look(f"$m_{{{i}}}$", i) for i in range(1, system.n_masses + 1)]
     for j, mechanism in enumerate(system.mechanisms, start=1):
         shown += [Look(f"$M_{{{j}}}$", system.n_masses + j)] * mechanism.mass.shape[-1]
@@ -89,20 +91,22 @@ def looks(system: System) -> list[Look]:
 
 
 def arms(prepared: Any, t: Float[Array, ""], theta: Float[Array, " coordinates"]) -> list[Float[Array, "n points 3"]]:
-    """For each mechanism of a prepared system, the arms of its masses, body vectors from the centre; traceable."""
+    """Returns, for each mechanism of a prepared system, the arms of its masses, body vectors from the centre;
+    traceable.
+    """
     places: dict[int, Array] = {}
     for group, order in zip(prepared.mechanism_groups, prepared.mechanism_order, strict=True):
 
-        def one(mechanism, own):
-            return mechanism.arms(mechanism.rates(t, (own, own, own))[0])
+        def one(mechanism, angles):
+            return mechanism.arms(mechanism.rates(t, (angles, angles, angles))[0])
 
-        found = eqx.filter_vmap(one)(group, theta[prepared.slots(order, group.in_state)])
-        places |= {index: found[k] for k, index in enumerate(order)}
+        group_arms = eqx.filter_vmap(one)(group, theta[prepared.slots(order, group.in_state)])
+        places |= {index: group_arms[k] for k, index in enumerate(order)}
     return [places[index] for index in sorted(places)]
 
 
 def wireframe(radius: float, meridians: int = 12, parallels: int = 5) -> Float[np.ndarray, "points 3"]:
-    """Meridians and parallels of a sphere about the third axis, as one curve with breaks."""
+    """Returns meridians and parallels of a sphere about the third axis, as one curve with breaks."""
     around = np.linspace(0.0, 2 * np.pi, 97)
     curves = []
     for azimuth in np.arange(meridians // 2) * 2 * np.pi / meridians:
@@ -114,25 +118,25 @@ def wireframe(radius: float, meridians: int = 12, parallels: int = 5) -> Float[n
 
 
 def parallel(elevation: float) -> Float[np.ndarray, "97 3"]:
-    """The parallel of the unit sphere at ``elevation``, in radians."""
+    """Returns the parallel of the unit sphere at ``elevation``, in radians."""
     around = np.linspace(0.0, 2 * np.pi, 97)
     flat = np.cos(elevation) * np.stack([np.cos(around), np.sin(around)], axis=1)
     return np.column_stack([flat, np.full_like(around, np.sin(elevation))])
 
 
 def view(ax: Axes3D) -> Float[np.ndarray, "3"]:
-    """The unit vector towards the viewer of ``ax``."""
+    """Returns the unit vector towards the viewer of ``ax``."""
     return towards(float(ax.elev), float(ax.azim))
 
 
 def towards(elevation: float, azimuth: float) -> Float[np.ndarray, "3"]:
-    """The unit vector towards a viewer at these angles, in degrees."""
+    """Returns the unit vector towards a viewer at these angles, in degrees."""
     e, a = np.deg2rad(elevation), np.deg2rad(azimuth)
     return np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
 
 
 def outline(radius: float, viewer: Float[np.ndarray, "3"]) -> Float[np.ndarray, "97 3"]:
-    """The circle that is a sphere's silhouette for a distant viewer in the direction ``viewer``."""
+    """Returns the circle that is a sphere's silhouette for a distant viewer in the direction ``viewer``."""
     across = np.cross([0.0, 0.0, 1.0] if abs(viewer[2]) < 0.9 else [1.0, 0.0, 0.0], viewer)
     across /= np.linalg.norm(across)
     around = np.linspace(0.0, 2 * np.pi, 97)
@@ -142,6 +146,6 @@ def outline(radius: float, viewer: Float[np.ndarray, "3"]) -> Float[np.ndarray, 
 def split(
     points: Float[np.ndarray, "points 3"], viewer: Float[np.ndarray, "3"]
 ) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3"]]:
-    """The half of a sphere's curves that faces the viewer, and the half behind; NaN elsewhere."""
+    """Returns the half of a sphere's curves that faces the viewer, and the half behind; NaN elsewhere."""
     depth = (points @ viewer)[:, None]
     return np.where(depth >= 0, points, np.nan), np.where(depth <= 0, points, np.nan)

@@ -66,7 +66,7 @@ def configuration(
     t: Numbers = 0.0,
     theta: Numbers = (),
 ) -> Axes:
-    """Shell, rails and masses m_i, the shell's centre of mass m_0 and the system's, CM, in body axes.
+    """Draws shell, rails and masses m_i, the shell's centre of mass m_0 and the system's, CM, in body axes.
 
     The ball is drawn in space, ``fig_ball_masses_rail_bf_gc``, the disk in its plane,
     ``fig_disk_masses_rails_bf_gc``. A rail that several masses share has dashes in the colour of each.
@@ -154,12 +154,12 @@ def _positions(system: System, t: Numbers, theta: Numbers) -> Positions:
 def _evaluate(system, t, theta):
     prepared, still = system.prepare(), jnp.zeros_like(theta)
     angles = (theta, still, still)
-    at = moments(prepared, t, angles)
-    return kinematics(prepared, t, angles).chi, arms(prepared, t, theta), system.offset, at.p / at.M
+    body_moments = moments(prepared, t, angles)
+    return kinematics(prepared, t, angles).chi, arms(prepared, t, theta), system.offset, body_moments.p / body_moments.M
 
 
 def body_paths(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """Trajectories of the masses and of the system's CM in the body frame translated to the GC.
+    """Draws trajectories of the masses and of the system's CM in the body frame translated to the GC.
 
     A ball's are drawn in space, ``fig_ball_cm_bf_gc``, a disk's over time, ``fig_disk_cm_time_bf_gc``, or, if ``ax`` is
     planar, in the plane of E1 and E3. A ring marks the start of a trajectory, a square its end.
@@ -175,7 +175,7 @@ def body_paths(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def space_paths(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """Trajectories of the masses and of the system's CM in the spatial frame translated to the GC.
+    """Draws trajectories of the masses and of the system's CM in the spatial frame translated to the GC.
 
     As :func:`body_paths`: ``fig_ball_cm_spatial_gc`` and ``fig_disk_cm_time_spatial_gc``.
 
@@ -190,7 +190,7 @@ def space_paths(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """The path of the GC and of the contact point below it.
+    """Draws the path of the GC and of the contact point below it.
 
     A ball's is drawn in the plane of e1 and e2, ``fig_ball_gc_path``, with a ring at its start and a square at its end;
     for the disk, z is drawn over time, ``fig_disk_gc``. On a slope an arrow, or for the disk the label, points
@@ -234,7 +234,7 @@ def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def _downhill(system: System) -> Float[np.ndarray, "2"] | None:
-    """The unit vector of steepest descent in the plane, space axes; None on a level plane."""
+    """Returns the unit vector of steepest descent in the plane, space axes; None on a level plane."""
     if system.ground is None:
         return None
     up = np.asarray(system.ground.up())[:2]  # against gravity
@@ -243,21 +243,21 @@ def _downhill(system: System) -> Float[np.ndarray, "2"] | None:
 
 
 def _draw_downhill(ax: Axes, system: System, points: Float[np.ndarray, "T 2"]) -> None:
-    """An arrow down the slope with its label, in the corner farthest from the path."""
+    """Draws an arrow down the slope with its label, in the corner farthest from the path."""
     falls = _downhill(system)
     if falls is None:
         return
     ax.autoscale_view()
     shares = ax.transAxes.inverted().transform(ax.transData.transform(points))
     corners = [np.array([x, y]) for y in (0.92, 0.14) for x in (0.88, 0.12)]
-    at = max(corners, key=lambda corner: float(np.min(np.linalg.norm(shares - corner, axis=1))))
+    place = max(corners, key=lambda corner: float(np.min(np.linalg.norm(shares - corner, axis=1))))
     look: dict[str, Any] = {"angles": "uv", "scale": 1 / ARROW, "scale_units": "inches", "units": "inches"}
-    ax.quiver(*at[:, None], *falls[:, None], transform=ax.transAxes, pivot="middle", width=0.012, color=INK, **look)
-    write(ax, at - [0.0, 0.05], "downhill", transform=ax.transAxes, ha="center", va="top")
+    ax.quiver(*place[:, None], *falls[:, None], transform=ax.transAxes, pivot="middle", width=0.012, color=INK, **look)
+    write(ax, place - [0.0, 0.05], "downhill", transform=ax.transAxes, ha="center", va="top")
 
 
 def _draw_path(ax: Axes, trajectory: Trajectory, z: Float[np.ndarray, "T 3"]) -> None:
-    """The path from above, with its modes, if any."""
+    """Draws the path from above, with its modes, if any."""
     track, look = track_of(trajectory), {"color": TRAIL, "linewidth": 1.2}
     if track is None:
         ax.plot(z[:, 0], z[:, 1], **look)
@@ -266,9 +266,9 @@ def _draw_path(ax: Axes, trajectory: Trajectory, z: Float[np.ndarray, "T 3"]) ->
         _, points = track.pieces(mode)
         if len(points):
             ax.plot(points[:, 0], points[:, 1], **look, **dashes, label=mode.name.lower())
-    at = switch_points(trajectory)
-    if len(at):
-        ax.plot(at[:, 0], at[:, 1], "x", ms=4.0, mew=0.9, color=INK, linestyle="none", label="switch")
+    switches = switch_points(trajectory)
+    if len(switches):
+        ax.plot(switches[:, 0], switches[:, 1], "x", ms=4.0, mew=0.9, color=INK, linestyle="none", label="switch")
 
 
 def _paths(

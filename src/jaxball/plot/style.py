@@ -58,7 +58,7 @@ def caption(figure: Any, system: "AbstractSystem | None" = None, title: str = ""
 
 
 def subject(system: "AbstractSystem | None", title: str = "", units: str = "") -> str:
-    """Which system a figure shows, and in what units."""
+    """Says which system a figure shows, and in what units."""
     shown = title.replace("$", r"\$") or ("" if system is None else describe(system))
     units = units or _units(system, title)
     return f"{shown}; {units}" if shown else units
@@ -85,19 +85,19 @@ def _units(system: "AbstractSystem | None", title: str) -> str:
 
 
 def dimensionless(system: "AbstractSystem | None") -> bool:
-    """Whether the system is a body with m_0 = r = g = 1."""
+    """Returns whether the system is a body with m_0 = r = g = 1."""
     if not isinstance(system, AbstractBody):
         return False
     return all(np.all(np.asarray(getattr(system, name)) == 1.0) for name in ("mass", "radius", "gravity"))
 
 
 def linestyle(dashes: Dashes) -> Any:
-    """Dashes in the words of matplotlib."""
+    """Translates dashes into the words of matplotlib."""
     return (0, dashes) if dashes else "-"
 
 
 def mass_line(i: int, **changes: Any) -> dict[str, Any]:
-    """The line style of mass i = 1 … n: its colour and its dashes, with ``changes``."""
+    """Returns the line style of mass i = 1 … n: its colour and its dashes, with ``changes``."""
     look = mass_look(i)
     return {"color": look.colour, "linestyle": linestyle(look.dashes), "linewidth": 1.2} | changes
 
@@ -105,7 +105,8 @@ def mass_line(i: int, **changes: Any) -> dict[str, Any]:
 def plane_axes(
     ax: Axes | None, size: tuple[float, float] = WIDE_FIGURE, system: "AbstractSystem | None" = None
 ) -> Axes:
-    """``ax``, or the Axes of a new figure that says which ``system`` it shows, with thin ticks and without a box.
+    """Returns ``ax``, or the Axes of a new figure that says which ``system`` it shows, with thin ticks and without a
+    box.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
@@ -123,7 +124,7 @@ def plane_axes(
 
 
 def space_axes(ax: Axes | None, size: tuple[float, float] = SQUARE, system: "AbstractSystem | None" = None) -> Axes3D:
-    """``ax``, or three-dimensional Axes of a new figure as in :func:`plane_axes`, in parallel projection.
+    """Returns ``ax``, or three-dimensional Axes of a new figure as in :func:`plane_axes`, in parallel projection.
 
     **Raises:** ``ValueError`` when ``ax`` is not three-dimensional.
     """
@@ -185,12 +186,12 @@ def number_decades(axis: Axis, ratio: float) -> None:
 
 
 def _upright(tex: str) -> str:
-    """A number in the font of the other ticks."""
+    """Returns a number in the font of the other ticks."""
     return rf"$\mathdefault{{{tex}}}$" if "^" in tex else tex
 
 
 def number(x: float) -> str:
-    """A number in TeX, with a power of ten if that is shorter."""
+    """Formats a number in TeX, with a power of ten if that is shorter."""
     text = f"{x:.7g}"
     mantissa, _, exponent = text.partition("e")
     if not exponent:
@@ -223,7 +224,7 @@ def label_axes(ax: Axes, *labels: str) -> None:
 def mark_ends(
     ax: Axes, points: Float[np.ndarray, "T d"], colour: str, *, labelled: bool = False, size: float = 5.0, **look: Any
 ) -> None:
-    """A ring at the start of a path and a square at its end, so that both can be seen where they coincide."""
+    """Draws a ring at the start of a path and a square at its end, so that both can be seen where they coincide."""
     start, end = ("start", "end") if labelled else (None, None)
     look = {"color": colour, "linestyle": "none"} | look
     ax.plot(*points[:1].T, "o", ms=size, mew=1.0, markerfacecolor="white", label=start, **look)
@@ -231,7 +232,7 @@ def mark_ends(
 
 
 def sharing(k: int, n: int) -> dict[str, Any]:
-    """The dashes of the k-th of ``n`` coinciding lines, of which the first is solid and beneath the others.
+    """Returns the dashes of the k-th of ``n`` coinciding lines, of which the first is solid and beneath the others.
 
     A line that coincides with no other keeps its own.
     """
@@ -241,7 +242,9 @@ def sharing(k: int, n: int) -> dict[str, Any]:
 
 
 def legend_above(ax: Axes, most: int = 5) -> None:
-    """A legend above the axes, where it hides nothing, with up to ``most`` entries in a row; nothing without labels."""
+    """Draws a legend above the axes, where it hides nothing, with up to ``most`` entries in a row; nothing without
+    labels.
+    """
     handles, labels = ax.get_legend_handles_labels()
     if labels:
         rows = math.ceil(len(labels) / max(most, math.ceil(len(labels) / 4)))
@@ -278,19 +281,19 @@ class ColourScale(NamedTuple):
 
 
 def norm_of(values: np.ndarray, logarithmic: bool = False) -> Normalize:
-    """The map to colours that covers the finite ones of ``values``."""
+    """Returns the map to colours that covers the finite ones of ``values``."""
     values = values[np.isfinite(values)]
     least, most = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
     return LogNorm(least, most) if logarithmic and 0 < least < most else Normalize(least, most)
 
 
 def zero_line(ax: Axes) -> None:
-    """A thin horizontal line at zero."""
+    """Draws a thin horizontal line at zero."""
     ax.axhline(0.0, color="0.75", linewidth=0.6, zorder=0)
 
 
 def colour_bar(ax: Axes, shown: ScalarMappable, label: str, **options: Any) -> Colorbar:
-    """A colour bar beside the axes, with thin ticks."""
+    """Draws a colour bar beside the axes, with thin ticks."""
     bar = ax.figure.colorbar(shown, ax=ax, **options)
     bar.set_label(label, fontproperties=LABEL)
     bar.ax.tick_params(width=0.6, length=3, labelsize=9, labelfontfamily="STIXGeneral")

@@ -38,15 +38,15 @@ class Contacts(NamedTuple):
     deforms: bool
 
     def carry(self, points: Float[np.ndarray, "points 3"], k: int) -> Float[np.ndarray, "points 3"]:
-        """Points that move with the surface, at the k-th time."""
+        """Returns where points that move with the surface are at the k-th time."""
         return points @ self.turns[k].T + self.moved[k]
 
     def lift(self, height: Float[np.ndarray, " T"]) -> Float[np.ndarray, "T 3"]:
-        """Points at a height above the contact points, axes that move with the surface."""
+        """Returns points at a height above the contact points, axes that move with the surface."""
         return self.points + height[:, None] * np.einsum("kij,ki->kj", self.turns, self.normals)
 
     def lay(self, points: Float[np.ndarray, "points 3"], k: int) -> Float[np.ndarray, "points 3"]:
-        """Points of a plane, laid into that which touches the surface at the k-th time, space axes."""
+        """Moves points of a plane into the plane that touches the surface at the k-th time, space axes."""
         first, normal = self.tangents[k], self.normals[k]
         return self.feet[k] + points @ np.stack([first, np.cross(normal, first), normal])
 
@@ -78,12 +78,14 @@ class Mesh(NamedTuple):
     contacts: Contacts
 
     def at(self, k: int) -> Float[np.ndarray, "rows columns 3"]:
-        """Where the nodes are at the k-th time, space axes."""
+        """Returns where the nodes are at the k-th time, space axes."""
         points = self.points[k if len(self.points) > 1 else 0]
         return self.contacts.carry(points.reshape(-1, 3), k).reshape(points.shape)
 
     def trail(self, k: int) -> Float[np.ndarray, "points 3"]:
-        """The pieces of the ground that the ball has touched until the k-th time, where they are then, space axes."""
+        """Returns the pieces of the ground that the ball has touched until the k-th time, where they are then, space
+        axes.
+        """
         if len(self.points) == 1:
             return self.contacts.carry(self.contacts.points[: k + 1], k)
         place, points = nodes(self.grid, self.contacts.coordinates[: k + 1]), self.at(k)
@@ -96,7 +98,7 @@ class Mesh(NamedTuple):
         return (1 - s) * near + s * far
 
     def everywhere(self) -> Float[np.ndarray, "points 3"]:
-        """Where the nodes come during the run; of a long one, at some of its times."""
+        """Returns where the nodes come during the run; for a long one, at some of its times."""
         return np.concatenate([self.at(k).reshape(-1, 3) for k in _some_times(self.contacts)])
 
 
@@ -112,21 +114,23 @@ class Curve(NamedTuple):
     contacts: Contacts
 
     def at(self, k: int) -> Float[np.ndarray, "points 3"]:
-        """Where the points are at the k-th time, space axes."""
+        """Returns where the points are at the k-th time, space axes."""
         return self.contacts.carry(self.points[k if len(self.points) > 1 else 0], k)
 
     def trail(self, k: int) -> Float[np.ndarray, "points 3"]:
-        """The pieces of the ground that the disk has touched until the k-th time, where they are then, space axes."""
+        """Returns the pieces of the ground that the disk has touched until the k-th time, where they are then, space
+        axes.
+        """
         points = self.at(k)
         return np.stack([np.interp(self.z[: k + 1], self.along, column) for column in points.T], axis=1)
 
     def everywhere(self) -> Float[np.ndarray, "points 3"]:
-        """Where the points come during the run; of a long one, at some of its times."""
+        """Returns where the points come during the run; for a long one, at some of its times."""
         return np.concatenate([self.at(k) for k in _some_times(self.contacts)])
 
 
 def _some_times(contacts: Contacts) -> list[int]:
-    """The indices of a few saved times, of one where the ground is at rest."""
+    """Returns the indices of a few saved times, of one where the ground is at rest."""
     return np.unique(np.linspace(0, len(contacts.moved) - 1, 40 if contacts.moves else 1).astype(int)).tolist()
 
 
@@ -136,14 +140,15 @@ def contacts_of(
     coordinates: Float[np.ndarray, "T *two"],
     theta: Float[np.ndarray, "T coordinates"] | None = None,
 ) -> Contacts:
-    """The contact points with these coordinates at the saved times, both of a ball or the one of a disk.
+    """Computes the contact points with these coordinates, both of a ball or the only one for a disk, at the saved
+    times.
 
     ``theta`` is that of the states, for a ground that a law drives; without it the ground is not driven.
     """
     theta = np.zeros((len(times), len(surface.driven))) if theta is None else theta
-    given = surface, to_array(times), to_array(coordinates), to_array(theta)
-    *found, rate = map(np.asarray, _compute_contacts(*given))
-    return Contacts(*found, deforms=bool(np.any(rate != 0)))
+    arguments = surface, to_array(times), to_array(coordinates), to_array(theta)
+    *fields, rate = map(np.asarray, _compute_contacts(*arguments))
+    return Contacts(*fields, deforms=bool(np.any(rate != 0)))
 
 
 @programs.filter_jit
@@ -177,13 +182,13 @@ def _compute_contacts(surface: AbstractSurface, times: Any, coordinates: Any, th
 
 
 def nodes(grid: Float[np.ndarray, "rows columns 2"], coordinates: Float[np.ndarray, "T 2"]) -> Float[np.ndarray, "T 2"]:
-    """The row and the column of a rectangular grid at which coordinates are, between whole numbers."""
+    """Returns the row and the column of a rectangular grid at which coordinates are, between whole numbers."""
     low, high = grid[0, 0], grid[-1, -1]
     return np.clip((coordinates - low) / (high - low), 0.0, 1.0) * (np.array(grid.shape[:2]) - 1)
 
 
 def mesh_under(surface: AbstractSurface, times: Float[np.ndarray, " T"], contacts: Contacts, r: float) -> Mesh:
-    """The mesh under the path of a ball of radius ``r``."""
+    """Builds the mesh under the path of a ball of radius ``r``."""
     grid = mesh_grid(surface, [contacts], times, r)
     return Mesh(mesh_points(surface, times if contacts.deforms else times[:1], grid), grid, contacts)
 
@@ -191,7 +196,7 @@ def mesh_under(surface: AbstractSurface, times: Float[np.ndarray, " T"], contact
 def mesh_grid(
     surface: AbstractSurface, every: Sequence[Contacts], times: Float[np.ndarray, " T"], r: float
 ) -> Float[np.ndarray, "rows columns 2"]:
-    """The coordinates of the nodes of a mesh under all paths; ``times`` are those of the first of them.
+    """Returns the coordinates of the nodes of a mesh under all paths; ``times`` belong to the first of them.
 
     It is as coarse as keeps its lines within ``CLOSE`` of the surface.
     """
@@ -205,7 +210,7 @@ def mesh_grid(
 def mesh_points(
     surface: AbstractSurface, times: Float[np.ndarray, " S"], grid: Float[np.ndarray, "rows columns 2"]
 ) -> Float[np.ndarray, "S rows columns 3"]:
-    """The nodes of a mesh at each time, in axes that move with the surface.
+    """Computes the nodes of a mesh at each time, in axes that move with the surface.
 
     Where the surface has no such piece, a node is on one next to it that exists, so that cells end at the edge.
     """
@@ -214,7 +219,7 @@ def mesh_points(
 
 
 def _close_gaps(points: Float[np.ndarray, "rows columns 3"]) -> Float[np.ndarray, "rows columns 3"]:
-    """Points with the nearest finite ones, by rows and columns, for those that are not finite."""
+    """Replaces points that are not finite by the nearest finite ones, by rows and columns."""
     missing = ~np.all(np.isfinite(points), axis=-1)
     if not np.any(missing) or np.all(missing):
         return points
@@ -236,7 +241,7 @@ def _points(surface: AbstractSurface, times: Any, grid: Any) -> Any:
 def curve_under(
     surface: AbstractSurface, times: Float[np.ndarray, " T"], z: Float[np.ndarray, " T"], contacts: Contacts, r: float
 ) -> Curve:
-    """The curve under the path of a disk of radius ``r``."""
+    """Builds the curve under the path of a disk of radius ``r``."""
     room = ROOM * r / contacts.lengths[:, 0].min()
     low, high = float(np.min(z)) - room, float(np.max(z)) + room
     if isinstance(surface, Cylinder):
@@ -249,8 +254,8 @@ def curve_under(
 
 
 def _part(surface: AbstractSurface, every: Sequence[Contacts], r: float) -> Float[np.ndarray, "rows columns 2"]:
-    """The finest grid over the part of the surface near the paths: a disc of directions, else a rectangle."""
-    coordinates = np.concatenate([one.coordinates for one in every])
+    """Returns the finest grid over the part of the surface near the paths: a disc of directions, else a rectangle."""
+    coordinates = np.concatenate([contacts.coordinates for contacts in every])
     shares = np.linspace(0.0, 1.0, FINEST + 1)
     R = _radius_of_coordinates(surface)
     if R is not None:
@@ -258,7 +263,7 @@ def _part(surface: AbstractSurface, every: Sequence[Contacts], r: float) -> Floa
         rho = 2 * R * np.tan(min(max(angle, min(BEND, 20 * r / R)), TOP) * shares / 2)
         around = 2 * np.pi * shares
         return rho[:, None, None] * np.stack([np.cos(around), np.sin(around)], axis=-1)
-    room = ROOM * r / np.concatenate([one.lengths for one in every]).min(axis=0)
+    room = ROOM * r / np.concatenate([contacts.lengths for contacts in every]).min(axis=0)
     low, high = coordinates.min(axis=0) - room, coordinates.max(axis=0) + room
     if isinstance(surface, Cylinder):
         half = np.pi * float(surface.radius)
@@ -269,7 +274,7 @@ def _part(surface: AbstractSurface, every: Sequence[Contacts], r: float) -> Floa
 
 
 def _radius_of_coordinates(surface: AbstractSurface) -> float | None:
-    """The radius R of the sphere from which coordinates that are stereographic are projected, or None."""
+    """Returns the radius R of the sphere from which coordinates that are stereographic are projected, or None."""
     if isinstance(surface, Bowl | SphereOutside):
         return float(surface.radius)
     if isinstance(surface, SignedDistance) and surface.centre is not None:
@@ -278,7 +283,7 @@ def _radius_of_coordinates(surface: AbstractSurface) -> float | None:
 
 
 def _step(points: Float[np.ndarray, "S nodes lines 3"], r: float) -> int:
-    """The largest step along lines of nodes that leaves those between within ``CLOSE`` of its chords."""
+    """Finds the largest step along lines of nodes that leaves the nodes between within ``CLOSE`` of its chords."""
     for step in range(FINEST // COARSEST, 1, -1):
         if FINEST % step == 0 and _farthest(points, step) <= CLOSE * r:
             return step
@@ -286,7 +291,7 @@ def _step(points: Float[np.ndarray, "S nodes lines 3"], r: float) -> int:
 
 
 def _farthest(points: Float[np.ndarray, "S nodes lines 3"], step: int) -> float:
-    """The largest distance of nodes from the point of the chord in the same share of its coordinates."""
+    """Computes the largest distance of nodes from the points of the chords at the same share of their coordinates."""
     starts, ends = points[:, :-1:step], points[:, step::step]
     shares = (np.arange(step) / step)[:, None, None]
     chords = starts[:, :, None] + shares * (ends - starts)[:, :, None]

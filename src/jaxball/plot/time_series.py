@@ -34,7 +34,7 @@ PANEL_HEIGHT = 1.5  # the height of a panel, in inches
 
 
 def angular_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """φ̇ of the disk, ``fig_disk_dot_angle``, or the body components Ω_i of the ball, ``fig_ball_Omega``.
+    """Draws φ̇ of the disk, ``fig_disk_dot_angle``, or the body components Ω_i of the ball, ``fig_ball_Omega``.
 
     **Arguments:**
 
@@ -50,7 +50,7 @@ def angular_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def energies(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """Kinetic energy T, potential energy V and their sum E, which is dashed so that a T beneath it is visible.
+    """Draws kinetic energy T, potential energy V and their sum E, which is dashed so that a T beneath it is visible.
 
     For a run with a law of contact, the energy dissipated so far by sliding friction and impacts is drawn too.
 
@@ -72,13 +72,13 @@ def energies(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
         Series(seen.kinetic_energy + seen.potential_energy, "$E = T + V$", INK, DASHED),
     ]
     amounts = np.asarray(energy_losses(run))[:, finite_rows(run)]
-    taken = (Series(values, name, *look) for (name, look), values in zip(TAKEN.items(), amounts, strict=True))
-    series += [one for one in taken if np.any(without_rounding(one.values, size))]
+    losses = (Series(values, name, *look) for (name, look), values in zip(TAKEN.items(), amounts, strict=True))
+    series += [curve for curve in losses if np.any(without_rounding(curve.values, size))]
     return over_run(run, series, "energy", ax, size=size, most=SHORT)
 
 
 def power(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """Ė, the total power of the actuation, the external force and everything else that does work.
+    """Draws Ė, the total power of the actuation, the external force and everything else that does work.
 
     ``trajectory``, ``ax`` and what is raised: as for :func:`angular_velocity`.
     """
@@ -88,7 +88,7 @@ def power(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """The force of the plane: the normal force N and the magnitude |f| of the friction.
+    """Draws the force of the plane: the normal force N and the magnitude |f| of the friction.
 
     With dense output, the least N of the whole run is marked. For a run with a law of contact, the largest static
     friction, μ_s N, is drawn instead, if there is any.
@@ -113,7 +113,7 @@ def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """|f| / N, with its largest value μ_min marked: with less friction the ball would slip.
+    """Draws |f| / N, with its largest value μ_min marked: with less friction the ball would slip.
 
     With dense output the largest value of the whole run is marked, otherwise the largest at the saved times. Where N ≤
     0 the ball would leave the plane: nothing is drawn there, and a note replaces the mark. For a run with a law of
@@ -148,7 +148,7 @@ def _within_the_cone(
     ratio: Float[np.ndarray, " T"],
     ax: Axes | None,
 ) -> Axes:
-    """|f| / N with the coefficients of the law that are not 0; Coulomb's friction never exceeds the larger."""
+    """Draws |f| / N with the coefficients of the law that are not 0; Coulomb's friction never exceeds the larger."""
     history = trajectory.history
     flies = np.asarray(history.over_time["mode"])[finite_rows(trajectory)] == Mode.FLIGHT
     static, kinetic = (float(history.coefficients[name]) for name in ("static_friction", "friction"))
@@ -168,7 +168,7 @@ def _within_the_cone(
 
 
 def _mark(ax: Axes, t: float, value: float, label: str, color: str) -> None:
-    """A dot where a quantity is extreme."""
+    """Draws a dot where a quantity is extreme."""
     ax.plot(t, value, "o", ms=5, color=color, linestyle="none", label=label, clip_on=False)
     legend_above(ax)
 
@@ -181,7 +181,7 @@ def _extremes(trajectory: Trajectory) -> "ContactExtremes":
 
 
 def _largest_ratio(trajectory: Trajectory, times: np.ndarray, ratio: np.ndarray) -> tuple[float, float]:
-    """The time and the value of the largest |f| / N, of the whole run where it has dense output."""
+    """Finds the time and the value of the largest |f| / N, of the whole run where it has dense output."""
     if trajectory.interpolant is not None and always_rolls(trajectory):
         extremes = _extremes(trajectory)
         return float(extremes.friction_needed_time), float(extremes.friction_needed)
@@ -190,7 +190,7 @@ def _largest_ratio(trajectory: Trajectory, times: np.ndarray, ratio: np.ndarray)
 
 
 def _moment(t: float, times: Float[np.ndarray, " T"], constant: bool = False) -> tuple[float, str]:
-    """Where to mark an extreme, and the words for its time, to five digits of the duration of the run."""
+    """Returns where to mark an extreme, and the words for its time, to five digits of the duration of the run."""
     if constant:
         return float(times[0]), "throughout"
     span = float(times[-1] - times[0])
@@ -198,7 +198,7 @@ def _moment(t: float, times: Float[np.ndarray, " T"], constant: bool = False) ->
 
 
 def centre_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """The velocity V of the geometric centre, space axes: ż of the disk, V_1 and V_2 of the ball.
+    """Draws the velocity V of the geometric centre, space axes: ż of the disk, V_1 and V_2 of the ball.
 
     For a body that leaves the plane, V_3 is drawn too.
 
@@ -231,7 +231,7 @@ def centre_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def attitude(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """The orientation of the body: φ of the disk, rad; for the ball, the vertical Γ = Λ⁻¹e3 in body axes.
+    """Draws the orientation of the body: φ of the disk, rad; for the ball, the vertical Γ = Λ⁻¹e3 in body axes.
 
     ``trajectory``, ``ax`` and what is raised: as for :func:`angular_velocity`.
     """
@@ -261,7 +261,7 @@ def _drift(system, times, states):
 
 
 def height(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """The height h of the body above the ground, for a run with a law of contact.
+    """Draws the height h of the body above the ground, for a run with a law of contact.
 
     **Arguments:**
 
@@ -282,7 +282,7 @@ def height(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def slip_speed(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """|v_s|, the speed of the body's lowest point along the ground, for a run with a law of contact.
+    """Draws |v_s|, the speed of the body's lowest point along the ground, for a run with a law of contact.
 
     **Arguments:**
 
@@ -304,18 +304,18 @@ def slip_speed(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def of_contact(trajectory: Trajectory[Any, Any]) -> list[Callable[..., Axes]]:
-    """The figures of height and slip speed that are not empty, none without a law of contact."""
-    known, sizes, rows = trajectory.history.over_time, sizes_of(trajectory.system), finite_rows(trajectory)
+    """Lists the figures of height and slip speed that are not empty, none without a law of contact."""
+    quantities, sizes, rows = trajectory.history.over_time, sizes_of(trajectory.system), finite_rows(trajectory)
     moves = {"height": (height, 1, sizes.length), "slip": (slip_speed, 2, sizes.speed)}
-    of_run = {name: np.asarray(known[name])[rows].reshape(len(rows), -1) for name in moves if name in known}
+    of_run = {name: np.asarray(quantities[name])[rows].reshape(len(rows), -1) for name in moves if name in quantities}
     drawn = (moves[name] + (values,) for name, values in of_run.items())
     return [draw for draw, along, size, values in drawn if np.any(without_rounding(values[:, :along], size))]
 
 
 def energy_losses(trajectory: Trajectory[Any, Any]) -> list[Float[np.ndarray, " T"]]:
     """Returns the energies dissipated so far by sliding friction and by impacts, 0 without a law of contact."""
-    known, nothing = trajectory.history.over_time, np.zeros(len(trajectory.times))
-    return [np.asarray(known.get(name, nothing)) for name in ("friction_loss", "impact_loss")]
+    quantities, nothing = trajectory.history.over_time, np.zeros(len(trajectory.times))
+    return [np.asarray(quantities.get(name, nothing)) for name in ("friction_loss", "impact_loss")]
 
 
 def _from_zero(run: Trajectory, values: Float[np.ndarray, " T"], name: str, size: float, ax: Axes | None) -> Axes:
@@ -325,7 +325,7 @@ def _from_zero(run: Trajectory, values: Float[np.ndarray, " T"], name: str, size
 
 
 def _of_contact(trajectory: Trajectory) -> Trajectory:
-    """The run of a body that may slip and fly, with the states on both sides of its switches."""
+    """Returns the run of a body that may slip and fly, with the states on both sides of its switches."""
     run = with_jumps(trajectory)
     if "height" not in run.history.over_time:
         raise ValueError(
@@ -336,7 +336,7 @@ def _of_contact(trajectory: Trajectory) -> Trajectory:
 
 
 def measurements(trajectory: Trajectory[Any, Any], sensors: Mapping[str, AbstractSensor]) -> Figure:
-    """The readings of sensors, each in a panel under its name: a vector by its components along its axes.
+    """Draws the readings of sensors, each in a panel under its name: a vector by its components along its axes.
 
     **Arguments:**
 
@@ -356,7 +356,7 @@ def measurements(trajectory: Trajectory[Any, Any], sensors: Mapping[str, Abstrac
     for ax, (name, leaf) in zip(panels, run.measured(sensors).items(), strict=True):
         columns = np.asarray(leaf)[rows].reshape(len(rows), -1).T
         labels = [rf"$x_{{{k}}}$" for k in range(1, len(columns) + 1)] if len(columns) > 1 else [""]
-        series = [Series(*one) for one in zip(columns, labels, itertools.cycle(COMPONENTS), strict=False)]
+        series = [Series(*fields) for fields in zip(columns, labels, itertools.cycle(COMPONENTS), strict=False)]
         over_run(run, series, name, ax, jumps=True)
         ax.label_outer()
     share_bands(figure)

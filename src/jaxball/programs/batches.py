@@ -20,17 +20,19 @@ from . import native
 
 
 def batches(rows: int, size: int) -> list[Int[np.ndarray, " size"]]:
-    """The indices of each batch's rows, padding included."""
+    """Returns the indices of each batch's rows, padding included."""
     return [np.minimum(np.arange(start, start + size), rows - 1) for start in range(0, rows, size)]
 
 
 def join_batches(results: Sequence[Any], rows: int) -> Any:
-    """The results of all batches one after the other: PyTrees of arrays that have the rows as leading axis."""
+    """Joins the results of all batches one after the other: PyTrees of arrays that have the rows as leading axis."""
     return jax.tree.map(lambda *parts: np.concatenate(parts)[:rows], *results)
 
 
 def in_batches(function: Callable[[Any], Any], rows: Any, size: int) -> Any:
-    """``function`` of a PyTree of NumPy arrays that have the rows as leading axis, ``size`` of them at a time."""
+    """Applies ``function`` to a PyTree of NumPy arrays that have the rows as leading axis, ``size`` of them
+    at a time.
+    """
     count = len(jax.tree.leaves(rows)[0])
     parts = (jax.tree.map(lambda leaf, batch=batch: leaf[batch], rows) for batch in batches(count, size))
     return join_batches([jax.tree.map(np.asarray, function(part)) for part in parts], count)
@@ -45,7 +47,7 @@ def in_threads(
     compiled: bool = False,
     progress: Callable[[int, int], Any] | None = None,
 ) -> list[Any]:
-    """``function`` of the indices of each batch, in order and with the padding; ``threads`` batches at a time.
+    """Applies ``function`` to the indices of each batch, in order and with the padding; ``threads`` batches at a time.
 
     A compiled program releases the GIL while it runs. Batches go to the devices in turn, the first of them alone unless
     the function is already ``compiled``, so that it is compiled once. ``progress`` is called with the number of rows
@@ -70,7 +72,7 @@ def in_threads(
 
 
 def map_rows(function: Callable[..., Any], *rows: Any) -> Any:
-    """``function`` of each row of PyTrees of arrays that have the rows as leading axis; JAX can trace it.
+    """Applies ``function`` to each row of PyTrees of arrays that have the rows as leading axis; JAX can trace it.
 
     On a CPU and in native programs one row after another, which is a loop around one program of small arrays, where all
     rows at once would be a loop for each of its operations: for the observables of a run the native compiler takes a
@@ -82,7 +84,7 @@ def map_rows(function: Callable[..., Any], *rows: Any) -> Any:
 
 
 def of_rows(function: Callable[..., Any], *rows: Any) -> Any:
-    """``function`` of each row of PyTrees of arrays that have the rows as leading axis, side by side.
+    """Applies ``function`` to each row of PyTrees of arrays that have the rows as leading axis, side by side.
 
     For long computations, such as runs: JAX traces it, and it is a map where that is the form that compiles well.
     """
@@ -92,7 +94,8 @@ def of_rows(function: Callable[..., Any], *rows: Any) -> Any:
 
 
 def in_lanes(function: Callable[..., Any]) -> Callable[..., Any]:
-    """``function`` of each row of arrays, like ``jax.vmap(function)``: in vector lanes if ``jaxball.jit`` compiles it.
+    """Maps ``function`` over the rows of arrays, like ``jax.vmap(function)``: in vector lanes if ``jaxball.jit``
+    compiles it.
 
     **Arguments:**
 
@@ -127,7 +130,7 @@ def _side_by_side(function: Callable[..., Any], rows: tuple[Any, ...]) -> Any:
 
 
 def fill_vectors(function: Callable[[Any], Any], rows: Any) -> Any:
-    """``function`` of each row of a PyTree of arrays: all at once, natively as many at a time as fill a vector.
+    """Applies ``function`` to each row of a PyTree of arrays: all at once, natively as many at a time as fill a vector.
 
     For short computations within a step, such as the tangents of a field in many directions.
     """
@@ -136,7 +139,7 @@ def fill_vectors(function: Callable[[Any], Any], rows: Any) -> Any:
 
 
 def map_batches(function: Callable[[Any], Any], rows: Any, size: int) -> Any:
-    """``function`` of each row of a PyTree of arrays, by ``jax.vmap`` of about ``size`` rows at a time.
+    """Applies ``function`` to each row of a PyTree of arrays, by ``jax.vmap`` of about ``size`` rows at a time.
 
     The rows are shared out among batches of equal size; JAX can trace it.
     """

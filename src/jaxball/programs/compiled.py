@@ -37,7 +37,7 @@ class Rest(NamedTuple):
     keys: tuple[Any, ...] = ()
 
     def with_keys(self, arrays: Sequence[Any]) -> Any:
-        """The arguments or the result, with random keys made of their numbers."""
+        """Returns the arguments or the result, with random keys made of their numbers."""
         if self.keys:
             arrays = native.as_keys(arrays, self.keys)
         if not self.dynamic:
@@ -55,7 +55,7 @@ class Compiled(NamedTuple):
     result: Rest
 
     def numbers(self, arrays: list[Any]) -> list[Any]:
-        """The arrays of the result, as numbers."""
+        """Returns the arrays of the result, as numbers."""
         if not isinstance(self.made, native.Program):
             arrays = list(map(_as_converted, arrays))
         return self.made(arrays)
@@ -84,15 +84,15 @@ class Place(NamedTuple):
     key: str
 
     def of_quick_code(self) -> "Place":
-        """The place of the same program, compiled quickly."""
+        """Returns the place of the same program, compiled quickly."""
         return self._replace(key=fingerprint(self.fingerprint.digest, QUICKLY).digest)
 
     def find(self) -> Compiled | native.Refusal | None:
-        """The program; None if there is none."""
+        """Returns the program; None if there is none."""
         return self._as_kept(self.store.early(self.key)) or self._load(self.store.read(self.key))
 
     def obtain(self, compiled: Callable[[], Compiled | native.Refusal], takes: int) -> Compiled | native.Refusal:
-        """The program that takes ``count`` arrays: loaded, or compiled and written."""
+        """Returns the program that takes ``count`` arrays: loaded, or compiled and written."""
         program = self.find()
         if program is not None:
             return program
@@ -106,11 +106,11 @@ class Place(NamedTuple):
         return program
 
     def _load(self, content: bytes | None) -> Compiled | native.Refusal | None:
-        """The program of this content; None if there is none."""
+        """Returns the program of this content; None if there is none."""
         return self._as_kept(executables.load_program(content))
 
     def _is_pure(self) -> bool:
-        """Whether users' functions in it use nothing of jaxball that reads files and the like.
+        """Returns whether users' functions in it use nothing of jaxball that reads files and the like.
 
         This holds for all programs in the store, because it depends on nothing but their names there.
         """
@@ -127,15 +127,17 @@ class Place(NamedTuple):
             self.store.write(self.key, content)
 
     def _content(self, program: Compiled | native.Refusal, takes: int) -> bytes:
-        """A program as bytes: empty if it cannot be kept, so that no process waits for another to compile it."""
+        """Converts a program to bytes: empty if it cannot be kept, so that no process waits for another to
+        compile it.
+        """
         if isinstance(program, native.Refusal):
             return executables.content_of_refusal(program)
-        made, rest = program
+        executable, rest = program
         gives = sum(rest.dynamic) if rest.dynamic else rest.structure.num_leaves
-        return executables.content(made, takes, gives, tuple(rest), self.fingerprint.reached) or b""
+        return executables.content(executable, takes, gives, tuple(rest), self.fingerprint.reached) or b""
 
     def _as_kept(self, loaded: executables.Loaded | native.Refusal | None) -> Compiled | native.Refusal | None:
-        """A loaded program; None if there is none."""
+        """Returns a loaded program; None if there is none."""
         if isinstance(loaded, executables.Loaded):
             with contextlib.suppress(Exception):  # whatever a class of another version raises
                 return Compiled(loaded.executable, Rest(*loaded.result(self.fingerprint.reached)))
@@ -144,7 +146,9 @@ class Place(NamedTuple):
 
 
 def place_in(store: Store | None, *described: Any) -> Place | None:
-    """The place in a store of the program that is ``described``, besides JAX's settings; None if it has none."""
+    """Returns the place in a store of the program that is ``described``, besides JAX's settings; None if it
+    has none.
+    """
     if store is None:
         return None
     chosen = {name: value for name, value in settings().items() if name not in ("jax_default_device", QUICKLY)}
@@ -159,13 +163,15 @@ def place_in(store: Store | None, *described: Any) -> Place | None:
 
 
 def is_kept_by_jax() -> bool:
-    """Whether JAX keeps XLA's programs itself: programs loaded from there cannot be written again."""
+    """Returns whether JAX keeps XLA's programs itself: programs loaded from there cannot be written again."""
     config: Any = jax.config
     return bool(config.jax_enable_compilation_cache and config.jax_compilation_cache_dir)
 
 
 def _as_converted(array: Any) -> Any:
-    """NumPy arrays with the types that JAX converts them to: some of its versions pass a program 64 bits for 32."""
+    """Converts NumPy arrays to the types that JAX converts them to: some of its versions pass a program 64
+    bits for 32.
+    """
     if isinstance(array, np.ndarray | np.generic):
         return array.astype(jax.dtypes.canonicalize_dtype(array.dtype), copy=False)
     return array

@@ -25,8 +25,9 @@ from .store.current import Store
 ROWS_OF_BLOCK = native.FEWEST * native.LANES  # rows that a program computes at once
 ROWS_OF_XLA = 64  # rows that are one solve by XLA on a CPU, where 512 were no faster
 
+
 def within_a_computation() -> bool:
-    """Whether what is being traced is a computation of jaxball's own, of which all is compiled as one program."""
+    """Returns whether a computation of jaxball's own is being traced, all of which is compiled as one program."""
     return traces.within_a_computation.value
 
 
@@ -40,14 +41,14 @@ class Result(NamedTuple):
 def call_with(
     function: Callable[..., Any], is_dynamic: Callable[[Any], bool] | None, rest: Rest, arrays: list[Any]
 ) -> Result:
-    """The result of a function of PyTrees, of the arrays of its arguments and their ``rest``."""
+    """Applies a function of PyTrees to the arrays of its arguments and their ``rest``."""
     args, kwargs = rest.with_keys(arrays)
     result, arrays = take_arrays(*jax.tree.flatten(function(*args, **kwargs)), is_dynamic)
     return Result([jnp.asarray(native.numbers(array)) for array in arrays], result)
 
 
 def take_arrays(leaves: list[Any], structure: Any, is_dynamic: Callable[[Any], bool] | None) -> tuple[Rest, list[Any]]:
-    """A flattened PyTree as its arrays, which are all leaves if there is no ``is_dynamic``, and the rest."""
+    """Splits a flattened PyTree into its arrays, which are all leaves if there is no ``is_dynamic``, and the rest."""
     if is_dynamic is None or not leaves:
         return Rest(structure, keys=_keys(leaves)), leaves
     dynamic = tuple(map(is_dynamic, leaves))
@@ -101,7 +102,11 @@ class Computation:
         self._results: list[Rest] = []
         self.linear = (False,) * len(arrays)
         self.traced = native.Lowered(
-            self._of_arrays, arrays, name, native.current_choice() == "native", lambda: traces.within_a_computation(self.opaque)
+            self._of_arrays,
+            arrays,
+            name,
+            native.current_choice() == "native",
+            lambda: traces.within_a_computation(self.opaque),
         )
         self.takes = self.traced.takes
         self._made: dict[Any, Any] = {}
@@ -132,8 +137,8 @@ class Computation:
         return self._results[-1]
 
     def is_pure(self) -> bool:
-        """Whether it does nothing but compute, of its arguments alone, numbers that XLA's arrays can hold."""
-        if any(not isinstance(one.dtype, np.dtype) or one.dtype == jax.dtypes.float0 for one in self.gives):
+        """Returns whether it does nothing but compute, of its arguments alone, numbers that XLA's arrays can hold."""
+        if any(not isinstance(result.dtype, np.dtype) or result.dtype == jax.dtypes.float0 for result in self.gives):
             return False
         if self._in_store:
             return self._in_store.target is not None
@@ -148,7 +153,7 @@ class Computation:
         return captures(traced) if len(traced.jaxpr.in_avals) > len(self.takes) else []
 
     def of_captures(self, arrays: list[Any]) -> tuple["Computation", list[Any]]:
-        """The same function of its captures and its own arrays, with all these.
+        """Returns the same function, but of its captures and its own arrays, with all these arrays.
 
         It is traced here in both forms, because captures cannot be used when the trace around it has ended.
         """
@@ -157,9 +162,9 @@ class Computation:
         captured = {id(array): array for traced in forms for array in captures(traced)}
         functions = [_OfCaptures(traced, list(captured), self.opaque) for traced in forms]
         passed = [*captured.values(), *arrays]
-        made = self._from_callable(functions[0], list(map(native.type_of, passed)), self.gives)
-        made.smooth = functions[1]
-        return made, passed
+        computation = self._from_callable(functions[0], list(map(native.type_of, passed)), self.gives)
+        computation.smooth = functions[1]
+        return computation, passed
 
     @functools.cached_property
     def _in_store(self) -> Compiled | None:
@@ -175,13 +180,13 @@ class Computation:
     # Programs
 
     def here(self, arrays: Sequence[Any]) -> list[Any]:
-        """The results, written into what is being traced."""
+        """Returns the results, written into the program that is being traced."""
         traced = self.traced if native.is_traced_natively() else self.traced.for_xla()
         with traced.as_traced():
             return traced.function(list(arrays))
 
     def __call__(self, arrays: Sequence[Any]) -> list[Any]:
-        """The arrays of the result, of arrays that are not traced."""
+        """Returns the arrays of the result, for arrays that are not traced."""
         runs = self.runs(current.store)
         if runs is not None:
             with contextlib.suppress(native.CallbackReachedError):
@@ -189,7 +194,7 @@ class Computation:
         return self.here(arrays)
 
     def runs(self, store: Store | None) -> Compiled | None:
-        """The program, from the store or compiled: natively, or by XLA if that is chosen or necessary.
+        """Returns the program, from the store or compiled: natively, or by XLA if that is chosen or necessary.
 
         None if JAX compiles it as usual.
         """
@@ -201,7 +206,7 @@ class Computation:
         return self._once(("xla", store), lambda: self._by_xla(store if native.on_one_cpu() else None, natively))
 
     def natively(self, store: Store | None, compiles: bool = True) -> Compiled | native.Refusal | None:
-        """The native program, a refusal, or None if the compiler is not chosen or cannot be used.
+        """Returns the native program, a refusal, or None if the compiler is not chosen or cannot be used.
 
         - ``compiles``: whether it is compiled if it is not in the store.
         """
@@ -210,7 +215,7 @@ class Computation:
         return self._once(("native", store), lambda: self._natively(store, compiles))
 
     def _once(self, which: Any, make: Callable[[], Any]) -> Any:
-        """What ``make`` returns, kept for the present settings unless it is None."""
+        """Returns the result of ``make``, kept for the present settings unless it is None."""
         key = which, native.explicit_choice(), native.settings(), settings()[QUICKLY]
         if self._made.get(key) is None:
             self._made[key] = make()
@@ -220,12 +225,12 @@ class Computation:
         large = self.large or native.explicit_choice() == "native"
         quickly = settings()[QUICKLY] and not large  # Vectors would take several times the stack, which threads lack.
         place = place_in(store, self._describe(), "native", large, *native.identity())
-        known = None
+        stored_program = None
         if place is not None and quickly:
-            known, place = place.find(), place.of_quick_code()
+            stored_program, place = place.find(), place.of_quick_code()
         if not compiles:
-            return known or (place and place.find())
-        program = known or self._obtain(place, lambda: self.traced.natively(large, quickly, self.rows))
+            return stored_program or (place and place.find())
+        program = stored_program or self._obtain(place, lambda: self.traced.natively(large, quickly, self.rows))
         if isinstance(program, native.Refusal):
             native.warn_if_chosen_by_name(program, self.name)
         return program
@@ -238,22 +243,22 @@ class Computation:
         return program if isinstance(program, Compiled) else None
 
     def _describe(self) -> list[Any]:
-        """What determines its programs, besides the compiler."""
-        takes = [(one.shape, one.dtype, one.weak_type) for one in self.takes]
+        """Lists everything that determines its programs, besides the compiler."""
+        takes = [(array.shape, array.dtype, array.weak_type) for array in self.takes]
         return [self.function, self.opaque, self.rows, takes]
 
     def _obtain(self, place: Place | None, make: Callable[[], Any]) -> Compiled | native.Refusal:
-        """The program: loaded from the store, or compiled and written there."""
+        """Returns the program: loaded from the store, or compiled and written there."""
 
         def compile_now() -> Compiled | native.Refusal:
             with compiling():
-                made = make()
-            return made if isinstance(made, native.Refusal) else Compiled(made, self.result)
+                program = make()
+            return program if isinstance(program, native.Refusal) else Compiled(program, self.result)
 
         return compile_now() if place is None else place.obtain(compile_now, len(self.takes))
 
     def program_of_rows(self, rows: tuple[bool, ...], count: int) -> native.Program | None:
-        """The natively compiled program of this many rows, which XLA may call too, if there is one.
+        """Returns the natively compiled program of this many rows, which XLA may call too, if there is one.
 
         - ``rows``: which arrays have rows as leading axis.
         """
@@ -267,7 +272,7 @@ class Computation:
         return None
 
     def on_gpu(self, store: Store | None, compiles: bool = True) -> Compiled | native.Refusal | None:
-        """The program by which a GPU computes rows, each in a thread; otherwise like :meth:`natively`."""
+        """Returns the program by which a GPU computes rows, each in a thread; otherwise like :meth:`natively`."""
         if native.current_choice() != "native" or not native.is_allowed_on_gpu():
             return None
         return self._once(("gpu", store), lambda: self._on_gpu(store, compiles))
@@ -297,7 +302,7 @@ class Computation:
         return self._followers[key]
 
     def _from_callable(self, function: Callable[[list[Any]], Any], arrays: Sequence[Any], gives: Sequence[Any]) -> Any:
-        made = Computation(
+        computation = Computation(
             function,
             arrays,
             name=self.name,
@@ -307,23 +312,26 @@ class Computation:
             opaque=self.opaque,
             gives=list(gives),
         )
-        made.is_derivative = self.is_derivative
-        return made
+        computation.is_derivative = self.is_derivative
+        return computation
 
     def tangents(self, which: tuple[bool, ...]) -> "Computation":
-        """The tangents of the results that have some, of the arrays and the tangents of those chosen by ``which``."""
+        """Returns the computation of the tangents of the results that have some, from the arrays and the tangents of
+        the arrays chosen by ``which``.
+        """
 
         def make() -> Computation:
             function = functools.partial(_tangents, self.smooth, which)
             moving = choose(self.takes, which)
-            made = self._from_callable(function, [*self.takes, *moving], list(filter(_has_tangents, self.gives)))
-            made.linear, made.is_derivative = (False,) * len(which) + (True,) * len(moving), True
-            return made
+            computation = self._from_callable(function, [*self.takes, *moving], list(filter(_has_tangents, self.gives)))
+            computation.linear, computation.is_derivative = (False,) * len(which) + (True,) * len(moving), True
+            return computation
 
         return self._following(("tangents", which), make)
 
     def cotangents(self, which: tuple[bool, ...], of: tuple[bool, ...]) -> "Computation":
-        """The cotangents of the arrays chosen by ``which``, of all arrays and the cotangents of some results.
+        """Returns the computation of the cotangents of the arrays chosen by ``which``, from all arrays and the
+        cotangents of some results.
 
         - ``of``: which results, among those that have tangents.
         """
@@ -331,36 +339,40 @@ class Computation:
         def make() -> Computation:
             by_tangents = functools.partial(_cotangents_by_tangents, self.smooth, which, of)
             going_back = functools.partial(_cotangents, _Traced(self), which, of)
-            given = choose(list(filter(_has_tangents, self.gives)), of)
+            results = choose(list(filter(_has_tangents, self.gives)), of)
             function = by_tangents if self.is_derivative else going_back
-            made = self._from_callable(function, [*self.takes, *given], choose(self.takes, which))
-            made.smooth = by_tangents
-            made.linear, made.is_derivative = (False,) * len(which) + (True,) * len(given), True
-            return made
+            computation = self._from_callable(function, [*self.takes, *results], choose(self.takes, which))
+            computation.smooth = by_tangents
+            computation.linear, computation.is_derivative = (False,) * len(which) + (True,) * len(results), True
+            return computation
 
         return self._following(("cotangents", which, of), make)
 
     def directions(self, mapped: tuple[bool, ...], count: int) -> "Computation":
-        """The same of as many of the ``mapped`` arrays, which are linear, so that the rest is computed once."""
+        """Returns this computation for ``count`` sets of the ``mapped`` arrays, which are linear, so that the rest is
+        computed once.
+        """
 
         def make() -> Computation:
             function, smooth = (functools.partial(_in_directions, f, mapped) for f in (_Traced(self), self.smooth))
-            takes = [in_rows(one, count) if many else one for one, many in zip(self.takes, mapped, strict=True)]
-            made = self._from_callable(function, takes, [in_rows(one, count) for one in self.gives])
-            made.smooth, made.linear = smooth, self.linear
-            return made
+            takes = [in_rows(array, count) if many else array for array, many in zip(self.takes, mapped, strict=True)]
+            computation = self._from_callable(function, takes, [in_rows(array, count) for array in self.gives])
+            computation.smooth, computation.linear = smooth, self.linear
+            return computation
 
         return self._following(("directions", mapped, count), make)
 
     def block(self, taken: tuple[bool, ...]) -> "Computation":
-        """The same of a block of rows; ``taken`` says which arrays have them as leading axis."""
+        """Returns this computation for a block of rows; ``taken`` says which arrays have them as leading axis."""
 
         def make() -> Computation:
-            takes = [in_rows(one, ROWS_OF_BLOCK) if many else one for one, many in zip(self.takes, taken, strict=True)]
+            takes = [
+                in_rows(array, ROWS_OF_BLOCK) if many else array for array, many in zip(self.takes, taken, strict=True)
+            ]
             function = functools.partial(_of_each_row, _Traced(self), taken)
-            made = self._from_callable(function, takes, [in_rows(one, ROWS_OF_BLOCK) for one in self.gives])
-            made.rows, made.large = native.Rows(ROWS_OF_BLOCK, taken), True
-            return made
+            computation = self._from_callable(function, takes, [in_rows(array, ROWS_OF_BLOCK) for array in self.gives])
+            computation.rows, computation.large = native.Rows(ROWS_OF_BLOCK, taken), True
+            return computation
 
         return self._following(("block", taken), make)
 
@@ -443,11 +455,11 @@ def _in_directions(function: Callable, mapped: tuple[bool, ...], arrays: list[An
     )
 
 
-def _of_each_row(function: Callable, taken: tuple[bool, ...], arrays: list[Any]) -> list[Any]:
+def _of_each_row(function: Callable, mask: tuple[bool, ...], arrays: list[Any]) -> list[Any]:
     def of_row(row: list[Any]) -> list[Any]:
-        return _arrays(function(replace_chosen(arrays, taken, row)))
+        return _arrays(function(replace_chosen(arrays, mask, row)))
 
-    return jax.lax.map(of_row, choose(arrays, taken))
+    return jax.lax.map(of_row, choose(arrays, mask))
 
 
 def _has_tangents(array: Any) -> bool:
@@ -455,5 +467,5 @@ def _has_tangents(array: Any) -> bool:
 
 
 def in_rows(one: Any, rows: int) -> jax.ShapeDtypeStruct:
-    """The type of this many rows of arrays of a type."""
+    """Returns the type of this many rows of arrays of a type."""
     return jax.ShapeDtypeStruct((rows, *one.shape), one.dtype, weak_type=one.weak_type)

@@ -40,7 +40,9 @@ Which = tuple[bool, ...]
 
 
 def may_be_an_operation() -> bool:
-    """Whether computations can be operations of the traced program: not on several devices, nor for debugging."""
+    """Returns whether computations can be operations of the traced program: not on several devices, nor for
+    debugging.
+    """
     config: Any = jax.config
     if config.jax_debug_nans or config.jax_debug_infs or config.jax_disable_jit:
         return False
@@ -48,16 +50,16 @@ def may_be_an_operation() -> bool:
 
 
 def operation(computation: Computation, arrays: Sequence[Any]) -> list[Any]:
-    """The results of a computation, as one operation of the traced program."""
+    """Returns the results of a computation, as one operation of the traced program."""
     return run.bind(*arrays, computation=computation, rows=())
 
 
 def _types(computation: Computation, rows: Which, arrays: Sequence[Any]) -> list[Any]:
-    """The types of the results."""
+    """Returns the types of the results."""
     if not rows:
         return computation.gives
     count = _count(rows, arrays)
-    return [in_rows(one, count) for one in computation.gives]
+    return [in_rows(result, count) for result in computation.gives]
 
 
 def _count(rows: Which, arrays: Sequence[Any]) -> int:
@@ -90,7 +92,7 @@ def _compute(*arrays: Any, computation: Computation, rows: Which) -> list[Any]:
 
         program = computation.program_of_rows(rows, _count(rows, arrays))
         if program is not None:
-            weak = [bool(one.weak_type) for one in computation.gives]
+            weak = [bool(result.weak_type) for result in computation.gives]
             return program.of_rows(arrays, rows, weak, _limit.threads or cores())
     return _compile(computation, rows)(*arrays)
 
@@ -105,12 +107,12 @@ def _write_here(*arrays: Any, computation: Computation, rows: Which) -> list[Any
     if not rows:
         return computation.here(arrays)
     if _count(rows, arrays) == 0:
-        return [jnp.zeros(one.shape, one.dtype) for one in _types(computation, rows, arrays)]
+        return [jnp.zeros(array.shape, array.dtype) for array in _types(computation, rows, arrays)]
     whole = list(arrays)
 
     def of_row(row: list[Any]) -> list[Any]:
         following = iter(row)
-        return computation.here([next(following) if many else one for one, many in zip(whole, rows, strict=True)])
+        return computation.here([next(following) if many else array for array, many in zip(whole, rows, strict=True)])
 
     leading = choose(whole, rows)
     if native.is_traced_natively():
@@ -121,7 +123,9 @@ def _write_here(*arrays: Any, computation: Computation, rows: Which) -> list[Any
 
 
 def _target(platform: str, context: Any, types: Sequence[Any], computation: Computation, rows: Which) -> str | None:
-    """The name by which XLA calls the native program; None where there is none, or the function must be written out."""
+    """Returns the name by which XLA calls the native program; None where there is none, or the function must be written
+    out.
+    """
     if native.is_traced_natively() or is_for_export(context) or native.current_choice() != "native":
         return None
     count = _count(rows, types) if rows else 1
@@ -144,9 +148,9 @@ def _differentiate(primals: Sequence[Any], tangents: Sequence[Any], *, computati
         return results, list(map(zero_tangent, results))
     moving = choose(tangents, which)
     varied = iter(tangents_of_run.bind(*primals, *moving, computation=computation, which=which, rows=rows))
-    have_tangents = [jnp.issubdtype(one.dtype, jnp.inexact) for one in computation.gives]
+    have_tangents = [jnp.issubdtype(result.dtype, jnp.inexact) for result in computation.gives]
     return results, [
-        next(varied) if has else zero_tangent(one) for one, has in zip(results, have_tangents, strict=True)
+        next(varied) if has else zero_tangent(result) for result, has in zip(results, have_tangents, strict=True)
     ]
 
 
@@ -173,11 +177,11 @@ def _batch(arrays: Sequence[Any], axes: Sequence[Any], *, computation: Computati
     ]
     both = tuple(outer or inner for outer, inner in zip(mapped, rows, strict=True))
     results = run.bind(*merged, computation=computation, rows=both)
-    return [one.reshape(count, of_each, *one.shape[1:]) for one in results], [0] * len(results)
+    return [result.reshape(count, of_each, *result.shape[1:]) for result in results], [0] * len(results)
 
 
 def _merge_rows(array: Any, outer: bool, inner: bool, count: int, of_each: int) -> Any:
-    """The rows of rows as rows."""
+    """Merges the rows of rows into rows."""
     if not (outer or inner):
         return array
     if not outer:
@@ -188,7 +192,7 @@ def _merge_rows(array: Any, outer: bool, inner: bool, count: int, of_each: int) 
 
 
 def _as_run(computation: Computation, which: Which, rows: Which) -> dict[str, Any]:
-    """What ``tangents`` is as a ``run``."""
+    """Returns the parameters with which ``run`` computes the same as ``tangents``."""
     return {"computation": computation.tangents(which), "rows": rows and (*rows, *choose(rows, which))}
 
 
@@ -223,20 +227,22 @@ def _transpose_tangents(
     of = tuple(not no_tangent(cotangent) for cotangent in cotangents)
     if not any(of):
         return [None] * len(arrays)
-    given = choose(cotangents, of)
+    nonzero = choose(cotangents, of)
     back = computation.cotangents(which, of)
-    results = run.bind(*arrays[:count], *given, computation=back, rows=rows and (*rows, *(True,) * len(given)))
+    results = run.bind(*arrays[:count], *nonzero, computation=back, rows=rows and (*rows, *(True,) * len(nonzero)))
     if rows:  # What all rows share has the cotangents of all.
-        own = choose(rows, which)
-        results = [one if many else jnp.sum(one, axis=0) for one, many in zip(results, own, strict=True)]
+        result_rows = choose(rows, which)
+        results = [
+            result if many else jnp.sum(result, axis=0) for result, many in zip(results, result_rows, strict=True)
+        ]
     return [None] * count + list(results)
 
 
 def _of_tangents(rule: Any) -> Any:
-    """A rule of ``run``, for ``tangents``."""
+    """Makes a rule for ``tangents`` of a rule for ``run``."""
 
-    def apply(*given: Any, computation: Computation, which: Which, rows: Which) -> Any:
-        return rule(*given, **_as_run(computation, which, rows))
+    def apply(*operands: Any, computation: Computation, which: Which, rows: Which) -> Any:
+        return rule(*operands, **_as_run(computation, which, rows))
 
     return apply
 

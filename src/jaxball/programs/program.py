@@ -38,7 +38,8 @@ def forget() -> None:
 
 
 def jit(function: Callable[P, T], *, in_lanes: bool = True, together: int = ROWS_OF_XLA) -> "Program":
-    """Like ``jax.jit``: all leaves of all arguments are arrays. What ``function`` holds distinguishes programs.
+    """Compiles like ``jax.jit``: all leaves of all arguments are arrays. The values that ``function`` holds distinguish
+    programs.
 
     - ``in_lanes``: whether ``jax.vmap`` of it computes several rows side by side, in vectors.
     - ``together``: how many rows are computed side by side where XLA compiles it for a CPU.
@@ -47,7 +48,8 @@ def jit(function: Callable[P, T], *, in_lanes: bool = True, together: int = ROWS
 
 
 def filter_jit(function: Callable[P, T], *, large: bool = False) -> Callable[P, T]:
-    """Like ``equinox.filter_jit``: the arrays of all arguments are traced, and all else distinguishes programs.
+    """Compiles like ``equinox.filter_jit``: the arrays of all arguments are traced, and all else distinguishes
+    programs.
 
     - ``large``: whether what has loops over large arrays is compiled natively, too.
     """
@@ -56,7 +58,7 @@ def filter_jit(function: Callable[P, T], *, large: bool = False) -> Callable[P, 
 
 @contextlib.contextmanager
 def compile_quickly(wanted: bool = True) -> Iterator[None]:
-    """Programs that are first compiled in this block are compiled in less time, but run longer.
+    """Compiles programs that are first used in this block in less time; they run longer.
 
     For programs that run once. Native ones, but for ensembles, compile in four fifths of the time and run up to twice
     as long, with the same results; where an optimised one is known, it is used. Those of XLA compile in half the time,
@@ -107,9 +109,9 @@ class Program:
         leaves, structure = jax.tree.flatten((args, kwargs))
         rest, arrays = take_arrays(leaves, structure, self._is_dynamic)
         if self._how["opaque"] and not within_a_computation() and not self._is_closed(rest):
-            given = self._function, args, kwargs
-            opened, captures = take_captures(given, local=True)
-            if opened is not given:
+            call = self._function, args, kwargs
+            opened, captures = take_captures(call, local=True)
+            if opened is not call:
                 function, args, kwargs = opened
                 return self._of_captures(function)(captures, args, kwargs)
             self._closed.add(rest)
@@ -123,7 +125,9 @@ class Program:
         return self._compiled(*args, **kwargs)
 
     def _is_closed(self, rest: Rest) -> bool:
-        """Whether the function and such arguments are known to hold no function that is written within another."""
+        """Returns whether the function and such arguments are known to hold no function that is written
+        within another.
+        """
         try:
             return rest in self._closed
         except TypeError:  # something has no hash, so that its programs are not found again
@@ -153,11 +157,13 @@ class Program:
 
     def forget(self) -> None:
         """Drops all programs of this function."""
-        for kept in (self._programs, self._computations, self._open, self._closed):
-            kept.clear()
+        for cache in (self._programs, self._computations, self._open, self._closed):
+            cache.clear()
 
     def _join_trace(self, rest: Rest, arrays: list[Any]) -> tuple[Any] | None:
-        """The result of the call as one operation of the traced program; None where it has to be written out."""
+        """Returns the result of the call as one operation of the traced program; None where it has to be
+        written out.
+        """
         if within_a_computation() or not may_be_an_operation():
             return None
         self._follow_store()
@@ -176,7 +182,7 @@ class Program:
         return (result.with_keys(operation(computation, numbers)),)
 
     def _program_for(self, rest: Rest, arrays: list[Any]) -> Any:
-        """The program for such arguments; None if JAX compiles it as usual.
+        """Returns the program for such arguments; None if JAX compiles it as usual.
 
         ``_PART_OF_TRACE`` if the function has captured something traced.
         """
@@ -184,20 +190,20 @@ class Program:
         kinds = tuple(map(native.kind, arrays))
         key = (native.explicit_choice(), rest, tuple(map(type, rest.static)), kinds, native.settings())
         try:
-            found = self._programs.get(key, _MISSING)
+            program = self._programs.get(key, _MISSING)
         except TypeError:  # something has no hash
             return None
-        if found is not _MISSING:
-            return found
+        if program is not _MISSING:
+            return program
         quickly = settings()[QUICKLY]
         if quickly:
             key = key, QUICKLY
-            found = self._programs.get(key, _MISSING)
-        if found is _MISSING:
-            found = self._make_for(rest, arrays)
-            if found is not _PART_OF_TRACE:  # which is not kept: it will not be called again
-                found = self._programs.setdefault(key, found)
-        return found
+            program = self._programs.get(key, _MISSING)
+        if program is _MISSING:
+            program = self._make_for(rest, arrays)
+            if program is not _PART_OF_TRACE:  # which is not kept: it will not be called again
+                program = self._programs.setdefault(key, program)
+        return program
 
     def _make_for(self, rest: Rest, arrays: list[Any]) -> Any:
         if not native.are_numbers(arrays):
@@ -215,20 +221,20 @@ class Program:
             self._programs, self._computations, self._store = {}, {}, current.store
 
     def _computation(self, rest: Rest, numbers: list[Any]) -> Computation | None:
-        """The function of arrays of such types; None if something has no hash."""
-        described = tuple((one.shape, one.dtype, one.weak_type) for one in numbers)
+        """Returns the function of arrays of such types; None if something has no hash."""
+        described = tuple((array.shape, array.dtype, array.weak_type) for array in numbers)
         key = native.explicit_choice(), rest, tuple(map(type, rest.static)), described, native.settings()
         try:
-            found = self._computations.get(key)
+            computation = self._computations.get(key)
         except TypeError:
             return None
-        if found is None:
+        if computation is None:
             function = functools.partial(call_with, self._function, self._is_dynamic, rest)
-            made = Computation(
+            candidate = Computation(
                 function, list(map(native.type_of, numbers)), name=getattr(self, "__name__", "program"), **self._how
             )
-            found = self._computations.setdefault(key, made)
-        return found
+            computation = self._computations.setdefault(key, candidate)
+        return computation
 
 
 def _with_captures(function: Any, captures: list[Any], args: Any, kwargs: Any) -> Any:
@@ -237,5 +243,5 @@ def _with_captures(function: Any, captures: list[Any], args: Any, kwargs: Any) -
 
 
 def _run(program: Compiled, rest: Rest, arrays: list[Any]) -> Any:
-    """The result of arguments that may be random keys."""
+    """Returns the result of arguments that may be random keys."""
     return program.result.with_keys(program.numbers(list(map(native.numbers, arrays)) if rest.keys else arrays))

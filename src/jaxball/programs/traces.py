@@ -1,7 +1,7 @@
 """What a trace is made for: settings that jaxball gives JAX, whose caches tell traces of one function apart by them.
 
-JAX traces all functions anew when a setting is added, so ``import jaxball`` adds them at once where JAX is there already,
-and not where jaxball is first used, which may be within a user's trace.
+JAX traces all functions anew when a setting is added. So ``import jaxball`` adds them at once if JAX is there already:
+the first use of jaxball may be within a user's trace.
 """
 
 from ..compat import setting_of_traces

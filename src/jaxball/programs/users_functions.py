@@ -12,7 +12,7 @@ T = TypeVar("T")
 
 
 def jit(function: Callable[P, T]) -> Callable[P, T]:
-    """Like ``jax.jit``, but compiled for the processor in a fraction of the time that XLA takes.
+    """Compiles a function like ``jax.jit``, but for the processor and in a fraction of the time that XLA takes.
 
     It is meant for programs of many operations on few numbers: simulations, their derivatives,
     ``jaxball.jit(jax.grad(loss))``, loops. Arrays of up to a few thousand numbers are fine; large matrix products and

@@ -31,24 +31,27 @@ OF_ESTIMATE = {
 
 @history_values.register
 def _of_feedback(history: FeedbackHistory, states: Any) -> Variables:
-    found = _of_states("nominal", "of the motion", history.nominal)
-    found["inputs"] = OF_FEEDBACK["inputs"], np.asarray(history.u)
-    found["deviation"] = OF_FEEDBACK["deviation"], np.asarray(history.deviations(states))
+    variables = _of_states("nominal", "of the motion", history.nominal)
+    variables["inputs"] = OF_FEEDBACK["inputs"], np.asarray(history.u)
+    variables["deviation"] = OF_FEEDBACK["deviation"], np.asarray(history.deviations(states))
     if history.estimate is None:
-        return found
+        return variables
     estimate = history.estimate
     arrays = {"covariance": estimate.covariance, "bias": estimate.bias_values}
     arrays |= {"nis": estimate.nis, "read": estimate.read, "nees": estimate.nees(states)}
-    found |= _of_states("estimate", "as estimated", estimate.state)
-    return found | {
+    variables |= _of_states("estimate", "as estimated", estimate.state)
+    return variables | {
         f"estimate_{name}": (OF_ESTIMATE[name], np.asarray(array)) for name, array in arrays.items() if array.size
     }
 
 
 def _of_states(prefix: str, words: str, states: Any) -> Variables:
-    known = describe_fields(states)
+    descriptions = describe_fields(states)
     return {
-        f"{prefix}_{name}": (known[name]._replace(meaning=f"{known[name].meaning}, {words}"), np.asarray(leaf))
+        f"{prefix}_{name}": (
+            descriptions[name]._replace(meaning=f"{descriptions[name].meaning}, {words}"),
+            np.asarray(leaf),
+        )
         for name, leaf in vars(states).items()
     }
 
@@ -60,7 +63,7 @@ def _names(history: FeedbackHistory) -> dict[str, Any]:
 
 
 def feedback_labels(history: AbstractHistory) -> dict[str, np.ndarray]:
-    """The names along the dimensions of feedback."""
+    """Returns the names along the dimensions of feedback."""
     if not isinstance(history, FeedbackHistory):
         return {}
     labels = {"input": history.inputs, "coordinate": history.directions}
@@ -71,7 +74,9 @@ def feedback_labels(history: AbstractHistory) -> dict[str, np.ndarray]:
 
 
 def read_feedback(about: Mapping[str, Any], arrays: Mapping[str, np.ndarray], states: Any) -> FeedbackHistory:
-    """The history of a run under feedback in a file, whose attributes ``about`` has, with its ``states``."""
+    """Reads the history of a run under feedback from a file with the attributes ``about``, the arrays and the
+    ``states``.
+    """
 
     def of(prefix: str) -> Any:
         return type(states)(**{name: to_array(arrays[f"{prefix}_{name}"]) for name in vars(states)})
@@ -81,13 +86,13 @@ def read_feedback(about: Mapping[str, Any], arrays: Mapping[str, np.ndarray], st
     if BIASES not in about:
         return history
     times, biases = to_array(arrays["time"]), names_in(about, BIASES)
-    found = {name: arrays.get(f"estimate_{name}", np.zeros((times.size, 0))) for name in OF_ESTIMATE}
-    bias, P, nis = (to_array(found[name]) for name in ("bias", "covariance", "nis"))
-    read = jnp.asarray(found["read"], dtype=int)
+    fields = {name: arrays.get(f"estimate_{name}", np.zeros((times.size, 0))) for name in OF_ESTIMATE}
+    bias, P, nis = (to_array(fields[name]) for name in ("bias", "covariance", "nis"))
+    read = jnp.asarray(fields["read"], dtype=int)
     estimate = LoopEstimate(times, history.directions, biases, Followed(of("estimate"), bias, P, nis, read))
     return dataclasses.replace(history, estimate=estimate)
 
 
 def names_in(about: Mapping[str, Any], attribute: str) -> tuple[str, ...]:
-    """The names in an attribute."""
+    """Returns the names in an attribute."""
     return tuple(name for name in str(about[attribute]).split(BETWEEN) if name)

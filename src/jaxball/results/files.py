@@ -70,7 +70,7 @@ def load_attributes(path: Path) -> Mapping[str, Any]:
 
 
 def attribute_of(path: Path, about: Mapping[str, Any], name: str, read: Callable[[Any], Any]) -> Any:
-    """An attribute of a file.
+    """Reads an attribute of a file.
 
     **Raises:** :class:`RunError` that names it where it is missing or wrong.
     """
@@ -89,7 +89,7 @@ def load_text(path: Path) -> str:
 
 
 def text_in(path: Path, about: Mapping[str, Any]) -> str:
-    """The same, among the attributes of the run.
+    """Returns the text of the scenario among the attributes of the run.
 
     **Raises:** :class:`RunError` where there is none.
     """
@@ -112,7 +112,7 @@ def refuse_errors(path: Path) -> Iterator[None]:
 
 
 def no_run(path: Path, reason: str) -> RunError:
-    """The error for a file that is not a run."""
+    """Returns the error for a file that is not a run."""
     return RunError(f'The file "{path}" must be a run that jaxball saved, but it is not: {reason}.')
 
 

@@ -22,7 +22,7 @@ DRIVEN_FIELDS = ("theta", "thetadot")  # left out of a file where no mass is dri
 
 
 def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajectory[Any, Any]:
-    """The trajectory that :func:`save` wrote to a ``.nc`` or ``.npz`` file, its states identical bit for bit.
+    """Reads the trajectory that :func:`save` wrote to a ``.nc`` or ``.npz`` file, its states identical bit for bit.
 
     Its system is that of the scenario in the file, and its observables, or laws, are recomputed from the states. Its
     status is that of the run, so a failed run is not ``ok``. Dense output and the states at events are not saved:
@@ -88,7 +88,7 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
 
 
 def saved_scenario(path: str | Path) -> Scenario:
-    """The scenario of a saved run, for simulating it again: ``saved_scenario("run.nc").simulate(rtol=1e-12)``.
+    """Reads the scenario of a saved run, for simulating it again: ``saved_scenario("run.nc").simulate(rtol=1e-12)``.
 
     **Arguments:**
 
@@ -110,7 +110,7 @@ def _scenario(path: Path, about: Mapping[str, Any]) -> Scenario:
 
 
 def _state(arrays: Mapping[str, np.ndarray], system: AbstractSystem, path: Path) -> AbstractState:
-    """The states, of the type whose fields are in the file."""
+    """Returns the states, of the type whose fields are in the file."""
     types = (system.state_type, *system.other_state_types)
     fields = {type_: [field.name for field in dataclasses.fields(type_)] for type_ in types}
     for type_, names in fields.items():

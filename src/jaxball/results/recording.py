@@ -87,7 +87,7 @@ def _topics(trajectory: Trajectory[Any, Any], variables: Variables, rows: np.nda
 
 
 def _frames(trajectory: Trajectory[Any, Any], rows: np.ndarray) -> Iterator[tuple[int, dict[str, Any]]]:
-    """The body in the world, and each mass in the body, whose axes it keeps."""
+    """Lists the frames of the body in the world, and of each mass in the body, whose axes it keeps."""
     seen = trajectory.observables
     centre = np.asarray(seen.geometric_centre)
     q = np.asarray(jax.vmap(lambda state: state.in_space().q)(trajectory.state))
@@ -104,7 +104,7 @@ def _frame(parent: str, child: str, place: Float[np.ndarray, "3"], q: Float[np.n
 
 
 def _shapes(trajectory: Trajectory[Any, Any], rows: np.ndarray) -> Iterator[tuple[int, dict[str, Any]]]:
-    """The shell and the masses, once: they move with their frames."""
+    """Lists the shapes of the shell and of the masses, once: they move with their frames."""
     system = trajectory.system
     r = float(system.radius)
     size = {"x": 2 * r, "y": 2 * r, "z": 2 * r}
@@ -159,7 +159,7 @@ def _numbers(
 
 
 def _finite(value: Any) -> Any:
-    """Numbers, in lists as they were in arrays; None where JSON has none, as for a ratio to 0."""
+    """Converts arrays to lists of numbers; None stands where JSON has no number, as for a ratio to 0."""
     if np.ndim(value):
         return [_finite(item) for item in value]
     return np.asarray(value).item() if np.isfinite(value) else None
@@ -234,7 +234,7 @@ JOINTS = _record(
 
 
 def _of_variables(variables: Variables) -> Schema:
-    """The schema of all numbers of a time, with their units and meanings."""
+    """Returns the schema of all numbers of a time, with their units and meanings."""
     properties = {}
     for name, (variable, array) in variables.items():
         schema = NUMBER

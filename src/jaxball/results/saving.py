@@ -49,7 +49,7 @@ TIME = Variable((), "time", "time")
 def attributes(
     trajectory: Trajectory[Any, Any], scenario: Scenario | None, sensors: Mapping[str, AbstractSensor] | None = None
 ) -> dict[str, str | int | float]:
-    """Title, how the solve ended, the scenario's text, and the versions of the packages.
+    """Returns the title, how the solve ended, the scenario's text, and the versions of the packages.
 
     Without a ``scenario``, it is the one that was run; if there was none, its text describes the trajectory's system,
     initial state, times and ``sensors``, and is empty where a file cannot hold them. ``format`` is the version of the
@@ -59,14 +59,14 @@ def attributes(
     contact has its coefficients instead, ``contact_friction`` and so on, and its ``contact_switches``.
     ``event_…_count`` says how often each event happened.
     """
-    known = trajectory.scenario if scenario is None else scenario
+    run_scenario = trajectory.scenario if scenario is None else scenario
     if scenario is not None:
         text = write_scenario(scenario)
-    elif not (text := _text(trajectory.scenario)) and (made := _text(_scenario_of(trajectory, sensors or {}))):
-        text = UNKNOWN_SOLVER + made
+    elif not (text := _text(trajectory.scenario)) and (description := _text(_scenario_of(trajectory, sensors or {}))):
+        text = UNKNOWN_SOLVER + description
     run: dict[str, str | int | float] = {
         "format": FORMAT,
-        "title": "" if known is None else known.title,
+        "title": "" if run_scenario is None else run_scenario.title,
         "ok": int(trajectory.ok),
         "status": Status(int(trajectory.status)).name,
         "message": trajectory.message,
@@ -87,13 +87,13 @@ def attributes(
 
 
 def _units(trajectory: Trajectory[Any, Any], scenario: Scenario | None) -> Units | None:
-    """The units that the scenario of a run states."""
-    known = trajectory.scenario if scenario is None else scenario
-    return None if known is None else known.units
+    """Returns the units that the scenario of a run states."""
+    run_scenario = trajectory.scenario if scenario is None else scenario
+    return None if run_scenario is None else run_scenario.units
 
 
 def notes_in(units: Units | None, variable: Variable) -> dict[str, Any]:
-    """The attributes of a variable, with its unit in place of its dimension where units are stated."""
+    """Returns the attributes of a variable, with its unit in place of its dimension where units are stated."""
     notes = variable.notes
     if units is None or not variable.units:
         return notes
@@ -105,7 +105,7 @@ def notes_in(units: Units | None, variable: Variable) -> dict[str, Any]:
 
 
 def _text(scenario: Scenario | None) -> str:
-    """The text of a scenario; empty where a file cannot hold it."""
+    """Returns the text of a scenario; empty where a file cannot hold it."""
     if scenario is None:
         return ""
     try:
@@ -135,7 +135,7 @@ def to_dataset(
     scenario: Scenario | None = None,
     sensors: Mapping[str, AbstractSensor] | None = None,
 ) -> "xarray.Dataset":
-    """The trajectory and all its observables, or the laws of a classical system, as an ``xarray.Dataset``.
+    """Converts the trajectory and all its observables, or the laws of a classical system, to an ``xarray.Dataset``.
 
     Dimensions are ``time``, ``mass``, ``joint`` (by name, ``mechanisms[0].joints[1]``), ``driven`` (the masses whose
     angles belong to the state, by their numbers, or, with joints among them, all by name) and those of vectors:
@@ -232,23 +232,23 @@ Sensors = Mapping[str, AbstractSensor]
 def _with_sensors(
     trajectory: Trajectory[Any, Any], scenario: Scenario | None, sensors: Sensors | None
 ) -> tuple[Scenario | None, Sensors]:
-    """The given sensors, or those of the scenario, and the scenario with them."""
-    known = trajectory.scenario if scenario is None else scenario
-    own = {} if known is None else known.sensors
-    if sensors is None or sensors is own:
-        return scenario, own
-    return None if known is None else dataclasses.replace(known, sensors=sensors), sensors
+    """Returns the scenario with the given sensors, or its own where none are given, and these sensors."""
+    run_scenario = trajectory.scenario if scenario is None else scenario
+    scenario_sensors = {} if run_scenario is None else run_scenario.sensors
+    if sensors is None or sensors is scenario_sensors:
+        return scenario, scenario_sensors
+    return None if run_scenario is None else dataclasses.replace(run_scenario, sensors=sensors), sensors
 
 
 def _over_time(trajectory: Trajectory[Any, Any], sensors: Sensors) -> Variables:
-    """Every variable over time, with its array."""
+    """Returns every variable over time, with its array."""
     return (
         values(trajectory) | history_values(trajectory.history, trajectory.state) | sensor_values(trajectory, sensors)
     )
 
 
 def _of_switches(trajectory: Trajectory[Any, Any]) -> Variables:
-    """Every variable of the switches between modes, with its array."""
+    """Returns every variable of the switches between modes, with its array."""
     return switch_values(trajectory.history, describe_fields(trajectory.state))
 
 

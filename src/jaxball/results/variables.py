@@ -42,7 +42,7 @@ Variables = dict[str, tuple[Variable, np.ndarray]]
 
 
 def values(trajectory: Trajectory[Any, Any]) -> Variables:
-    """Every variable of a trajectory over time with its array; NaN at times that the solve did not reach.
+    """Returns every variable of a trajectory over time with its array; NaN at times that the solve did not reach.
 
     A reduced trajectory has its state only, and one of a classical system its state, its laws and, if it rolls on a
     plane, the forces there. For a disk, ``z`` is one number.
@@ -78,8 +78,8 @@ def sensor_values(trajectory: Trajectory[Any, Any], sensors: Mapping[str, Abstra
     variables = {}
     for name, leaf in (trajectory.measured(sensors) if sensors else {}).items():
         array, sensor = np.asarray(leaf), sensors[name]
-        known = {(): (), (3,): ("axis",)}.get(array.shape[1:])
-        dimensions = describe_unknown(name, array.ndim - 1).dimensions if known is None else known
+        axes = {(): (), (3,): ("axis",)}.get(array.shape[1:])
+        dimensions = describe_unknown(name, array.ndim - 1).dimensions if axes is None else axes
         variables[f"measured_{name}"] = Variable(dimensions, sensor.units, sensor.meaning), array
     return variables
 
@@ -118,10 +118,10 @@ def _classical_values(trajectory: Trajectory[Any, Any]) -> Variables:
 
 
 def of_classical_state(name: str, dimensions: int) -> Variable:
-    """The variable of a field of a system that is not a body, such as z, which is a coordinate or a place."""
-    for known in (CLASSICAL_STATE, STATE):
-        if name in known and len(known[name].dimensions) == dimensions:
-            return known[name]
+    """Returns the variable of a field of a system that is not a body, such as z, which is a coordinate or a place."""
+    for table in (CLASSICAL_STATE, STATE):
+        if name in table and len(table[name].dimensions) == dimensions:
+            return table[name]
     return describe_unknown(name, dimensions)
 
 
@@ -131,7 +131,8 @@ def describe_unknown(name: str, dimensions: int) -> Variable:
 
 
 def labels(system: Any, sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
-    """The coordinate along each dimension: 0, 1, …, or the names of masses and joints, ``mechanisms[0].joints[1]``.
+    """Returns the coordinate along each dimension: 0, 1, …, or the names of masses and joints,
+    ``mechanisms[0].joints[1]``.
 
     Along ``driven`` are the numbers of the driven masses or, where joints are among what is driven, the names of all.
     """
@@ -154,18 +155,20 @@ def labels(system: Any, sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
 
 
 def event_values(events: Mapping[str, Occurrences]) -> dict[str, Variables]:
-    """The times of each event that happened, by the name of their dimension."""
+    """Returns the times of each event that happened, by the name of their dimension."""
     saved = {}
     for name, seen in events.items():
-        kept = min(int(seen.count), seen.times.shape[-1])
+        rows = min(int(seen.count), seen.times.shape[-1])
         variable = Variable((), "time", f"time of the event {name}")
-        if kept:
-            saved[prefix_of_event(name)] = {f"{prefix_of_event(name)}_times": (variable, np.asarray(seen.times)[:kept])}
+        if rows:
+            saved[prefix_of_event(name)] = {f"{prefix_of_event(name)}_times": (variable, np.asarray(seen.times)[:rows])}
     return saved
 
 
 def prefix_of_event(name: str) -> str:
-    """The beginning of the names of an event's variables in a file; a slash would make a group of a netCDF file."""
+    """Returns the beginning of the names of an event's variables in a file; a slash would make a group of a netCDF
+    file.
+    """
     return f"event_{name.replace('/', '_')}"
 
 
@@ -175,15 +178,18 @@ RELEASED = {name: HISTORY[name] for name in ("V", "height")}
 
 @functools.singledispatch
 def history_values(history: AbstractHistory, states: Any) -> Variables:
-    """The variables over time of a history, besides the ``states``."""
+    """Returns the variables over time of a history, besides the ``states``."""
     over_time = history.over_time.items()
-    known = HISTORY | HISTORY_OF_REST | HISTORY_OF_JOINTS
-    return {name: (known.get(name) or describe_unknown(name, leaf.ndim - 1), _plain(leaf)) for name, leaf in over_time}
+    descriptions = HISTORY | HISTORY_OF_REST | HISTORY_OF_JOINTS
+    return {
+        name: (descriptions.get(name) or describe_unknown(name, leaf.ndim - 1), _plain(leaf))
+        for name, leaf in over_time
+    }
 
 
 @functools.singledispatch
 def switch_values(history: AbstractHistory, of_state: Mapping[str, Variable]) -> Variables:
-    """The variables of the kept switches, which have the dimension ``switch``; none for a run without switches.
+    """Returns the variables of the kept switches, which have the dimension ``switch``; none for a run without switches.
 
     ``of_state`` describes the fields of the state.
     """
@@ -219,14 +225,16 @@ def _beside(variable: Variable, side: str) -> Variable:
 
 
 def _keep(switches: Switches, variables: Mapping[str, tuple[Variable, Array]]) -> Variables:
-    kept = min(int(switches.count), switches.times.shape[-1])
-    plain = {name: (variable, _plain(leaf)[:kept]) for name, (variable, leaf) in variables.items()}
-    return plain if kept else {}
+    rows = min(int(switches.count), switches.times.shape[-1])
+    plain = {name: (variable, _plain(leaf)[:rows]) for name, (variable, leaf) in variables.items()}
+    return plain if rows else {}
 
 
 @functools.singledispatch
 def history_summary(history: AbstractHistory) -> dict[str, Any]:
-    """What a history adds to the summary of a run, as JSON: the law of contact, the modes, the switches, the end."""
+    """Returns the part of a run's summary that its history adds, as JSON: the law of contact, the modes, the switches,
+    the end.
+    """
     return {}
 
 
@@ -252,13 +260,15 @@ def _of_run_with_law(history: ContactHistory) -> dict[str, Any]:
 
 
 def _mode_name(mode: Any) -> str | None:
-    """The name of a mode; None at times that the solve did not reach."""
+    """Returns the name of a mode; None at times that the solve did not reach."""
     return Mode(int(mode)).name.lower() if int(mode) >= 0 else None
 
 
 @functools.singledispatch
 def history_attributes(history: AbstractHistory) -> dict[str, Any]:
-    """The numbers of a history: how many switches there were and how many are kept, the coefficients of a law."""
+    """Returns the numbers of a history: how many switches there were and how many are kept, the coefficients
+    of a law.
+    """
     return {}
 
 
@@ -280,7 +290,8 @@ def read_history(
     states: Any,
     law: Contact | None = None,
 ) -> AbstractHistory:
-    """The history in a file, whose attributes ``about`` has and ``attribute`` reads by name, with its ``states``.
+    """Reads the history from a file with the attributes ``about``, which ``attribute`` reads by name, and with its
+    ``states``.
 
     ``law`` is that of the scenario in the file, whose friction may be a function instead of one coefficient.
     """
@@ -357,18 +368,18 @@ def _read_switches(
 
 def _pad_arrays(arrays: Mapping[str, np.ndarray], count: int, capacity: int) -> Callable[..., Array]:
     """Pads the arrays of the kept switches in a file, by name, with values that stand for no switch."""
-    kept = min(count, capacity)
+    rows = min(count, capacity)
 
     def pad(name: str, shape: tuple[int, ...] = (), nothing: float | int | bool = np.nan) -> Array:
         padded = np.full((capacity, *shape), nothing)
-        if kept and padded.size:
-            padded[:kept] = arrays[f"switch_{name}"]
+        if rows and padded.size:
+            padded[:rows] = arrays[f"switch_{name}"]
         return jnp.asarray(padded)
 
     return pad
 
 
 def _plain(leaf: Array) -> np.ndarray:
-    """Numbers, with booleans as integers, which every format can hold."""
+    """Returns numbers, with booleans as integers, which every format can hold."""
     array = np.asarray(leaf)
     return array.astype(int) if array.dtype == bool else array

@@ -123,7 +123,7 @@ class Actuated(NamedTuple):
 
 
 def is_linear(values: Any) -> bool:
-    """Whether the table [actuation] asks for a linear law, under which masses on rails may have no schedule."""
+    """Returns whether the table [actuation] asks for a linear law, under which masses on rails may have no schedule."""
     return isinstance(values, dict) and values.get("form") == "linear"
 
 
@@ -135,7 +135,9 @@ def apply_actuation(
     angles: Sequence[JointInState],
     kind: str,
 ) -> Actuated:
-    """The masses, those that a law drives made driven, the law, and what they follow; ``angles`` are of the ground."""
+    """Makes the masses that a law drives driven, and returns all masses, the law, and the schedules to follow;
+    ``angles`` are of the ground.
+    """
     chosen, make_law = read_family(values, path, FORMS, key="form")
     joints = [*joints_in_state(mechanisms), *angles]
     accelerated = [joint for joint in joints if joint.accelerated]
@@ -197,7 +199,7 @@ def _check_targets(values: Any, path: str, names: Sequence[str], joints: Sequenc
 
 
 def targets_of(system: System) -> dict[str, AbstractSchedule | None]:
-    """The schedules that the law of a system follows, by the paths of the coordinates that it drives.
+    """Returns the schedules that the law of a system follows, by the paths of the coordinates that it drives.
 
     **Raises:** :class:`ScenarioError` for a law that a file cannot hold.
     """
@@ -215,7 +217,7 @@ def targets_of(system: System) -> dict[str, AbstractSchedule | None]:
 
 
 def write_actuation(system: System) -> dict[str, Any]:
-    """The table [actuation], empty where every motion is prescribed."""
+    """Returns the table [actuation], empty where every motion is prescribed."""
     law = system.law
     if law is None:
         return {}

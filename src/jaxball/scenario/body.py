@@ -103,7 +103,7 @@ RESISTANCES = Open(AbstractResistance, {"": RESISTANCE})
 
 
 def read_resistance(values: Any, path: str) -> AbstractResistance:
-    """The coefficients of resistance, or a user's class."""
+    """Reads the coefficients of resistance, or a user's class."""
     if names_own(values):
         return read_own(values, path, RESISTANCES)
     resistance = RESISTANCE.read(values, path)
@@ -122,7 +122,7 @@ FRICTIONS = Open(
 
 
 def _read_friction(value: Any, path: str) -> Any:
-    """The coefficient, or a law that has it for each slip speed."""
+    """Reads the coefficient of friction, or a law that has it for each slip speed."""
     if names_own(value):
         return read_own(value, path, FRICTIONS)
     if not isinstance(value, dict):
@@ -143,7 +143,9 @@ _FRICTION = Nested(_read_friction, _write_friction, _COEFFICIENT.words, keys_of(
 
 
 def _law(friction: Any, static_friction: Any = None, *, capacity: int, **others: Any) -> Contact:
-    """The law, without the checks of its constructor, because a reader reports these in the words of the file."""
+    """Makes the law of contact without the checks of its constructor, because a reader reports these in the words of
+    the file.
+    """
     is_law = isinstance(friction, AbstractFriction)
     at_rest = friction(jnp.zeros(())) if is_law else friction
     static = at_rest if static_friction is None else static_friction
@@ -168,7 +170,7 @@ CONTACT = Module(
 
 
 def read_contact(values: Any, path: str) -> Contact:
-    """The law of contact."""
+    """Reads the law of contact."""
     contact = CONTACT.read(values, path)
     require_conditions(contact)
     return contact
@@ -186,7 +188,8 @@ def check_modes(system: AbstractBody, contact: Contact | None) -> None:
 
 
 def rolling_state(scenario: "Scenario", what: str, error: type[ScenarioError] = ScenarioError) -> AbstractState:
-    """The state of a scenario, for ``what`` (with its verb), which is for bodies that always roll, without feedback.
+    """Returns the state of a scenario, for ``what`` (with its verb), which is for bodies that always roll, without
+    feedback.
 
     **Raises:** ``error`` where the scenario has a law of contact, feedback, or an event that ends its run.
     """
@@ -235,7 +238,7 @@ FORCES = Open(
 
 
 def read_shell(values: Any, path: str, kind: str) -> dict[str, Any]:
-    """The arguments of a ball or a disk for its shell. An impossible shell raises."""
+    """Reads the arguments of a ball or a disk for its shell. An impossible shell raises."""
     make, keys = BODIES[kind]
     shell = read_table(values, path, keys)
     system = make(**shell)
@@ -244,7 +247,9 @@ def read_shell(values: Any, path: str, kind: str) -> dict[str, Any]:
 
 
 def read_force(values: Any, path: str, kind: str) -> AbstractWrench:
-    """The external force: a user's class or function, or a series, which on a disk must lie in the disk's plane."""
+    """Reads the external force: a user's class or function, or a series, which on a disk must lie in the
+    disk's plane.
+    """
     if names_own(values):
         return read_own(values, path, FORCES)
     choices = {name: force.keys for name, force in FORCES.items() if name}
@@ -262,7 +267,7 @@ def read_force(values: Any, path: str, kind: str) -> AbstractWrench:
 
 
 def read_surroundings(document: dict[str, Any], kind: str) -> dict[str, Any]:
-    """The arguments of a body for external loads, as far as the document has them; a plate as a ``ReadPlate``."""
+    """Reads the arguments of a body for external loads, if the document has them; a plate as a ``ReadPlate``."""
     tables = {
         "force": lambda values, path: read_force(values, path, kind),
         "ground": lambda values, path: read_ground(values, path, kind),
@@ -294,7 +299,7 @@ _SURROUNDINGS: dict[str, Family] = {"force": FORCES, "ground": GROUNDS, "resista
 
 
 def write_body(system: System) -> dict[str, Any]:
-    """The table [body], and [force], [ground] and [resistance] where these exist."""
+    """Returns the table [body], and [force], [ground] and [resistance] where these exist."""
     kind = kind_of(system)
     keys = BODIES[kind][1]
     body = write_table({name: getattr(system, name) for name in keys}, "body", keys)
@@ -302,7 +307,7 @@ def write_body(system: System) -> dict[str, Any]:
 
 
 def write_surroundings(parts: Mapping[str, Any]) -> dict[str, Any]:
-    """The tables [force], [ground] and [resistance] of those of these ``parts`` that are not None, by their names."""
+    """Returns the tables [force], [ground] and [resistance] for the ``parts`` that are not None, by their names."""
     tables = {}
     for name, part in parts.items():
         if part is None:
@@ -320,7 +325,7 @@ def write_surroundings(parts: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def kind_of(system: System) -> str:
-    """The name of the kind of body in a file, ``ball`` or ``disk``."""
+    """Returns the name of the kind of body in a file, ``ball`` or ``disk``."""
     return next(kind for kind, (body, _) in BODIES.items() if isinstance(system, body))
 
 
@@ -352,7 +357,7 @@ SENSORS = Open(AbstractSensor, _SENSORS, keys=_EVERY_SENSOR)
 
 
 def read_sensors(values: Any, path: str) -> dict[str, AbstractSensor]:
-    """The sensors by their names, which files and figures use."""
+    """Reads the sensors by their names, which files and figures use."""
     return read_by_name(values, path, functools.partial(read_family, family=SENSORS))
 
 
@@ -366,7 +371,7 @@ def check_sensors(sensors: Mapping[str, AbstractSensor], path: str, system: Abst
 
 
 def write_sensors(sensors: Mapping[str, AbstractSensor], path: str) -> dict[str, Any]:
-    """The tables of the sensors by name."""
+    """Returns the tables of the sensors by name."""
     return {name: write_family(sensor, join(path, name), SENSORS) for name, sensor in sensors.items()}
 
 

@@ -91,7 +91,7 @@ def check_start(system: System, start: Any, state: BallState | DiskState) -> Non
 def _on_ground(
     system: System, t: Float[Array, ""], state: BallState | DiskState
 ) -> Iterator[Condition | ExplainedCondition]:
-    """The conditions on the surface under a body where it starts."""
+    """Returns the conditions on the surface under a body where it starts."""
     ground = surface_under(system, t, state)
     assert ground is not None
     yield from ground.start_conditions(t, system.radius, state)
@@ -102,7 +102,7 @@ def _in_keys(problem: Problem) -> ScenarioError:
 
 
 def _has_extremes(tree: Any) -> Bool[Array, ""] | np.bool_:
-    """Whether a number is so large or so small that products of a few may overflow or underflow."""
+    """Returns whether a number is so large or so small that products of a few may overflow or underflow."""
     xp = jnp if any_traced(tree) else np
     sizes = xp.concatenate([xp.abs(xp.ravel(leaf)).astype(float) for leaf in jax.tree.leaves(tree) if is_array(leaf)])
     return xp.any((sizes > EXTREME) | (sizes < 1 / EXTREME) & (sizes > 0))
@@ -114,12 +114,14 @@ def _can_start(system: System, t: Float[Array, ""], state: BallState | DiskState
 
 
 def message_in_keys(trajectory: "Trajectory[Any, Any]") -> str:
-    """How the solve of a scenario ended, in a sentence that names the keys of its file whose values are impossible."""
+    """Says how the solve of a scenario ended, in a sentence that names the keys of its file whose values are
+    impossible.
+    """
     return trajectory.message_of([problem.sentence("Key", key_of(problem.name)) for problem in trajectory.problems])
 
 
 def key_of(name: str) -> str:
-    """The key of a scenario file for the number with this ``name`` in Python."""
+    """Returns the key of a scenario file for the number with this ``name`` in Python."""
     if name.startswith("state."):
         return "initial." + re.sub(r"^V\b", "velocity", re.sub(r"^q\b", "versor", name.removeprefix("state.")))
     if name.startswith("masses["):

@@ -70,7 +70,7 @@ _XI = Nested(_AXIS.read, lambda item, path: write_member(item, path, {"harmonic"
 
 
 def _positive(*required: str, **defaults: float) -> Keys:
-    """Keys of positive numbers, with their defaults in Python."""
+    """Returns keys of positive numbers, with their defaults in Python."""
     return {
         **{name: Key(_positive_number(name)) for name in required},
         **{name: Key(_positive_number(name), default) for name, default in defaults.items()},
@@ -160,7 +160,9 @@ _PARTICLES = {
 
 
 def _rest(system: type[AbstractLagrangianSystem]) -> Keys:
-    """The keys of a state of a system with a Lagrangian, which is at rest, with all coordinates 0, if not given."""
+    """Returns the keys of a state of a system with a Lagrangian, which is at rest, with all coordinates 0, if not
+    given.
+    """
     n = len(system.coordinates)
     return {name: Key(Numbers((n,)), (0.0,) * n) for name in ("q", "qdot")}
 
@@ -178,7 +180,8 @@ INITIAL = {
 def read_classical(
     kind: str, body: Any, initial: Any, start: Any, resistance: Any = None
 ) -> tuple[AbstractSystem, AbstractState]:
-    """The system of the tables ``body`` and ``resistance`` and the state of the table ``initial`` at time ``start``.
+    """Reads the system from the tables ``body`` and ``resistance`` and the state from the table ``initial`` at time
+    ``start``.
 
     ``kind`` is a name in ``CLASSICAL``, or that of a user's class.
 
@@ -207,7 +210,7 @@ def read_classical(
 
 
 def write_classical(system: AbstractSystem, state: AbstractState) -> dict[str, Any]:
-    """The kind and the tables [body], [resistance] and [initial].
+    """Returns the kind and the tables [body], [resistance] and [initial].
 
     **Raises:** :class:`ScenarioError` for a system that a file cannot hold: a user's own, or one with a function.
     """
@@ -242,10 +245,12 @@ def _require_rates(kind: str, system: AbstractSystem, start: Any, state: Abstrac
     """Raises unless ``field`` of a user's system returns the rate of each number of the state."""
     with trying_class("initial", kind):
         rates = jax.eval_shape(system.field, start, state)
-    moved, given = ({name: np.shape(value) for name, value in vars(each).items()} for each in (rates, state))
-    if moved != given:
+    moved, state_shapes = ({name: np.shape(value) for name, value in vars(each).items()} for each in (rates, state))
+    if moved != state_shapes:
         raise key_error(
-            "initial", f"a state of the shapes that `field` of {kind} returns, {moved}", f"one of the shapes {given}"
+            "initial",
+            f"a state of the shapes that `field` of {kind} returns, {moved}",
+            f"one of the shapes {state_shapes}",
         )
 
 

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 
 def model_of(scenario: "Scenario") -> "Scenario":
-    """The scenario as its feedback knows it: with the numbers of the model, and without feedback.
+    """Returns the scenario as its feedback knows it: with the numbers of the model, and without feedback.
 
     **Raises:** :class:`ScenarioError` where a file cannot hold the scenario, or a path of the model leads nowhere in
     what is written.
@@ -67,18 +67,18 @@ def model_of(scenario: "Scenario") -> "Scenario":
 
 
 def nominal_run(scenario: "Scenario") -> Trajectory[Any, Any]:
-    """The motion that is held: the run of the model, which may have failed."""
+    """Simulates the motion that is held: the run of the model, which may have failed."""
     return model_of(scenario).simulate()
 
 
 def feedback_along(scenario: "Scenario", run: Trajectory[Any, Any]) -> AbstractFeedback:
-    """The feedback of a scenario along a run of its model, from its state."""
+    """Returns the feedback of a scenario along a run of its model, from its state."""
     with in_keys():
         return settings_of(scenario).along(run, sample_of(scenario.times), scenario.rtol, scenario.atol)
 
 
 def with_estimator(scenario: "Scenario", feedback: AbstractFeedback) -> AbstractFeedback:
-    """The same feedback from what the sensors of the scenario read, if it has an estimator."""
+    """Returns the same feedback, but from the readings of the scenario's sensors if it has an estimator."""
     estimator = scenario.estimator
     if estimator is None:
         return feedback
@@ -94,7 +94,7 @@ def with_estimator(scenario: "Scenario", feedback: AbstractFeedback) -> Abstract
 
 
 def robot_of(scenario: "Scenario") -> System:
-    """The body of a scenario with the pushes on it."""
+    """Returns the body of a scenario with the pushes on it."""
     return with_pushes(scenario.system, settings_of(scenario).pushes)
 
 
@@ -104,7 +104,7 @@ def build_sampled_system(scenario: "Scenario") -> SampledSystem:
 
 
 def with_pushes(system: Any, pushes: Sequence[Push]) -> System:
-    """A body with pushes on it, besides its own external force."""
+    """Returns a body with pushes on it, besides its own external force."""
     assert isinstance(system, System)  # which alone has feedback
     if not pushes:
         return system
@@ -114,7 +114,7 @@ def with_pushes(system: Any, pushes: Sequence[Push]) -> System:
 
 
 def loop_along(scenario: "Scenario", feedback: AbstractFeedback) -> ClosedLoop:
-    """The closed loop of a scenario, from its own start."""
+    """Builds the closed loop of a scenario, from its own start."""
     settings = settings_of(scenario)
     with in_keys():
         return closed_loop(
@@ -127,7 +127,7 @@ def loop_along(scenario: "Scenario", feedback: AbstractFeedback) -> ClosedLoop:
 
 
 def system_of_run(scenario: "Scenario", u: Float[np.ndarray, "T m"]) -> System:
-    """The robot of a saved run with the inputs that acted, which are those from each save time on."""
+    """Returns the robot of a saved run with the inputs that acted, each from its save time on."""
     settings, times = settings_of(scenario), jnp.asarray(scenario.times)
     sampled = build_sampled_system(scenario)
     limits = sampled.limits if settings.limits is None else limits_of(sampled, settings.limits)
@@ -135,7 +135,7 @@ def system_of_run(scenario: "Scenario", u: Float[np.ndarray, "T m"]) -> System:
 
 
 def settings_of(scenario: "Scenario") -> AbstractFeedbackSettings:
-    """The settings of its feedback.
+    """Returns the settings of a scenario's feedback.
 
     **Raises:** :class:`ScenarioError` where it has none.
     """
@@ -163,10 +163,10 @@ class EstimatorNumbers(eqx.Module):
     late: tuple[tuple[str, int], ...] = eqx.field(static=True)
 
     def around(self, feedback: AbstractFeedback, plant: SampledSystem) -> OutputFeedback:
-        """Feedback from what the sensors read of a robot; traceable."""
+        """Builds the feedback from the readings of a robot's sensors; traceable."""
         sensors = Measurement(dict(sorted(self.sensors.items())))
-        known = ErrorStateFilter(feedback.sampled, sensors, self.process, dict(sorted(self.biases.items())))
-        return OutputFeedback.of_parts(feedback, known, plant, self.spread, dict(self.late))
+        estimator = ErrorStateFilter(feedback.sampled, sensors, self.process, dict(sorted(self.biases.items())))
+        return OutputFeedback.of_parts(feedback, estimator, plant, self.spread, dict(self.late))
 
 
 class LoopNumbers(eqx.Module):
@@ -211,7 +211,7 @@ class LoopNumbers(eqx.Module):
         return self.model, self.state, self.rtol, self.atol, of_limits, self.W, self.S, self.friction, self.penalty
 
     def feedback(self, sample: Any, t0: Any, samples: int) -> AbstractFeedback:
-        """The feedback from the state along the motion; traceable."""
+        """Builds the feedback from the state along the motion; traceable."""
         sampled = SampledSystem.of(self.model, sample, self.inputs, self.rtol, self.atol)
         nominal = nominal_from(self.model, t0, self.state, sampled, samples)
         if self.W is None:
@@ -223,7 +223,7 @@ class LoopNumbers(eqx.Module):
         return predictive(track, self.horizon, most, self.friction, self.penalty, self.limited)
 
     def around(self, feedback: AbstractFeedback) -> tuple[AbstractFeedback, SampledSystem, PlacedState]:
-        """The feedback from sensors, if there is an estimator, the robot and its start; traceable."""
+        """Returns the feedback, from sensors if there is an estimator, the robot and its start; traceable."""
         first = feedback.sampled.displace(feedback.nominal.state(0), self.start)
         plant = plant_of(feedback, self.robot, self.limits, None)
         if self.estimator is None:
@@ -232,16 +232,16 @@ class LoopNumbers(eqx.Module):
 
 
 def loop_numbers(contents: Contents, document: Mapping[str, Any], sample: float) -> LoopNumbers:
-    """Those of a file with feedback, whose numbers may be traced.
+    """Returns the numbers of a file with feedback, which may be traced.
 
     **Raises:** :class:`~jaxball.scenario.ScenarioError` as where the file is read.
     """
     feedback, system, solve = contents.feedback, contents.system, contents.solve
     assert feedback is not None
-    known = contents
+    model_contents = contents
     if feedback.model:
-        known = read_contents(document_of_model(feedback.model, document))
-    model: Any = known.system
+        model_contents = read_contents(document_of_model(feedback.model, document))
+    model: Any = model_contents.system
     sampled = SampledSystem.of(model, sample, feedback.inputs)
     limits = None if feedback.limits is None else limits_of(sampled, feedback.limits)
     W, S = _weights(feedback, sampled, sample)
@@ -249,7 +249,7 @@ def loop_numbers(contents: Contents, document: Mapping[str, Any], sample: float)
     return LoopNumbers(
         robot=with_pushes(system, feedback.pushes),
         model=model,
-        state=known.state,
+        state=model_contents.state,
         rtol=jnp.asarray(solve["rtol"]),
         atol=jnp.asarray(solve["atol"]),
         limits=limits,
@@ -267,16 +267,16 @@ def loop_numbers(contents: Contents, document: Mapping[str, Any], sample: float)
 
 
 def _weights(feedback: AbstractFeedbackSettings, sampled: SampledSystem, sample: float) -> tuple[Any, Any]:
-    """Factors of the weights; conditions on those that are traced are kept."""
+    """Reads factors of the weights; conditions on those that are traced are kept."""
     if not isinstance(feedback, RegulatorSettings):
         return None, None
     of_state, of_inputs = sampled.directions, sampled.inputs
-    for name, given, names, holds in (
+    for name, weight, names, holds in (
         ("Q", feedback.Q, of_state, lambda least: least >= 0),
         ("R", feedback.R, of_inputs, lambda least: least > 0),
         ("Qf", feedback.Qf, of_state, lambda least: least >= 0),
     ):
-        matrix = None if given is None else weight_matrix(name, given, names)
+        matrix = None if weight is None else weight_matrix(name, weight, names)
         if is_traced(matrix):
             least = jnp.linalg.eigvalsh(matrix)[0]
             require(holds(least), f"feedback.{name}", "weights that are not negative", lambda: "")
@@ -286,8 +286,8 @@ def _weights(feedback: AbstractFeedbackSettings, sampled: SampledSystem, sample:
 def _of_estimator(
     estimator: EstimatorSettings, sensors: Mapping[str, AbstractSensor], sampled: SampledSystem
 ) -> EstimatorNumbers:
-    def of(name: str, given: Any) -> Float[Array, " n"]:
-        return to_array(by_name(name, given, sampled.directions))
+    def of(name: str, values: Any) -> Float[Array, " n"]:
+        return to_array(by_name(name, values, sampled.directions))
 
     chosen = estimator.choose(sensors)
     for name, sensor in chosen.items():

@@ -28,7 +28,7 @@ _EITHER = ("rad", "length")
 
 
 def dimension_words(dimension: Dimension | None) -> str:
-    """A dimension in the words that :meth:`~jaxball.scenario.Units.of` reads; empty if there is none."""
+    """Writes a dimension in the words that :meth:`~jaxball.scenario.Units.of` reads; empty if there is none."""
     if dimension is None:
         return ""
     powers = {"mass": dimension.mass, "length": dimension.length, "time": dimension.time}
@@ -38,7 +38,8 @@ def dimension_words(dimension: Dimension | None) -> str:
 
 
 def dimension_of(path: str, kinds: Mapping[str, Numbers], document: Mapping[str, Any]) -> str:
-    """The dimension of the number at ``path`` in words; empty where it is not declared, or an angle or a length.
+    """Returns the dimension of the number at ``path`` in words; empty where it is not declared, or an angle or a
+    length.
 
     - ``kinds``: those of :func:`~jaxball.scenario.values.kinds_of_numbers` while the ``document`` was read.
     """
@@ -64,7 +65,7 @@ def dimension_of(path: str, kinds: Mapping[str, Numbers], document: Mapping[str,
 
 
 def _of_coefficient(dimension: Dimension, path: str, name: str) -> Dimension:
-    """The dimension of a coefficient of a polynomial in time, whose constant one has this ``dimension``."""
+    """Returns the dimension of a coefficient of a polynomial in time, whose constant one has this ``dimension``."""
     indices = [int(index) for index in re.findall(r"\[(\d+)\]", path[path.rfind(name) :])]
     place = _POLYNOMIALS.get(name)
     if place is None or len(indices) != 2:
@@ -93,16 +94,16 @@ def _check_logs(value: Any, units: Units | None, path: str, document: Mapping[st
         raise ScenarioError(
             f"Key `{key}` must be left out, or `units` must state those of the scenario, with which it is compared."
         )
-    wanted = [units.of(words) for words in _dimensions_of_log(path, document)]
-    if parse_unit(unit, units) not in [parse_unit(one, units) for one in wanted]:
+    unit_choices = [units.of(words) for words in _dimensions_of_log(path, document)]
+    if parse_unit(unit, units) not in [parse_unit(choice, units) for choice in unit_choices]:
         raise ScenarioError(
-            f"Key `{key}` must be {' or '.join(map(describe, wanted))}, because nothing is converted, but it is "
+            f"Key `{key}` must be {' or '.join(map(describe, unit_choices))}, because nothing is converted, but it is "
             f"{describe(unit)}; convert the column."
         )
 
 
 def _dimensions_of_log(path: str, document: Mapping[str, Any]) -> tuple[str, ...]:
-    """The dimensions that the values of a log may have at a place in the document."""
+    """Returns the dimensions that the values of a log may have at a place in the document."""
     name = [step for step in steps(path) if isinstance(step, str)][-1]
     if name in _TURNS:
         return ("rad",)
@@ -111,14 +112,14 @@ def _dimensions_of_log(path: str, document: Mapping[str, Any]) -> tuple[str, ...
     place = _PLACE.match(path)
     coordinates = _EITHER if place is None else _coordinates_of(place[0], document)
     if name == "signals":
-        return tuple(f"{one}/time^2" for one in coordinates)
+        return tuple(f"{coordinate}/time^2" for coordinate in coordinates)
     if name == "signal":
-        return tuple(effort for one in coordinates for effort in _EFFORTS[one])
+        return tuple(effort for coordinate in coordinates for effort in _EFFORTS[coordinate])
     return coordinates
 
 
 def _coordinates_of(place: str, document: Mapping[str, Any]) -> tuple[str, ...]:
-    """The dimensions that the coordinate of a joint, or of a mass on its rail, may have."""
+    """Returns the dimensions that the coordinate of a joint, or of a mass on its rail, may have."""
     try:
         item = value_at(document, place)
     except LookupError:

@@ -19,7 +19,7 @@ class UntraceableError(ScenarioError):
 
 
 def key_error(path: str, must: str, got: str) -> ScenarioError:
-    """The error of the key at ``path``: what it must be, and what it is."""
+    """Returns the error of the key at ``path``, which says what it must be and what it is."""
     return ScenarioError(f"Key `{path}` must be {must}, but it is {got}.")
 
 
@@ -40,7 +40,7 @@ _PROBLEMS: ContextVar[list[ScenarioError] | None] = ContextVar("_PROBLEMS", defa
 
 @contextlib.contextmanager
 def all_problems() -> Iterator[list[ScenarioError]]:
-    """The errors that readers find within this block, in the order of the file."""
+    """Collects the errors that readers find within this block, in the order of the file."""
     more: list[ScenarioError] = []
     token = _PROBLEMS.set(more)
     try:
@@ -52,7 +52,7 @@ def all_problems() -> Iterator[list[ScenarioError]]:
 
 
 def each_of(*readers: Callable[[], Any]) -> list[Any]:
-    """What the readers return, which read independent parts.
+    """Returns the results of readers of independent parts.
 
     **Raises:** the first :class:`ScenarioError`. Within :func:`all_problems` the other readers run too before that, and
     their errors are found there.

@@ -80,7 +80,7 @@ KEYS = {"events": Key(unread("a table of tables", keys_of(EVENTS)), None)}
 
 
 def read_events(values: Any, path: str) -> dict[str, AbstractEvent]:
-    """The events by their names, which files and messages use."""
+    """Reads the events by their names, which files and messages use."""
     return read_by_name(values, path, _read_event)
 
 
@@ -116,8 +116,8 @@ def check_events_of(
         check_events(solved, events)
     except TypeError as error:
         raise ScenarioError(str(error).replace("Argument ", "Key ", 1)) from None
-    given = solved, to_array(start), state
-    each_of(*(functools.partial(_evaluate, event, join(path, name), *given) for name, event in events.items()))
+    arguments = solved, to_array(start), state
+    each_of(*(functools.partial(_evaluate, event, join(path, name), *arguments) for name, event in events.items()))
 
 
 def _evaluate(event: AbstractEvent, path: str, system: AbstractSystem, t: Any, state: Any) -> None:
@@ -132,7 +132,7 @@ def _evaluate(event: AbstractEvent, path: str, system: AbstractSystem, t: Any, s
 
 
 def write_events(events: Mapping[str, AbstractEvent], path: str) -> dict[str, Any]:
-    """The tables of the events by name."""
+    """Returns the tables of the events by name."""
     return {name: _write_event(event, join(path, name)) for name, event in events.items()}
 
 

@@ -70,7 +70,7 @@ class AbstractFeedbackSettings(abc.ABC):
 
     @abc.abstractmethod
     def along(self, run: "Trajectory[Any, Any]", sample: float, rtol: float, atol: float) -> "AbstractFeedback":
-        """The feedback along a run of the model."""
+        """Returns the feedback along a run of the model."""
 
     def check(self, sampled: "SampledSystem") -> None:
         """Raises a ``ValueError`` for names and sizes that do not fit the robot."""
@@ -271,14 +271,14 @@ class Fixed(NamedTuple):
 
 
 def read_feedback(values: Any, path: str) -> AbstractFeedbackSettings:
-    """What holds the motion of the scenario."""
+    """Reads the settings of the feedback that holds the motion of the scenario."""
     return read_family(values, path, FEEDBACK)
 
 
 def write_settings(
     feedback: AbstractFeedbackSettings | None, estimator: EstimatorSettings | None
 ) -> dict[str, dict[str, Any]]:
-    """The tables [feedback] and [estimator], where there are such."""
+    """Returns the tables [feedback] and [estimator], where there are such."""
     tables = {} if feedback is None else {"feedback": write_family(feedback, "feedback", FEEDBACK)}
     return tables if estimator is None else tables | {"estimator": ESTIMATOR.write(estimator, "estimator")}
 
@@ -332,7 +332,7 @@ def check_solver(solver: str) -> None:
 
 
 def sample_of(times: np.ndarray) -> float:
-    """The time between samples: the save times of a scenario with feedback, which must be equally spaced."""
+    """Returns the time between samples: the save times of a scenario with feedback, which must be equally spaced."""
     even = np.linspace(times[0], times[-1], times.size)
     if np.any(np.abs(times - even) > 1e-9 * (times[-1] - times[0])):
         raise ScenarioError(
@@ -364,7 +364,7 @@ def check_model(model: Named, document: Mapping[str, Any]) -> None:
 
 
 def document_of_model(model: Named, document: Mapping[str, Any]) -> dict[str, Any]:
-    """The document of the robot that feedback knows, with the numbers of the model and without feedback."""
+    """Returns the document of the robot that feedback knows, with the numbers of the model and without feedback."""
     others = {name: table for name, table in document.items() if name not in KEYS}
     return with_numbers(others, model)
 
@@ -394,12 +394,12 @@ def _check_estimator(
 
     for name in estimator.sensors or ():
         if name not in sensors:
-            known = f"they are {', '.join(sensors)}" if sensors else "there are none"
-            raise key_error("estimator.sensors", f"names of sensors of the scenario; {known}", describe(name))
+            reference = f"they are {', '.join(sensors)}" if sensors else "there are none"
+            raise key_error("estimator.sensors", f"names of sensors of the scenario; {reference}", describe(name))
     chosen = estimator.choose(sensors)
     with in_keys("estimator"):
-        known = ErrorStateFilter.for_sampled_system(sampled, chosen, estimator.process, estimator.biases)
-        known.deviations(estimator.spread)
+        reference = ErrorStateFilter.for_sampled_system(sampled, chosen, estimator.process, estimator.biases)
+        reference.deviations(estimator.spread)
         for name, sensor in chosen.items():
             samples_late(name, sensor, sampled)
 

@@ -113,7 +113,7 @@ RESISTED_KEYS = {**CLASSICAL_KEYS, "resistance": BODY_KEYS["resistance"]}
 
 
 def load_scenario(source: str | Path) -> Scenario:
-    """The scenario of a file, or the built-in one, whose path or name is ``source``.
+    """Reads the scenario of a file, or the built-in one, whose path or name is ``source``.
 
     **Raises:** :class:`ScenarioError`, with one sentence, when there is no such file or name, when it is not TOML, and
     when a key is misspelt, missing, of the wrong type or shape, or has an impossible value.
@@ -133,7 +133,7 @@ def load_scenario(source: str | Path) -> Scenario:
 
 
 def read_scenario(text: str) -> Scenario:
-    """The scenario that the ``text`` of a file describes.
+    """Reads the scenario that the ``text`` of a file describes.
 
     **Raises:** :class:`ScenarioError`, with one sentence, when the text is not TOML, or a key is misspelt, missing, of
     the wrong type or shape, or has an impossible value.
@@ -154,7 +154,7 @@ def read_scenario(text: str) -> Scenario:
 
 
 def read_document(document: dict[str, Any]) -> Scenario:
-    """The scenario that a ``document`` describes, a file as parsed by :mod:`tomllib`, which is not changed.
+    """Reads the scenario that a ``document`` describes, a file as parsed by :mod:`tomllib`, which is not changed.
 
     **Raises:** :class:`ScenarioError` as :func:`read_scenario`.
 
@@ -184,7 +184,7 @@ class Contents(NamedTuple):
     units: Units | None = None
 
     def scenario(self) -> Scenario:
-        """The scenario, whose numbers must be known."""
+        """Builds the scenario, whose numbers must be known."""
         times = self.times.array(self.times.count)
         others = {
             name: getattr(self, name) for name in ("contact", "sensors", "events", "feedback", "estimator", "units")
@@ -193,7 +193,7 @@ class Contents(NamedTuple):
 
 
 def read_contents(document: dict[str, Any]) -> Contents:
-    """The contents of a file; raises as :func:`read_document`.
+    """Reads the contents of a file; raises as :func:`read_document`.
 
     Numbers of ``document`` may be traced within :func:`~jaxball.scenario.values.collect_conditions`.
     """
@@ -221,9 +221,9 @@ def read_contents(document: dict[str, Any]) -> Contents:
     parts = dict(zip(readers, read, strict=True))
     if all(parts[name] is not None for name in ("table", "shell", "times", "masses", "mechanisms", "initial")):
         # Errors elsewhere must not hide errors in the body.
-        made, later = try_readers(lambda: _contents(kind, document, **parts))
+        contents, later = try_readers(lambda: _contents(kind, document, **parts))
         if not errors and not later:
-            return made[0]
+            return contents[0]
         errors += later
     raise_first(errors)
     raise AssertionError("A part that could not be read has an error.")
@@ -247,7 +247,9 @@ def _contents(
     feedback: Any,
     estimator: Any,
 ) -> Contents:
-    """The contents of a file whose parts fit together; None stands for a part that cannot be read or is missing."""
+    """Returns the contents of a file whose parts fit together; None stands for a part that cannot be read or is
+    missing.
+    """
     check_units_of_logs(document, table["units"])
     start, surroundings, angles = times.start, dict(surroundings or {}), []
     ground = surroundings.get("ground")
@@ -301,7 +303,7 @@ def _read_classical(document: dict[str, Any]) -> Contents:
 
 
 def write_scenario(scenario: Scenario) -> str:
-    """The text of a file that describes ``scenario``; reading it gives the same numbers, bit for bit.
+    """Writes the text of a file that describes ``scenario``; reading it gives the same numbers, bit for bit.
 
     **Raises:** :class:`ScenarioError` for what a file cannot hold: Python functions, and states other
     than that of a ball with a versor and of a disk.
@@ -333,7 +335,7 @@ def write_scenario(scenario: Scenario) -> str:
 
 
 def document_with_defaults(scenario: Scenario) -> dict[str, Any]:
-    """A document that describes the scenario, in which every key with a default is written.
+    """Returns a document that describes the scenario, in which every key with a default is written.
 
     **Raises:** as :func:`write_scenario`.
     """
@@ -342,7 +344,7 @@ def document_with_defaults(scenario: Scenario) -> dict[str, Any]:
 
 
 def with_defaults(document: Mapping[str, Any], scenario: Scenario, paths: Iterable[str]) -> dict[str, Any]:
-    """The document of ``scenario`` in which the keys of these paths are written if they have their defaults.
+    """Returns the document of ``scenario`` in which the keys of these paths are written if they have their defaults.
 
     Where there is no such key, or where it does not go with those that are there, it is left out.
     """
@@ -354,8 +356,8 @@ def with_defaults(document: Mapping[str, Any], scenario: Scenario, paths: Iterab
         whole = document_with_defaults(scenario)
     except ScenarioError:  # for what a file cannot hold
         return written
-    known = {key_of(path) for path in numbers_of(whole, measured=True)}
-    for key in filter(known.__contains__, absent):
+    number_keys = {key_of(path) for path in numbers_of(whole, measured=True)}
+    for key in filter(number_keys.__contains__, absent):
         longer = with_values(written, [f"{key}={value_at(whole, key)!r}"])
         same = False
         with all_problems() as problems:
@@ -365,7 +367,7 @@ def with_defaults(document: Mapping[str, Any], scenario: Scenario, paths: Iterab
 
 
 def _tables(system: AbstractSystem, state: Any) -> dict[str, Any]:
-    """The kind of a system, and the tables of its parameters and of its state."""
+    """Returns the kind of a system, and the tables of its parameters and of its state."""
     if not isinstance(system, System):
         return write_classical(system, state)
     targets = targets_of(system)
@@ -401,7 +403,7 @@ class Parts(NamedTuple):
 
     @classmethod
     def of(cls, contents: Contents, document: Mapping[str, Any]) -> "Parts":
-        """Those of a file, of which ``document`` is the whole."""
+        """Returns the parts of a file with these ``contents``, whose whole is ``document``."""
         solve, loop = contents.solve, None
         if contents.feedback is not None:
             from .closed_loop import loop_numbers  # which reads the model as another file
@@ -430,11 +432,11 @@ class Structure:
         self._build = jax.jit(lambda values: self.trace(values)[0])
 
     def build(self, values: Float[Array, " paths"]) -> Parts:
-        """The contents of the document with ``values`` at ``paths``, possible or not."""
+        """Builds the contents of the document with ``values`` at ``paths``, possible or not."""
         return self._build(values)
 
     def conditions(self, values: Float[Array, " paths"]) -> dict[str, Bool[Array, ""]]:
-        """Whether each rule that involves ``values`` holds, by the path of the rule's key."""
+        """Returns whether each rule that involves ``values`` holds, by the path of the rule's key."""
         results: dict[str, Bool[Array, ""]] = {}
         for path, holds in self.trace(values)[1].holds:
             results[path] = results[path] & holds() if path in results else holds()
@@ -468,13 +470,13 @@ class Outline:
 
     @classmethod
     def of(cls, document: Mapping[str, Any], paths: tuple[str, ...]) -> "Outline":
-        """That of a document with numbers at these paths."""
+        """Returns the outline of a document with numbers at these paths."""
         rest = with_numbers(document, dict.fromkeys(paths, 0.0))
         rest.pop("title", None)
         return cls(json.dumps(rest, default=lambda array: array.tolist()), paths)
 
     def build(self, values: Float[Array, " paths"]) -> Parts:
-        """The contents of the document with ``values`` at the paths, possible or not.
+        """Builds the contents of the document with ``values`` at the paths, possible or not.
 
         **Raises:** :class:`~.errors.UntraceableError` where something depends on them that cannot be traced.
         """

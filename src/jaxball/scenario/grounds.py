@@ -98,7 +98,7 @@ class ReadPlate(NamedTuple):
         return [JointInState(f"ground.{name}", True, target) for name, target in zip(names, self.targets, strict=True)]
 
     def without_law(self) -> TiltingPlane:
-        """The plate with the angles that a law accelerates level, which needs no law."""
+        """Returns the plate with the angles that a law accelerates level, which needs no law."""
         return dataclasses.replace(self.ground, **dict.fromkeys(self.ground.driven))
 
 
@@ -108,7 +108,9 @@ def _read_plate(accelerated: tuple[str, ...] = (), **values: Any) -> ReadPlate:
 
 
 def _write_angle(angle: AbstractSchedule | Accelerated, path: str) -> dict[str, Any] | None:
-    """The schedule of an angle; that of one which a law accelerates is the law's, see :func:`write_targets`."""
+    """Returns the table of an angle's schedule; where a law accelerates the angle, the schedule is the law's, see
+    :func:`write_targets`.
+    """
     return None if isinstance(angle, Accelerated) else SCHEDULE.kind.write(angle, path)
 
 
@@ -116,14 +118,14 @@ _ANGLE = Key(Nested(SCHEDULE.kind.read, _write_angle, SCHEDULE.kind.words, keys_
 
 
 def write_targets(targets: Mapping[str, AbstractSchedule | None]) -> dict[str, Any]:
-    """The schedules that a law follows with the angles of a plate, as further keys of the table [ground]."""
+    """Returns the schedules that a law follows with the angles of a plate, as further keys of the table [ground]."""
     paths = {name: f"ground.{name}" for name in _ANGLES}
     followed = {name: (path, targets.get(path)) for name, path in paths.items()}
     return {name: SCHEDULE.kind.write(target, path) for name, (path, target) in followed.items() if target is not None}
 
 
 def _surface(kind: type, keys: Keys) -> Module:
-    """A surface that may move as a whole."""
+    """Describes in a file a surface that may move as a whole."""
     return Module(kind, {**keys, **_MOVED})
 
 
@@ -180,7 +182,7 @@ GROUNDS = Open(
 
 
 def read_ground(values: Any, path: str, kind: str) -> AbstractGround | ReadPlate:
-    """The ground, a plate with the schedules that a law follows; under a disk it has no turntable."""
+    """Reads the ground, a plate with the schedules that a law follows; under a disk it has no turntable."""
     if names_own(values):
         ground = read_own(values, path, GROUNDS)
     elif isinstance(values, dict) and "kind" in values:

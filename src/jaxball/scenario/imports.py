@@ -18,7 +18,7 @@ VARIABLE = "JAXBALL_FILES_IMPORT"
 
 
 def is_python_name(value: Any) -> bool:
-    """Whether a value of a file has the form "module:name"."""
+    """Returns whether a value of a file has the form "module:name"."""
     return isinstance(value, str) and ":" in value
 
 
@@ -50,7 +50,7 @@ def import_name(path: str, named: str, what: str = "function") -> Any:
 
 
 def name_of(value: Any, path: str) -> str | None:
-    """The "module:name" by which a function or a class can be imported; None where there is none."""
+    """Returns the "module:name" by which a function or a class can be imported; None where there is none."""
     name = f"{getattr(value, '__module__', '')}:{getattr(value, '__qualname__', '')}"
     if not name.startswith("__main__:"):
         with contextlib.suppress(ScenarioError):
@@ -73,7 +73,7 @@ def _require_permission(path: str, named: str, module: str) -> None:
 
 @contextlib.contextmanager
 def _current_folder() -> Iterator[None]:
-    """The current folder is searched last for modules, as it would be for a Python script."""
+    """Searches the current folder last for modules within the block, as Python does for a script."""
     added = "" not in sys.path
     if added:
         sys.path.append("")

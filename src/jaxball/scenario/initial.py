@@ -77,7 +77,7 @@ UNIT_SQUARE = 1e-6
 
 
 def read_initial(values: Any, path: str, kind: str) -> dict[str, Any]:
-    """The arguments of a state (those for driven masses as far as given), ``balance``, and how it is released.
+    """Reads the arguments of a state (for driven masses only those given), ``balance``, and how it is released.
 
     The velocity of a disk lies in its plane.
     """
@@ -91,7 +91,7 @@ def read_initial(values: Any, path: str, kind: str) -> dict[str, Any]:
 
 
 def read_orientation(choice: str, table: dict[str, Any], path: str) -> dict[str, Any]:
-    """``table`` with the versor ``q`` in place of an axis and an angle, or of the key ``versor``."""
+    """Returns ``table`` with the versor ``q`` in place of an axis and an angle, or of the key ``versor``."""
     if choice == "axis":
         axis, half = table.pop("axis"), table.pop("angle") / 2
         xp = namespace(axis, half)
@@ -102,7 +102,7 @@ def read_orientation(choice: str, table: dict[str, Any], path: str) -> dict[str,
 
 
 def _unit(q: Any, path: str) -> Any:
-    """A versor, normalised only where it is off by more than rounding, so that it is read as it was written."""
+    """Returns a versor, normalised only where it is off by more than rounding, so that it is read as it was written."""
     size = _length(q)
     must = "a versor, whose four numbers have squares that add up to 1"
     require(abs(size - 1) <= UNIT_SQUARE, path, must, lambda: str(q.tolist()))
@@ -111,7 +111,7 @@ def _unit(q: Any, path: str) -> Any:
 
 
 def _length(x: Any) -> Any:
-    """|x|, whose squares may overflow."""
+    """Computes |x|, also where the squares overflow."""
     if not is_traced(x):
         return length(x)
     largest = jax.lax.stop_gradient(jnp.max(jnp.abs(x)))
@@ -126,7 +126,7 @@ def initial_state(
     targets: Sequence[AbstractSchedule | None],
     start: Any,
 ) -> BallState | DiskState:
-    """The state; θ and θ̇ of its ``coordinates`` are those of their schedules, or 0, unless they are given."""
+    """Builds the state; θ and θ̇ of its ``coordinates`` are those of their schedules, or 0, unless they are given."""
     fields = {name: value for name, value in fields.items() if name not in ("balance", *_RELEASED)}
     for name in ("theta", "thetadot"):
         values = fields[name]
@@ -160,7 +160,7 @@ def release(
 
 
 def _starting(name: str, targets: Sequence[AbstractSchedule | None], start: Any) -> Any:
-    """θ or θ̇ of each target at the start, 0 for those without one."""
+    """Returns θ or θ̇ of each target at the start, 0 where there is no target."""
     places = [place for place, target in enumerate(targets) if target is not None]
     if not places:
         return (0.0,) * len(targets)
@@ -177,7 +177,7 @@ def _starting(name: str, targets: Sequence[AbstractSchedule | None], start: Any)
 def starting_angles(
     schedules: tuple[AbstractSchedule, ...], t: Float[ArrayLike, ""]
 ) -> dict[str, Float[Array, " schedules"]]:
-    """θ and θ̇ of one or more schedules at ``t``, by name; compiled once for schedules of the same kinds."""
+    """Computes θ and θ̇ of one or more schedules at ``t``, by name; compiled once for schedules of the same kinds."""
     rates = [schedule.derivatives(jnp.asarray(t)) for schedule in schedules]
     return {"theta": jnp.stack([rate[0] for rate in rates]), "thetadot": jnp.stack([rate[1] for rate in rates])}
 
@@ -235,7 +235,7 @@ def balance_schedules(
 
 
 def write_initial(system: System, state: State | ReleasedState) -> dict[str, Any]:
-    """The table [initial].
+    """Returns the table [initial].
 
     **Raises:** :class:`ScenarioError` for a state that is not that of a ball with a versor or of a disk.
     """

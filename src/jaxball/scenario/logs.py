@@ -34,7 +34,7 @@ class LogError(UserError):
 
 
 def load_log(path: str | Path, *, time: str, column: str) -> RecordedColumn:
-    """A column of the CSV file at ``path`` and the times of its rows.
+    """Reads a column of the CSV file at ``path`` and the times of its rows.
 
     **Arguments:**
 
@@ -74,7 +74,7 @@ def text_of_file(path: Path) -> str:
 
 @functools.lru_cache(maxsize=8)
 def columns_of(text: str, name: str, time: str, column: str) -> RecordedColumn:
-    """The times and the values in a text, which messages call ``name``.
+    """Reads the times and the values in a text, which messages call ``name``.
 
     **Raises:** :class:`LogError` with a clause.
     """
@@ -84,7 +84,7 @@ def columns_of(text: str, name: str, time: str, column: str) -> RecordedColumn:
     delimiter = next((mark for mark in DELIMITERS if mark in first), ",")
     reader = csv.reader(io.StringIO(text), delimiter=delimiter, skipinitialspace=True)
     names = [entry.strip() for entry in next(reader, [])]
-    places = [_place_of(wanted, names, name) for wanted in (time, column)]
+    places = [_place_of(heading, names, name) for heading in (time, column)]
     lines: list[int] = []
     numbers: list[list[float]] = []
     for row in reader:
@@ -104,14 +104,14 @@ def columns_of(text: str, name: str, time: str, column: str) -> RecordedColumn:
     return RecordedColumn(times, values)
 
 
-def _place_of(wanted: str, names: list[str], name: str) -> int:
-    count = names.count(wanted)
+def _place_of(heading: str, names: list[str], name: str) -> int:
+    count = names.count(heading)
     if count == 1:
-        return names.index(wanted)
+        return names.index(heading)
     if count:
-        raise LogError(f'{name} has {count} columns "{wanted}"')
-    hint = did_you_mean(wanted, names, f"its columns are {', '.join(names)}" if any(names) else "it is empty")
-    raise LogError(f'{name} has no column "{wanted}"{hint.rstrip(".")}')
+        raise LogError(f'{name} has {count} columns "{heading}"')
+    hint = did_you_mean(heading, names, f"its columns are {', '.join(names)}" if any(names) else "it is empty")
+    raise LogError(f'{name} has no column "{heading}"{hint.rstrip(".")}')
 
 
 def _number(row: list[str], place: int, column: str, where: str) -> float:
@@ -129,7 +129,7 @@ def _number(row: list[str], place: int, column: str, where: str) -> float:
 
 
 def with_logs(document: Any, folder: Path) -> Any:
-    """The document with the numbers of the logs that it names by ``file``, looked for relative to ``folder``.
+    """Returns the document with the numbers of the logs that it names by ``file``, looked for relative to ``folder``.
 
     What cannot be read is left to the reader of its table, which says why; it is given the place of the file.
     """
@@ -150,7 +150,7 @@ def with_logs(document: Any, folder: Path) -> Any:
 
 
 def text_of_log(log: RecordedColumn, time: str = TIME, column: str = VALUE) -> str:
-    """The text of a log; reading it gives the same numbers, bit for bit."""
+    """Writes the text of a log; reading it gives the same numbers, bit for bit."""
     rows = io.StringIO()
     writer = csv.writer(rows, lineterminator="\n")
     writer.writerow([time, column])

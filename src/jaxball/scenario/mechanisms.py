@@ -83,7 +83,7 @@ CHOICES = {**_MASSES, "rail": {**_MASSES["rail"], "schedule": Key(SCHEDULE.kind,
 
 
 def read_masses(values: Any, path: str, scheduled: bool) -> list[PointMass]:
-    """The masses, those on rails with the motion that their schedules prescribe.
+    """Reads the masses, those on rails with the motion that their schedules prescribe.
 
     Unless they must be ``scheduled``, those without a schedule are driven.
     """
@@ -97,14 +97,14 @@ def _read_mass(kind: str, table: dict[str, Any]) -> PointMass:
 
 
 def read_motion(kind: str, table: dict[str, Any]) -> AbstractMotion:
-    """A prescribed motion, from the key that determines its kind and the values of its keys."""
+    """Makes a prescribed motion, from the key that determines its kind and the values of its keys."""
     if kind == "rail":
         return OnRail(table["rail"], table["schedule"])
     return Fixed(table["position"]) if kind == "position" else table["free"]
 
 
 def write_masses(system: System, targets: Mapping[str, AbstractSchedule | None], path: str) -> list[dict[str, Any]]:
-    """The tables of the masses; ``targets`` has the schedules that a law follows, by the path of the mass."""
+    """Returns the tables of the masses; ``targets`` has the schedules that a law follows, by the path of the mass."""
     return [
         {
             "mass": MASS.kind.write(item.mass, path),
@@ -115,7 +115,7 @@ def write_masses(system: System, targets: Mapping[str, AbstractSchedule | None],
 
 
 def write_motion(motion: AbstractMotion, path: str, target: AbstractSchedule | None = None) -> dict[str, Any]:
-    """The keys of a motion; a driven mass has the ``target`` of its law as its schedule, if there is one."""
+    """Returns the keys of a motion; a driven mass has the ``target`` of its law as its schedule, if there is one."""
     if isinstance(motion, Fixed):
         return {"position": POSITION.kind.write(motion.position, path)}
     if isinstance(motion, Oscillating):
@@ -178,7 +178,7 @@ _FORCE_WORDS = "a table, or a list of tables whose forces add up"
 
 
 def read_forces(values: Any, path: str) -> AbstractJointForce:
-    """A force on a joint, or the sum of those in a list."""
+    """Reads a force on a joint, or the sum of the forces in a list."""
     if isinstance(values, list):
         return JointForces(tuple(read_list(values, path, _read_force, empty=True)))
     if not isinstance(values, dict):
@@ -193,7 +193,7 @@ def _read_force(values: Any, path: str) -> AbstractJointForce:
 
 
 def write_forces(force: AbstractJointForce, path: str) -> Any:
-    """The table of a force on a joint, or the list of those of a sum."""
+    """Returns the table of a force on a joint, or the list of the tables of a sum's forces."""
     if isinstance(force, JointForces):
         return [write_family(term, f"{path}[{index}]", JOINT_FORCES) for index, term in enumerate(force.terms)]
     return write_family(force, path, JOINT_FORCES)
@@ -251,7 +251,7 @@ JOINTS: Family = {
 
 
 def write_joint(joint: AbstractJoint, target: AbstractSchedule | None, path: str) -> dict[str, Any]:
-    """The table of a joint, with the ``target`` that a law gives it."""
+    """Returns the table of a joint, with the ``target`` that a law gives it."""
     kind, table = write_member(joint, path, _GEOMETRY)
     return {"kind": kind, **table, **_write_drive(joint.drive, target, path)}
 
@@ -277,7 +277,7 @@ _CARRIED = Module(
 
 
 def _tables(read: Callable[[Any, str], Any], tables: Mapping[str, Keys]) -> Key:
-    """A list of tables, each read by ``read``, and written where the whole is."""
+    """Describes a list of tables, each read by ``read``, and written where the whole is."""
     return Key(
         Nested(lambda values, path: read_list(values, path, read), lambda item, path: item, "a list of tables", tables)
     )
@@ -296,7 +296,7 @@ class ReadMechanism(NamedTuple):
     targets: tuple[AbstractSchedule | None, ...]
 
     def without_law(self) -> Mechanism:
-        """The mechanism with its accelerated joints free: the same positions, without needing a law."""
+        """Returns the mechanism with its accelerated joints free: the same positions, without needing a law."""
         free = [
             eqx.tree_at(lambda j: j.drive, joint, None) if isinstance(joint.drive, Accelerated) else joint
             for joint in self.mechanism.joints
@@ -321,7 +321,7 @@ class JointInState(NamedTuple):
 
 
 def joints_in_state(mechanisms: Sequence[ReadMechanism]) -> list[JointInState]:
-    """The joints whose θ and θ̇ belong to the state, in its order."""
+    """Lists the joints whose θ and θ̇ belong to the state, in its order."""
     return [
         JointInState(f"mechanisms[{index}].joints[{a}]", a in item.mechanism.accelerated, item.targets[a])
         for index, item in enumerate(mechanisms)
@@ -330,7 +330,7 @@ def joints_in_state(mechanisms: Sequence[ReadMechanism]) -> list[JointInState]:
 
 
 def read_mechanisms(values: Any, path: str) -> list[ReadMechanism]:
-    """The mechanisms, one a table."""
+    """Reads the mechanisms, one a table."""
     return read_list(values, path, _read_mechanism, empty=True)
 
 
@@ -345,14 +345,19 @@ def _read_mechanism(values: Any, path: str) -> ReadMechanism:
 
 
 def write_mechanisms(system: System, targets: Mapping[str, AbstractSchedule | None], path: str) -> list[dict[str, Any]]:
-    """The tables of the mechanisms; ``targets`` has the schedules that a law follows, by the path of the joint."""
+    """Returns the tables of the mechanisms; ``targets`` has the schedules that a law follows, by the path of
+    the joint.
+    """
     return [_write_mechanism(item, targets, f"{path}[{index}]") for index, item in enumerate(system.mechanisms)]
 
 
 def _write_mechanism(item: Any, targets: Mapping[str, AbstractSchedule | None], path: str) -> dict[str, Any]:
     write_member(item, path, {"": Module(Mechanism, {})})  # raises for any other kind
     paths = [f"{path}.joints[{a}]" for a in range(item.n_joints)]
-    joints = [write_joint(joint, targets.get(at), at) for joint, at in zip(item.joints, paths, strict=True)]
+    joints = [
+        write_joint(joint, targets.get(joint_path), joint_path)
+        for joint, joint_path in zip(item.joints, paths, strict=True)
+    ]
     masses = [
         _write_carried_mass(mass, item.n_joints - 1, f"{join(path, 'masses')}[{index}]")
         for index, mass in enumerate(item.masses)

@@ -83,7 +83,7 @@ _CHOICES = {name: frame.keys for name, frame in _FRAMES.items()}
 
 
 def read_frame(values: Any, path: str) -> AbstractFrame:
-    """A frame by spherical angles, a versor or a rotation matrix."""
+    """Reads a frame by spherical angles, a versor or a rotation matrix."""
     name, table = read_one_of(values, path, _CHOICES)
     if name == "matrix":
         B = table["matrix"]
@@ -98,7 +98,7 @@ def read_frame(values: Any, path: str) -> AbstractFrame:
 
 
 def write_frame(frame: AbstractFrame, path: str) -> dict[str, Any] | None:
-    """The table of a frame, or None for the identity, which is the default."""
+    """Returns the table of a frame, or None for the identity, which is the default."""
     _, table = write_member(frame, path, _FRAMES)
     return None if repr(table) == repr({"matrix": np.eye(3).tolist()}) else table
 
@@ -114,12 +114,14 @@ WAVES = {
 
 
 def waves_in_space(dimension: Dimension) -> Keys:
-    """The keys of the sinusoids of a vector of this dimension."""
+    """Returns the keys of the sinusoids of a vector of this dimension."""
     return {**WAVES, "amplitude": Key(Numbers((None, 3), dimension=dimension, by_size=True), ())}
 
 
 def _powers(dimension: Dimension) -> Keys:
-    """The key of the coefficients of t, t², … of a vector of this dimension; those of t have that of its rate."""
+    """Returns the key of the coefficients of t, t², … of a vector of this dimension; those of t have the dimension of
+    its rate.
+    """
     rate = dimension._replace(time=dimension.time - 1)
     return {"powers": Key(Numbers((None, 3), dimension=rate, by_size=True), None)}
 
@@ -217,7 +219,7 @@ def _check_pulse(table: dict[str, Any], path: str) -> None:
 
 
 def row_for_each_interval(name: str, entry: str = "row") -> Callable[[dict[str, Any], str], None]:
-    """The check that the list ``name`` of a table has an ``entry`` for each interval between its ``times``."""
+    """Returns the check that the list ``name`` of a table has an ``entry`` for each interval between its ``times``."""
 
     def check(table: dict[str, Any], path: str) -> None:
         times, rows = len(table["times"]), len(table[name])
@@ -308,12 +310,12 @@ _WRITTEN: Family = {"piecewise": _PIECES, **SCHEDULES, LOG: SIGNAL_OR_SCHEDULE_F
 
 
 def read_signal(value: Any, path: str) -> AbstractSignal | AbstractSchedule:
-    """A signal, or a schedule whose value it is."""
+    """Reads a signal, or a schedule whose value it is."""
     return read_family(value, path, SIGNALS) if isinstance(value, dict) else ConstantSignal(_NUMBER.read(value, path))
 
 
 def write_signal(signal: AbstractSignal | AbstractSchedule, path: str) -> Any:
-    """The number or the table of a signal."""
+    """Returns the number or the table of a signal."""
     if isinstance(signal, ConstantSignal):
         return _NUMBER.write(signal.value, path)
     if isinstance(signal, PiecewiseSignal) and signal.values.shape[1] == 1:

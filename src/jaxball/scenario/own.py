@@ -34,10 +34,10 @@ def trying(path: str, argument: str = "function") -> Iterator[None]:
     except ScenarioError:
         raise
     except Exception as error:
-        sentence, own = " ".join(str(error).split()), f"Argument `{argument}` "
-        if sentence.startswith(own):
+        sentence, prefix = " ".join(str(error).split()), f"Argument `{argument}` "
+        if sentence.startswith(prefix):
             end = "" if sentence.endswith((".", "?")) else "."
-            raise ScenarioError(f"Key `{path}` {sentence.removeprefix(own)}{end}") from None
+            raise ScenarioError(f"Key `{path}` {sentence.removeprefix(prefix)}{end}") from None
         raise ScenarioError(
             f"Key `{path}` must name a function that fits here, but it raises {_describe_error(error)}."
         ) from error
@@ -77,7 +77,7 @@ class Parameters:
     words: str = "a number, a list of numbers, or a table of these"
 
     def read(self, value: Any, path: str) -> Any:
-        """Arrays, one or a dictionary of them."""
+        """Reads one array or a dictionary of arrays."""
         if isinstance(value, dict):
             return {name: self.read(item, join(path, name)) for name, item in value.items()}
         depth, inner = 0, value
@@ -147,9 +147,9 @@ class Open(OpenFamily):
     def own(self, named: str, path: str) -> Module:
         module = self._module_of(own_class(named, path, self.contract))
 
-        def build(**given: Any) -> Any:
+        def build(**arguments: Any) -> Any:
             with trying_class(path, named):
-                item = module.type(**given)
+                item = module.type(**arguments)
                 self.check(item)
             return item
 
@@ -173,20 +173,22 @@ class Open(OpenFamily):
 
 
 def own_class(named: str, path: str, contract: type) -> Any:
-    """The class "module:Class", a subclass of ``contract``.
+    """Returns the class "module:Class", a subclass of ``contract``.
 
     **Raises:** :class:`ScenarioError` where there is none.
     """
-    found = import_name(path, named, "class")
-    if isinstance(found, type) and issubclass(found, contract) and not inspect.isabstract(found):
-        return found
-    lacks = sorted(getattr(found, "__abstractmethods__", ())) if isinstance(found, type) else []
-    what = f"it lacks {', '.join(lacks)}" if lacks and issubclass(found, contract) else f"{describe(named)} is not one"
+    candidate = import_name(path, named, "class")
+    if isinstance(candidate, type) and issubclass(candidate, contract) and not inspect.isabstract(candidate):
+        return candidate
+    lacks = sorted(getattr(candidate, "__abstractmethods__", ())) if isinstance(candidate, type) else []
+    what = (
+        f"it lacks {', '.join(lacks)}" if lacks and issubclass(candidate, contract) else f"{describe(named)} is not one"
+    )
     raise ScenarioError(f"Key `{path}` must name a subclass of {contract.__name__} with all its methods, but {what}.")
 
 
 def module_of(kind: Any) -> Module:
-    """How an object of a user's class stands in a file: each argument of the class is a key.
+    """Describes how an object of a user's class stands in a file: each argument of the class is a key.
 
     Static fields are settings, all others numbers, of the shape with which they are annotated if they are. The default
     None stands for that of the class itself.
@@ -194,14 +196,16 @@ def module_of(kind: Any) -> Module:
     fields = {field.name: field for field in dataclasses.fields(kind)}
     _, *parameters = inspect.signature(kind.__init__).parameters.values()
     keys = {
-        one.name: Key(_value_of(fields.get(one.name)), REQUIRED if one.default is one.empty else None)
-        for one in parameters
+        parameter.name: Key(
+            _value_of(fields.get(parameter.name)), REQUIRED if parameter.default is parameter.empty else None
+        )
+        for parameter in parameters
     }
     return Module(kind, keys)
 
 
 def _value_of(field: dataclasses.Field | None) -> Kind:
-    """The kind of value of a field; of an argument that is no field, numbers of any shape."""
+    """Returns the kind of value of a field; for an argument that is no field, numbers of any shape."""
     if field is not None and field.metadata.get("static", False):
         return Setting()
     axes = str(getattr(None if field is None else field.type, "dim_str", "...")).split()
@@ -211,12 +215,12 @@ def _value_of(field: dataclasses.Field | None) -> Kind:
 
 
 def names_own(values: Any) -> bool:
-    """Whether a table has the key ``kind`` "module:Class"."""
+    """Returns whether a table has the key ``kind`` "module:Class"."""
     return isinstance(values, dict) and is_python_name(values.get("kind"))
 
 
 def read_own(values: Any, path: str, family: OpenFamily) -> Any:
-    """What a table with the key ``kind`` "module:Class" describes, whose own conditions must hold."""
+    """Reads the object that a table with the key ``kind`` "module:Class" describes, whose own conditions must hold."""
     named = values["kind"]
     item = family.own(named, join(path, "kind")).read({k: v for k, v in values.items() if k != "kind"}, path)
     if hasattr(item, "conditions"):

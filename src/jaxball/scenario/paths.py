@@ -29,7 +29,7 @@ _FIXED_BESIDES = re.compile(rf"{_OF_ALL}|sensors\.\w+\.errors\.(rate|delay)")
 
 
 def entries(name: str, shape: tuple[int, ...]) -> dict[str, tuple[int, ...]]:
-    """The index of each number of an array by the number's path: ``{"z[0]": (0,), "z[1]": (1,)}``.
+    """Returns the index of each number of an array by the number's path: ``{"z[0]": (0,), "z[1]": (1,)}``.
 
     A single number, of shape (), has the name of the array.
     """
@@ -37,13 +37,13 @@ def entries(name: str, shape: tuple[int, ...]) -> dict[str, tuple[int, ...]]:
 
 
 def steps(path: str) -> list[str | int]:
-    """The names and indices in a path."""
+    """Lists the names and indices in a path."""
     return [int(index) if index else name or quoted for name, quoted, index in _STEP.findall(path)]
 
 
 def numbers_of(document: Any, path: str = "", measured: bool = False) -> Iterator[str]:
-    """The paths of all numbers that a study can change, in the order of the document; those of sensors if it is
-    ``measured``.
+    """Lists the paths of all numbers that a study can change, in the order of the document; also the numbers of sensors
+    if it is ``measured``.
     """
     fixed = _FIXED_BESIDES if measured else _FIXED
     if isinstance(document, Mapping):
@@ -72,8 +72,8 @@ def check_number(
     - ``every``: whether ``[*]`` stands for every index.
     - ``has_defaults``: whether the document is one :func:`~jaxball.scenario.files.with_defaults`.
     """
-    known = list(numbers_of(document, measured=measured))
-    if path in known:
+    number_paths = list(numbers_of(document, measured=measured))
+    if path in number_paths:
         return
     if (_FIXED_BESIDES if measured else _FIXED).fullmatch(path):
         names = f"Key `{key}` names `{path}`, which" if key else f"Key `{path}`"
@@ -81,13 +81,15 @@ def check_number(
     reason = _not_one_number(document, path, every)
     if not reason:
         default = "" if has_defaults else "; write it there if it has its default"
-        reason = f"is not there{default}{did_you_mean(path, known, quote='`', most=SUGGESTED)}"
+        reason = f"is not there{default}{did_you_mean(path, number_paths, quote='`', most=SUGGESTED)}"
     where, this = "of" if has_defaults else "written in", f"`{path}`" if key else "it"
     raise ScenarioError(f"Key `{key or path}` must name a number {where} the scenario, but {this} {reason}")
 
 
 def _not_one_number(document: Mapping[str, Any], path: str, every: bool) -> str:
-    """The end of a sentence about a path that leads to something other than a number; empty if it leads nowhere."""
+    """Returns the end of a sentence about a path that leads to something other than a number; empty if it leads
+    nowhere.
+    """
     if not has_path(document, path):
         return ""
     value = value_at(document, path)
@@ -104,7 +106,7 @@ def _not_one_number(document: Mapping[str, Any], path: str, every: bool) -> str:
 
 
 def with_numbers(document: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
-    """A copy of the document with other numbers at the paths in ``values``, all of which it has.
+    """Returns a copy of the document with other numbers at the paths in ``values``, all of which it has.
 
     What is a whole number in the document stays one, where float64 holds it exactly.
     """
@@ -118,12 +120,12 @@ def with_numbers(document: Mapping[str, Any], values: Mapping[str, Any]) -> dict
 
 
 def key_of(path: str) -> str:
-    """The path of the key whose value a number is, or in whose list it stands."""
+    """Returns the path of the key whose value a number is, or in whose list it stands."""
     return re.sub(r"(\[\d+\])+$", "", path)
 
 
 def value_at(document: Mapping[str, Any], path: str) -> Any:
-    """The entry of the document at ``path``.
+    """Returns the entry of the document at ``path``.
 
     **Raises:** ``LookupError`` when nothing does.
     """
@@ -131,7 +133,7 @@ def value_at(document: Mapping[str, Any], path: str) -> Any:
 
 
 def has_path(document: Mapping[str, Any], path: str) -> bool:
-    """Whether the document has an entry at ``path``."""
+    """Returns whether the document has an entry at ``path``."""
     try:
         value_at(document, path)
     except (LookupError, TypeError):
@@ -146,7 +148,7 @@ def _at(place: Any, way: list[str | int]) -> Any:
 
 
 def with_values(document: Mapping[str, Any], changes: Sequence[str]) -> dict[str, Any]:
-    """A copy of the document with each change, ``PATH=VALUE``, made.
+    """Returns a copy of the document with each change, ``PATH=VALUE``, made.
 
     The value is a number or any other of TOML; a single word needs no quotes. Keys and tables that the document leaves
     out may be named too; whether they exist is checked when it is read. ``PATH=``, without a value, removes the key,
@@ -186,7 +188,7 @@ def _take_away(document: dict[str, Any], way: list[str | int], path: str) -> Non
 
 
 def _paths(place: Any, path: str = "") -> Iterator[str]:
-    """The paths of all entries below ``place``."""
+    """Lists the paths of all entries below ``place``."""
     named = place.items() if isinstance(place, Mapping) else enumerate(place) if isinstance(place, list) else ()
     for step, below in named:
         name = f"{path}[{step}]" if isinstance(step, int) else f"{path}.{step}".removeprefix(".")
@@ -195,7 +197,7 @@ def _paths(place: Any, path: str = "") -> Iterator[str]:
 
 
 def _entry(place: Any, way: Sequence[str | int], path: str, missing: Any) -> Any:
-    """The entry at the last step of ``way``, in ``place``; ``missing`` is inserted there if there is none."""
+    """Returns the entry at the last step of ``way``, in ``place``; ``missing`` is inserted there if there is none."""
     *above, step = way
     name = _path(above)
     if isinstance(step, int):

@@ -60,16 +60,16 @@ class SignalOrSchedule(LogModule):
     """How the signal of a motor from a log stands in a file: as a signal, or, with ``schedule``, as a schedule."""
 
     def read(self, values: Any, path: str) -> Any:
-        own = {name: value for name, value in values.items() if name != "schedule"}
+        settings = {name: value for name, value in values.items() if name != "schedule"}
         flag = self.keys["schedule"]
         if not flag.kind.read(values.get("schedule", flag.default), join(path, "schedule")):
-            if own.get("outside") == "continue":
+            if settings.get("outside") == "continue":
                 raise ScenarioError(
                     f'Key `{join(path, "outside")}` must be "refuse", "hold" or "zero" for a signal, but it is '
                     f'"continue"; a schedule goes on at its rate, with `schedule = true`.'
                 )
-            return SIGNAL_FROM_LOG.read(own, path)
-        return SCHEDULE_FROM_LOG.read(own, path)
+            return SIGNAL_FROM_LOG.read(settings, path)
+        return SCHEDULE_FROM_LOG.read(settings, path)
 
     def write(self, item: Any, path: str) -> dict[str, Any]:
         is_schedule = isinstance(item, RecordedSchedule)

@@ -60,7 +60,7 @@ def _new_name(table: Mapping[str, Any], key: str, old: str) -> str:
 
 
 def _with_new_steps(path: str) -> str:
-    """A path in a study or a problem, such as ``masses[0].rail.radius``, with the new names of its keys."""
+    """Returns a path in a study or a problem, such as ``masses[0].rail.radius``, with the new names of its keys."""
     for key, new in RENAMED.items():
         *tables, old = map(re.escape, key.split("."))
         above = "".join(rf"{table}{_INDEX}\." for table in tables)

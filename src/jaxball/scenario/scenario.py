@@ -93,7 +93,9 @@ class Scenario:
         return self.contact is not None
 
     def friction_or(self, otherwise: float) -> float:
-        """The kinetic friction coefficient of the law of contact, or ``otherwise`` where the body always rolls."""
+        """Returns the kinetic friction coefficient of the law of contact, or ``otherwise`` where the body
+        always rolls.
+        """
         return otherwise if self.contact is None else float(self.contact.friction)
 
     @property
@@ -118,7 +120,7 @@ class Scenario:
         progress: "diffrax.AbstractProgressMeter | None" = None,
         throw: bool = False,
     ) -> "Trajectory[Any, Any]":
-        """The trajectory, with the scenario's own settings unless others are given; both are saved with it.
+        """Computes the trajectory, with the scenario's own settings unless others are given; both are saved with it.
 
         With ``feedback`` it is that of the closed loop, whose history has the motion and what was estimated. The
         ``events`` are looked for besides those of the scenario, and are not saved with it.
@@ -134,8 +136,8 @@ class Scenario:
         if not isinstance(solver, str) or solver not in SOLVERS:
             raise refusal("solver", f"a name, {one_of(list(SOLVERS))}", solver)
         check_dae(self.system, self.contact, solver, self.dae, named)
-        given = {"solver": solver, "rtol": rtol, "atol": atol, "max_steps": max_steps}
-        used = dataclasses.replace(self, **{name: value for name, value in given.items() if value is not None})
+        overrides = {"solver": solver, "rtol": rtol, "atol": atol, "max_steps": max_steps}
+        used = dataclasses.replace(self, **{name: value for name, value in overrides.items() if value is not None})
         if used.feedback is not None:
             trajectory = used._simulate_loop(dense or bool(events) or bool(self.events))
             return trajectory.raise_if_failed() if throw else trajectory
@@ -158,7 +160,7 @@ class Scenario:
         return trajectory.raise_if_failed() if throw else trajectory
 
     def _with(self, events: "Mapping[str, AbstractEvent] | None") -> "Mapping[str, AbstractEvent] | None":
-        """The events of the scenario and others, which must have other names."""
+        """Returns the events of the scenario and others, which must have other names."""
         if not self.events or not isinstance(events, Mapping):
             return self.events if events is None else events
         for name in events:
@@ -170,7 +172,7 @@ class Scenario:
         return {**self.events, **events}
 
     def closed_loop(self) -> "ClosedLoop":
-        """The closed loop of a scenario with ``feedback``: what :func:`jaxball.control.closed_loop` returns.
+        """Builds the closed loop of a scenario with ``feedback``, like :func:`jaxball.control.closed_loop`.
 
         **Raises:** :class:`ScenarioError` without feedback, and where it does not fit;
         :class:`~jaxball.SolveError` where the motion that it holds cannot be simulated.

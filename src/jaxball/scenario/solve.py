@@ -50,7 +50,7 @@ class SaveTimes(NamedTuple):
     listed: Any = None
 
     def array(self, count: int) -> Any:
-        """The ``count`` times."""
+        """Returns the ``count`` times."""
         if self.listed is not None:
             return self.listed
         xp = namespace(self.start, self.end)
@@ -58,15 +58,15 @@ class SaveTimes(NamedTuple):
 
 
 def read_times(values: Any, path: str) -> SaveTimes:
-    """The save times, given by their number, by the step between them, or one by one."""
+    """Reads the save times, given by their number, by the step between them, or one by one."""
     choice, table = read_one_of(values, path, TIMES)
     if choice == "at":
-        at = table["at"]
-        if at.size < 2:
-            raise key_error(f"{path}.at", "a list of two times or more", str(at.tolist()))
-        start, end = number(at[0]), number(at[-1])
+        save_times = table["at"]
+        if save_times.size < 2:
+            raise key_error(f"{path}.at", "a list of two times or more", str(save_times.tolist()))
+        start, end = number(save_times[0]), number(save_times[-1])
         _check_span(start, end, f"{path}.at")
-        return SaveTimes(start, end, at.size, at)
+        return SaveTimes(start, end, save_times.size, save_times)
     start, end = table["start"], table["end"]
     require(end > start, f"{path}.end", f"later than `start` = {start!r}", lambda: repr(end))
     _check_span(start, end, f"{path}.end")
@@ -79,7 +79,7 @@ def read_times(values: Any, path: str) -> SaveTimes:
 
 
 def _intervals(start: Any, end: Any, step: Any, path: str) -> Any:
-    """How many steps there are from ``start`` to ``end``."""
+    """Counts the steps from ``start`` to ``end``."""
     xp = namespace(start, end, step)
     intervals = (end - start) / step
     whole = xp.rint(intervals)
@@ -98,7 +98,7 @@ def _check_span(start: Any, end: Any, path: str) -> None:
 
 
 def write_times(times: np.ndarray) -> dict[str, Any]:
-    """The table [time]: the number of equally spaced times, or else every time."""
+    """Returns the table [time]: the number of equally spaced times, or else every time."""
     even = np.linspace(times[0], times[-1], times.size)
     if np.array_equal(times, even):
         return {"start": float(times[0]), "end": float(times[-1]), "saves": int(times.size)}

@@ -24,7 +24,7 @@ def _of_jaxball(solver: str, **settings: Any) -> Callable[[], Any]:
 
 
 def own_solver(named: str, path: str) -> "diffrax.AbstractAdaptiveSolver":
-    """The solver of a user's class "module:Class", which is made without arguments.
+    """Makes the solver of a user's class "module:Class", without arguments.
 
     **Raises:** a ``ScenarioError`` that names the key at ``path`` where there is none.
     """

@@ -17,7 +17,7 @@ _TITLE = re.compile(r'^title = "(.*)"$', re.MULTILINE)  # every title is such a 
 
 
 def builtin_scenarios() -> tuple[str, ...]:
-    """The names of the built-in scenarios, in alphabetical order.
+    """Returns the names of the built-in scenarios, in alphabetical order.
 
     **Example:**
 
@@ -29,7 +29,7 @@ def builtin_scenarios() -> tuple[str, ...]:
 
 
 def builtin_text(name: str) -> str:
-    """The text of the file of the built-in scenario ``name``, comments included.
+    """Returns the text of the file of the built-in scenario ``name``, comments included.
 
     **Raises:** :class:`ScenarioError` when there is none of that name.
 
@@ -48,7 +48,7 @@ def builtin_text(name: str) -> str:
 
 
 def builtin_title(name: str) -> str:
-    """The title of the built-in scenario ``name``.
+    """Returns the title of the built-in scenario ``name``.
 
     **Example:**
 
@@ -62,7 +62,7 @@ def builtin_title(name: str) -> str:
 
 
 def nearest_builtin(name: str) -> str:
-    """The end of a sentence about a name that is not that of a built-in scenario."""
+    """Returns the end of a sentence about a name that no built-in scenario has."""
     return did_you_mean(name, builtin_scenarios(), "`jaxball scenarios` lists them")
 
 
@@ -91,7 +91,7 @@ def naming_scenario(value: Any, what: str, error: type[ScenarioError]) -> Iterat
 
 
 def scenario_text(source: str | Path) -> str:
-    """The text of the scenario file at the path ``source``, or of the built-in scenario of that name.
+    """Reads the text of the scenario file at the path ``source``, or of the built-in scenario of that name.
 
     **Raises:** :class:`ScenarioError` when there is no such file or name.
     """
@@ -101,7 +101,7 @@ def scenario_text(source: str | Path) -> str:
 
 
 def text_of(source: str | Path, what: str, error: type[ScenarioError], hint: str = ".") -> str:
-    """The text of a file, which is ``what``; ``hint`` ends the sentence where there is none.
+    """Reads the text of a file, which is ``what``; ``hint`` ends the sentence where there is none.
 
     **Raises:** ``error``, with one sentence, when there is no such file, or when it is not text.
     """
@@ -114,7 +114,7 @@ def text_of(source: str | Path, what: str, error: type[ScenarioError], hint: str
 
 
 def document_of(text: str, what: str, error: type[ScenarioError]) -> dict[str, Any]:
-    """The TOML document of a text, which is ``what``.
+    """Parses the TOML document of a text, which is ``what``.
 
     **Raises:** ``error`` when it is not TOML.
     """
@@ -126,7 +126,8 @@ def document_of(text: str, what: str, error: type[ScenarioError]) -> dict[str, A
 
 
 def scenario_document(value: Any, folder: Path, error: type[ScenarioError]) -> dict[str, Any]:
-    """The document of the scenario that the key `scenario` holds or names; files are looked for relative to ``folder``.
+    """Returns the document of the scenario that the key `scenario` holds or names; files are looked for relative to
+    ``folder``.
 
     It has the numbers of the logs that it names, whose files are looked for relative to its own.
 
@@ -137,8 +138,8 @@ def scenario_document(value: Any, folder: Path, error: type[ScenarioError]) -> d
     if not isinstance(value, str):
         raise key_error("scenario", SCENARIO, describe(value))
     try:
-        known = value in builtin_scenarios()
-        document = _parse(builtin_text(value) if known else (folder / value).read_text(encoding="utf-8"))
+        is_builtin = value in builtin_scenarios()
+        document = _parse(builtin_text(value) if is_builtin else (folder / value).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as cause:
         raise error(
             f"Key `scenario` must be a table, a scenario file, or the name of a built-in one, but it is "
@@ -155,7 +156,8 @@ def _parse(text: str) -> dict[str, Any]:
 
 
 def _heading(text: str) -> str:
-    """What to write instead of a heading with an index, such as ``[[mechanisms[0].masses]]``; empty if there is none.
+    """Says what to write instead of a heading with an index, such as ``[[mechanisms[0].masses]]``; empty if there is
+    none.
 
     Keys are written with indices on the command line and in studies.
     """
@@ -172,7 +174,7 @@ def _heading(text: str) -> str:
 
 
 def _reason(cause: Exception) -> str:
-    """Why a text is not a document; the parser also raises errors other than its own."""
+    """Says why a text is not a document; the parser also raises errors other than its own."""
     if isinstance(cause, OSError):
         return cause.strerror or str(cause)
     if isinstance(cause, UnicodeDecodeError):

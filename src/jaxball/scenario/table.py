@@ -49,21 +49,21 @@ class Module:
     check: Callable[[dict[str, Any], str], None] | None = None
 
     def read(self, values: Any, path: str) -> Any:
-        """The object that a table describes."""
+        """Reads the object that a table describes."""
         table = read_table(values, path, self.keys)
         if self.check is not None:
             self.check(table, path)
         return self.make(table)
 
     def make(self, table: Mapping[str, Any]) -> Any:
-        """The object with the values of its keys."""
-        given = {name: value for name, value in table.items() if value is not None}
+        """Makes the object from the values of its keys."""
+        arguments = {name: value for name, value in table.items() if value is not None}
         if self.build is not None:
-            return self.build(**given)
-        return self.type(**{self.attributes.get(name, name): value for name, value in given.items()})
+            return self.build(**arguments)
+        return self.type(**{self.attributes.get(name, name): value for name, value in arguments.items()})
 
     def write(self, item: Any, path: str) -> dict[str, Any]:
-        """The table that describes an object."""
+        """Returns the table that describes an object."""
         contents = {name: attrgetter(self.attributes.get(name, name))(item) for name in self.keys}
         return write_table(contents, path, self.keys)
 
@@ -80,22 +80,24 @@ class OpenFamily(dict[str, Module]):
     """A family that has kinds besides those listed: classes of users, by the names from which they are imported."""
 
     def own(self, named: str, path: str) -> Module:
-        """How an object of the class "module:Class", which the key at ``path`` names, stands in a file."""
+        """Describes how an object of the class "module:Class", which the key at ``path`` names, stands in a file."""
         raise NotImplementedError
 
     def own_name(self, item: Any, path: str) -> tuple[str, Module] | None:
-        """The name of a user's class and how its objects stand in a file; None for an object of another class."""
+        """Returns the name of a user's class and how its objects stand in a file; None for an object of
+        another class.
+        """
         raise NotImplementedError
 
 
 def join(path: str, name: str) -> str:
-    """The path of the key ``name`` in the table at ``path``; a key without letters is quoted, as in a file."""
+    """Returns the path of the key ``name`` in the table at ``path``; a key without letters is quoted, as in a file."""
     name = name or '""'
     return f"{path}.{name}" if path else name
 
 
 def read_table(values: Any, path: str, keys: Keys) -> dict[str, Any]:
-    """The values of a table, defaults filled in. An unknown, missing or wrong key raises."""
+    """Reads the values of a table, defaults filled in. An unknown, missing or wrong key raises."""
     if not isinstance(values, dict):
         raise key_error(path, "a table", describe(values))
 
@@ -116,7 +118,7 @@ _KEEPS_DEFAULTS: ContextVar[bool] = ContextVar("_KEEPS_DEFAULTS", default=False)
 
 @contextlib.contextmanager
 def keeping_defaults() -> Iterator[None]:
-    """Tables that are written within have their defaults too, so that each of their numbers has a path."""
+    """Writes tables in this block with their defaults, so that each of their numbers has a path."""
     token = _KEEPS_DEFAULTS.set(True)
     try:
         yield
@@ -125,7 +127,7 @@ def keeping_defaults() -> Iterator[None]:
 
 
 def write_table(contents: Mapping[str, Any], path: str, keys: Keys) -> dict[str, Any]:
-    """The table with the values ``contents``; defaults are left out, unless :func:`keeping_defaults`."""
+    """Returns the table with the values ``contents``; defaults are left out, unless :func:`keeping_defaults`."""
     table = {}
     for name, key in keys.items():
         value = None if contents[name] is None else key.kind.write(contents[name], join(path, name))
@@ -137,7 +139,7 @@ def write_table(contents: Mapping[str, Any], path: str, keys: Keys) -> dict[str,
 def read_one_of(
     values: Any, path: str, choices: Mapping[str, Keys], otherwise: Keys | None = None
 ) -> tuple[str, dict[str, Any]]:
-    """Which of the keys in ``choices`` a table has, and its values: each choice has keys of its own.
+    """Finds which of the keys in ``choices`` a table has, and reads its values: each choice has keys of its own.
 
     A table must have exactly one of them, or none if there is an ``otherwise``.
     """
@@ -154,7 +156,7 @@ def read_one_of(
 
 
 def read_family(values: Any, path: str, family: Family, key: str = "kind") -> Any:
-    """The object that a table describes, of the kind given by its key ``kind``."""
+    """Reads the object that a table describes, of the kind given by its key ``kind``."""
     if not isinstance(values, dict):
         raise key_error(path, "a table", describe(values))
     rest = {name: value for name, value in values.items() if name != key}
@@ -173,16 +175,16 @@ def read_family(values: Any, path: str, family: Family, key: str = "kind") -> An
 
 
 def write_member(item: Any, path: str, family: Family) -> tuple[str, dict[str, Any]]:
-    """The kind of an object of a family, and the table that describes it except for its kind.
+    """Returns the kind of an object of a family, and the table that describes it except for its kind.
 
     **Raises:** :class:`ScenarioError` for an object that a file cannot hold, such as a Python function.
     """
     for name, member in family.items():
         if type(item) is member.type:
             return name, member.write(item, path)
-    own = family.own_name(item, path) if isinstance(family, OpenFamily) else None
-    if own is not None:
-        return own[0], own[1].write(item, path)
+    entry = family.own_name(item, path) if isinstance(family, OpenFamily) else None
+    if entry is not None:
+        return entry[0], entry[1].write(item, path)
     names = ", ".join(member.type.__name__ for member in family.values())
     raise ScenarioError(
         f"Key `{path}` must be one of {names} to be written to a file, but it is a {type(item).__name__}; "
@@ -191,13 +193,13 @@ def write_member(item: Any, path: str, family: Family) -> tuple[str, dict[str, A
 
 
 def write_family(item: Any, path: str, family: Family) -> dict[str, Any]:
-    """The table that describes an object of a family, its ``kind`` first."""
+    """Returns the table that describes an object of a family, its ``kind`` first."""
     kind, table = write_member(item, path, family)
     return {"kind": kind, **table}
 
 
 def member_of(family: Family) -> Nested:
-    """The kind of value of an object of a family within another table."""
+    """Returns the kind of value of an object of a family within another table."""
     return Nested(
         lambda values, path: read_family(values, path, family),
         lambda item, path: write_family(item, path, family),
@@ -206,12 +208,14 @@ def member_of(family: Family) -> Nested:
 
 
 def keys_of(family: Family) -> dict[str, Keys]:
-    """The keys of each kind of a family, except for the kind itself."""
+    """Returns the keys of each kind of a family, except for the kind itself."""
     return {name: member.keys for name, member in family.items()}
 
 
 def read_list(values: Any, path: str, read: Callable[[Any, str], Any], empty: bool = False) -> list[Any]:
-    """The results of ``read`` for each table of a list and its path; the list may be empty only if ``empty``."""
+    """Returns the results of ``read`` for each table of a list and its path; the list may be empty only if
+    ``empty``.
+    """
     if not isinstance(values, list) or not (values or empty):
         heading = re.sub(r"\[\d+\]", "", path)  # as in TOML, where tables have no indices
         raise key_error(path, f"a list of tables, each under the heading [[{heading}]]", describe(values))
@@ -235,22 +239,22 @@ def read_by_name(values: Any, path: str, read: Callable[[Any, str], Any]) -> dic
     return dict(zip(values, read_each, strict=True))
 
 
-def refuse_unknown(values: Any, path: str, known: Iterable[str]) -> None:
-    """Raises for a value that is not a table, and for a key that is not ``known``."""
+def refuse_unknown(values: Any, path: str, names: Iterable[str]) -> None:
+    """Raises for a value that is not a table, and for a key that is not among ``names``."""
     if not isinstance(values, dict):
         raise key_error(path, "a table", describe(values))
-    known = sorted(known)
+    names = sorted(names)
 
     def refuse(name: str) -> None:
-        if name not in known:
-            here = f"the keys here are {', '.join(known)}" if known else "there are no keys here"
-            raise ScenarioError(f"Key `{join(path, name)}` is not known{did_you_mean(name, known, here, '`')}")
+        if name not in names:
+            here = f"the keys here are {', '.join(names)}" if names else "there are no keys here"
+            raise ScenarioError(f"Key `{join(path, name)}` is not known{did_you_mean(name, names, here, '`')}")
 
     each_of(*(functools.partial(refuse, name) for name in values))
 
 
 def _is_default(value: Any, key: Key) -> bool:
-    """By the digits, which distinguish 0.0 from -0.0."""
+    """Returns whether a value is the key's default, by the digits, which distinguish 0.0 from -0.0."""
     if key.default is REQUIRED or key.default is None or _KEEPS_DEFAULTS.get():
         return False
     return repr(value) == repr(key.kind.write(key.default, ""))

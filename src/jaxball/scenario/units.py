@@ -79,7 +79,8 @@ class Units:
         return (self.length, self.mass, self.time) == ("m", "kg", "s")
 
     def of(self, dimension: str) -> str:
-        """The unit of a variable, as UDUNITS and pint read it, by its dimension in words such as ``"length/time^2"``.
+        """Returns the unit of a variable, as UDUNITS and pint read it, by its dimension in words such as
+        ``"length/time^2"``.
 
         It is empty where the words name two dimensions, such as those of an angle or a place, and where they are empty.
         Other words, such as those of a sensor of your own, are returned as they are.
@@ -102,7 +103,7 @@ class Units:
 
 
 def parse_unit(text: str, units: Units) -> dict[str, int] | None:
-    """The power of each unit in a product such as ``"N m"`` or ``"kg m^2 s^-2"``; None for anything else.
+    """Parses the power of each unit in a product such as ``"N m"`` or ``"kg m^2 s^-2"``; None for anything else.
 
     Names of SI stand for their products where that is what ``units`` are.
     """
@@ -130,7 +131,7 @@ def _read(value: Any, path: str) -> Units:
 
 
 def write_units(units: Units | None) -> Any:
-    """The value of the key ``units``; an empty table if it is left out."""
+    """Returns the value of the key ``units``; an empty table if it is left out."""
     if units is None:
         return {}
     return DIMENSIONLESS if units.is_dimensionless else write_table(vars(units), "units", UNITS)

@@ -37,11 +37,11 @@ class Conditions:
         self.certain: list[Callable[[], Bool[Array, ""]]] = []
 
     def all_hold(self) -> Bool[Array, ""]:
-        """Whether every rule holds."""
+        """Returns whether every rule holds."""
         return _all(holds() for _, holds in self.holds)
 
     def all_certain(self) -> Bool[Array, ""]:
-        """Whether every rule has been decided."""
+        """Returns whether every rule has been decided."""
         return _all(certain() for certain in self.certain)
 
 
@@ -68,7 +68,7 @@ def collect_conditions() -> Iterator[Conditions]:
 
 
 def is_traced_document() -> bool:
-    """Whether numbers of a document that is read are traced."""
+    """Returns whether numbers of a document that is read are traced."""
     return _CONDITIONS.get() is not None
 
 
@@ -109,7 +109,7 @@ def leave_open(
 
 
 def outside_of_traces(function: Callable[[], Any]) -> Any:
-    """The result of a function of known numbers, by the same programs as for a document that is not traced.
+    """Returns the result of a function of known numbers, by the same programs as for a document that is not traced.
 
     **Raises:** ``jax.errors.JAXTypeError`` where a traced number is involved.
     """
@@ -120,17 +120,17 @@ def outside_of_traces(function: Callable[[], Any]) -> Any:
 
 
 def any_traced(tree: Any) -> bool:
-    """Whether an array in a PyTree is traced."""
+    """Returns whether an array in a PyTree is traced."""
     return any(map(is_traced, jax.tree.leaves(tree)))
 
 
 def namespace(*arrays: Any) -> Any:
-    """The functions for these arrays: those of JAX where one is traced, else NumPy's."""
+    """Returns the module whose functions suit these arrays: JAX's where one is traced, else NumPy."""
     return jnp if any_traced(arrays) else np
 
 
 def number(x: Any) -> Any:
-    """A single number as Python's, or as it is where it is traced."""
+    """Returns a single number as Python's, or unchanged where it is traced."""
     return x if is_traced(x) else float(x)
 
 
@@ -144,11 +144,11 @@ class Kind(Protocol):
         ...
 
     def read(self, value: Any, path: str, /) -> Any:
-        """The value as it is used, or a :class:`ScenarioError`."""
+        """Returns the value as it is used, or raises a :class:`ScenarioError`."""
         ...
 
     def write(self, value: Any, path: str, /) -> Any:
-        """The value as it stands in a file."""
+        """Returns the value as it stands in a file."""
         ...
 
 
@@ -175,7 +175,7 @@ ROUNDED = 1e-3  # 1.5708 is a right angle
 
 
 def within(limit: float, words: str) -> Rule:
-    """The rule that an angle in radians is no further than ``limit``, in ``words``, from 0."""
+    """Returns the rule that an angle in radians is no further than ``limit``, in ``words``, from 0."""
     return Rule("finite", lambda x: (abs(x) <= limit + ROUNDED).all(), f" of radians from -{words} to {words}")
 
 
@@ -228,7 +228,7 @@ class Numbers:
         return f"a list of {inner}" if len(self.shape) == 1 else f"a list of {counts[0]}rows of {inner}"
 
     def read(self, value: Any, path: str) -> Any:
-        """The numbers as an array, a single one as it is; traced where some in ``value`` are."""
+        """Reads the numbers as an array, a single one as it is; traced where some in ``value`` are."""
         array = _as_floats(value)
         if array is None or not self._fits(array.shape):
             raise key_error(path, self.words, describe(value))
@@ -244,7 +244,7 @@ class Numbers:
 
     def _fits(self, shape: tuple[int, ...]) -> bool:
         return len(shape) == len(self.shape) and all(
-            n > 0 if wanted is None else n == wanted for n, wanted in zip(shape, self.shape, strict=True)
+            n > 0 if length is None else n == length for n, length in zip(shape, self.shape, strict=True)
         )
 
 
@@ -268,7 +268,9 @@ _KINDS_READ: ContextVar[dict[str, Numbers] | None] = ContextVar("_KINDS_READ", d
 
 @contextlib.contextmanager
 def kinds_of_numbers() -> Iterator[dict[str, Numbers]]:
-    """The kind of every number, and of every list of numbers, that is read within, by the path of its key."""
+    """Records the kind of every number, and of every list of numbers, that is read within the block, by the path of its
+    key.
+    """
     kinds_read: dict[str, Numbers] = {}
     token = _KINDS_READ.set(kinds_read)
     try:
@@ -392,7 +394,7 @@ class Nested:
 
 
 def unread(words: str = "a table", tables: Mapping[str, Mapping[str, Any]] | None = None) -> Nested:
-    """A value that is not checked here, because what it must be depends on other keys."""
+    """Describes a value that is not checked here, because its rules depend on other keys."""
     return Nested(lambda value, path: value, lambda value, path: value, words, tables or {})
 
 
@@ -401,7 +403,7 @@ def _is_integer(value: Any) -> bool:
 
 
 def _as_floats(value: Any) -> Any:
-    """``value`` as an array, or None where it is not made of numbers alone or its rows differ in length."""
+    """Returns ``value`` as an array, or None where it is not made of numbers alone or its rows differ in length."""
     numbers = list(_numbers_in(value))
     if not all(is_traced(x) or (isinstance(x, int | float) and not isinstance(x, bool)) for x in numbers):
         return None

@@ -48,11 +48,11 @@ class AbstractSensor(Printed):
 
     @abc.abstractmethod
     def reading(self, system: AbstractBody, t: Float[Array, ""], movement: Movement) -> Float[Array, "..."]:
-        """Its reading for this motion of a body; ``system`` is prepared."""
+        """Returns the sensor's reading for this motion of a body; ``system`` is prepared."""
 
     @classmethod
     def places(cls, system: AbstractBody) -> tuple[str, ...]:
-        """The parts of a body that it can be on, by name."""
+        """Returns the names of the parts of a body that the sensor can be on."""
         return ()
 
     def require_on(self, system: AbstractBody, name: str) -> None:
@@ -61,10 +61,10 @@ class AbstractSensor(Printed):
         places = self.places(system)
         if on is None or on in places:
             return
-        known = f"it can be on {', '.join(places)}" if places else "there is no part that it can be on"
+        hint = f"it can be on {', '.join(places)}" if places else "there is no part that it can be on"
         raise ValueError(
             f"Argument `{name}.on` must be a part of this {system.title}, but it is {on!r}"
-            f"{did_you_mean(on, places, known)}"
+            f"{did_you_mean(on, places, hint)}"
         )
 
 
@@ -91,18 +91,18 @@ class Measurement(Printed):
     sensors: dict[str, AbstractSensor]
 
     def parts(self, system: System, t: Float[Array, ""], state: PlacedState) -> dict[str, Float[Array, "..."]]:
-        """The exact reading of each sensor."""
+        """Computes the exact reading of each sensor."""
         prepared = system.prepare()
         moves = movement(prepared, t, state.in_space() if isinstance(state, RotationState) else state)
         return {name: sensor.reading(prepared, t, moves) for name, sensor in self.sensors.items()}
 
     def __call__(self, system: System, t: Float[Array, ""], state: PlacedState) -> Float[Array, " m"]:
-        """All exact readings."""
+        """Computes all exact readings."""
         return jnp.concatenate([jnp.ravel(part) for part in self.parts(system, t, state).values()])
 
 
 def measurement_of(sensors: Mapping[str, AbstractSensor], system: System) -> Measurement:
-    """The measurement of sensors whose noise is known.
+    """Returns the measurement of sensors whose noise is known.
 
     **Raises:** ``TypeError`` for anything but sensors by name; ``ValueError`` for none, for one that does not fit the
     body, and for one without noise.
@@ -129,7 +129,7 @@ class Mount(NamedTuple):
 
 
 def mounts(system: AbstractBody) -> tuple[str, ...]:
-    """The parts that a mount can be on, besides the shell, by name."""
+    """Returns the names of the parts that a mount can be on, besides the shell."""
     names = [f"masses[{index}]" for index in range(system.n_masses)]
     for index, mechanism in enumerate(system.mechanisms):
         joints = range(mechanism.n_joints if isinstance(mechanism, Mechanism) else 0)
@@ -139,7 +139,9 @@ def mounts(system: AbstractBody) -> tuple[str, ...]:
 
 
 def mount(system: AbstractBody, t: Float[Array, ""], angles: Rates, on: str | None, at: Float[Array, "3"]) -> Mount:
-    """The mount at ``at`` on a part of the body, None for the shell; ``angles`` are θ, θ̇ and θ̈ of the state."""
+    """Returns the mount at ``at`` on a part of the body, None for the shell; ``angles`` are θ, θ̇ and θ̈ of
+    the state.
+    """
     still, upright = jnp.zeros_like(at), jnp.eye(3, dtype=at.dtype)
     if on is None:
         return Mount(upright, still, Kinematics(at, still, still))
@@ -148,7 +150,7 @@ def mount(system: AbstractBody, t: Float[Array, ""], angles: Rates, on: str | No
         return Mount(upright, still, _beside(system, t, angles, index, at))
     mechanism = system.mechanisms[index]
     if not isinstance(mechanism, Mechanism):
-        before = sum(one.mass.shape[-1] for one in system.mechanisms[:index])
+        before = sum(predecessor.mass.shape[-1] for predecessor in system.mechanisms[:index])
         return Mount(upright, still, _beside(system, t, angles, system.n_masses + before + number, at))
     link = number if part == "joints" else mechanism.carrier[number]
     return _on_link(
@@ -157,35 +159,37 @@ def mount(system: AbstractBody, t: Float[Array, ""], angles: Rates, on: str | No
 
 
 def parts(on: str) -> tuple[str, int, str, int]:
-    """The kind and index of the part that a sensor is on, and the part within a mechanism."""
-    found = _ON.fullmatch(on)
-    assert found is not None
-    kind, index, part, number = found.groups()
+    """Returns the kind and index of the part that a sensor is on, and the part within a mechanism."""
+    match = _ON.fullmatch(on)
+    assert match is not None
+    kind, index, part, number = match.groups()
     return kind, int(index), part or "", int(number or 0)
 
 
 def joint_rates(system: AbstractBody, t: Float[Array, ""], angles: Rates, index: int) -> EachJoint:
-    """θ, θ̇ and θ̈ of every joint of a mechanism."""
+    """Returns θ, θ̇ and θ̈ of every joint of a mechanism."""
     mechanism = system.mechanisms[index]
     places = system.slots((index,), mechanism.in_state)[0]
     return mechanism.rates(t, (angles[0][places], angles[1][places], angles[2][places]))
 
 
-def _beside(system: AbstractBody, t: Float[Array, ""], angles: Rates, row: int, at: Float[Array, "3"]) -> Kinematics:
-    """A point at a constant distance from a mass, in the body."""
+def _beside(
+    system: AbstractBody, t: Float[Array, ""], angles: Rates, row: int, offset: Float[Array, "3"]
+) -> Kinematics:
+    """Computes the position in the body, with its rates, of a point at a constant distance from a mass."""
     chi, chidot, chiddot = (values[row] for values in kinematics(system, t, angles))
-    return Kinematics(chi + at, chidot, chiddot)
+    return Kinematics(chi + offset, chidot, chiddot)
 
 
-def _on_link(mechanism: Mechanism, rates: EachJoint, link: int, at: Float[Array, "3"]) -> Mount:
+def _on_link(mechanism: Mechanism, rates: EachJoint, link: int, point: Float[Array, "3"]) -> Mount:
     theta, thetadot, thetaddot = rates
 
     def place_link(s: Float[Array, ""]) -> Float[Array, "4 3"]:
         """Places the link and the point, along a motion with these rates: a rotation and a position."""
         placement = mechanism.links(theta + s * thetadot + s**2 / 2 * thetaddot)[link].placement
-        return jnp.concatenate([placement.turn, placement.of_point(at)[None]])
+        return jnp.concatenate([placement.turn, placement.of_point(point)[None]])
 
-    place, velocity, acceleration = two_derivatives(place_link, jnp.zeros((), at.dtype))
+    place, velocity, acceleration = two_derivatives(place_link, jnp.zeros((), point.dtype))
     turn = place[:3]
     spin = jnp.sum(velocity[:3, None, :] * turn[None, :, :], axis=-1)  # ŵ = Ṙ Rᵀ
     return Mount(

@@ -86,11 +86,11 @@ class SensorErrors(Printed):
         return jnp.where(there, (exact + bias + wandered + white)[place], jnp.nan)
 
     def arrivals(self, times: Float[Array, " T"]) -> tuple[Int[Array, " T"], Bool[Array, " T"]]:
-        """For each time, whether a reading arrives then, and the place of the time at which it was taken."""
+        """Returns for each time whether a reading arrives then, and the place of the time at which it was taken."""
         close = SAME_TIME * (times[-1] - times[0])
-        taken = times - self.delay
-        place = jnp.clip(jnp.searchsorted(times, taken - close), 0, times.size - 1)
-        arrives = jnp.abs(times[place] - taken) <= close
+        reading_times = times - self.delay
+        place = jnp.clip(jnp.searchsorted(times, reading_times - close), 0, times.size - 1)
+        arrives = jnp.abs(times[place] - reading_times) <= close
         if self.rate is not None:
             turns = (times[place] - times[0]) * self.rate
             arrives &= jnp.abs(turns - jnp.round(turns)) <= close * self.rate
@@ -99,10 +99,10 @@ class SensorErrors(Printed):
     def require_times(self, name: str, times: Float[np.ndarray, " T"]) -> None:
         """Raises a ``ValueError`` unless readings are taken and arrive at saved times; ``name`` is the sensor's."""
         close = SAME_TIME * (times[-1] - times[0])
-        taken = times
+        reading_times = times
         if self.rate is not None:
-            taken = times[0] + np.arange(int((times[-1] - times[0] + close) * self.rate) + 1) / self.rate
-        for what, needed in (("is taken", taken), ("arrives", taken + self.delay)):
+            reading_times = times[0] + np.arange(int((times[-1] - times[0] + close) * self.rate) + 1) / self.rate
+        for what, needed in (("is taken", reading_times), ("arrives", reading_times + self.delay)):
             needed = needed[needed <= times[-1] + close]
             gaps = np.min(np.abs(times[:, None] - needed[None]), axis=0, initial=np.inf)
             if needed.size and np.max(gaps) > close:
@@ -116,24 +116,25 @@ class SensorErrors(Printed):
 def with_errors(
     errors: Mapping[str, SensorErrors | None], times: Float[Array, "*runs T"], exact: dict[str, Array], key: Any
 ) -> dict[str, Array]:
-    """What arrives of exact readings by name, at the times of a run or of each run of a batch.
+    """Returns the readings that arrive, with errors, of exact readings by name, at the times of a run or of each run of
+    a batch.
 
     **Raises:** ``TypeError`` for a key that is none, ``ValueError`` for readings between saved times and for a bias
     with another number of components than the reading.
     """
-    wrong = {name: one for name, one in errors.items() if one is not None}
+    wrong = {name: sensor_errors for name, sensor_errors in errors.items() if sensor_errors is not None}
     if not wrong:
         return exact
-    for name, one in wrong.items():
+    for name, sensor_errors in wrong.items():
         components = exact[name].shape[times.ndim :]
-        if one.bias.size != 1 and one.bias.shape != components:
+        if sensor_errors.bias.size != 1 and sensor_errors.bias.shape != components:
             raise ValueError(
                 f"Argument `sensors[{name!r}].errors.bias` must be a number or have one for each component of the "
-                f"reading, whose shape is {components}, but it has {one.bias.size}."
+                f"reading, whose shape is {components}, but it has {sensor_errors.bias.size}."
             )
         if not is_traced(times):
             for row in np.unique(np.asarray(times).reshape(-1, times.shape[-1]), axis=0):
-                one.require_times(f"sensors[{name!r}].errors", row)
+                sensor_errors.require_times(f"sensors[{name!r}].errors", row)
     applied = _apply_all
     keys = random_key(key)
     if times.ndim > 1:
@@ -150,7 +151,7 @@ def _apply_all(errors: dict[str, SensorErrors], times: Array, exact: dict[str, A
 
 
 def key_of(name: str, errors: SensorErrors, key: Any) -> Any:
-    """The random key of the sensor with this name, of one for all sensors."""
+    """Returns the random key of the sensor with this name, made from one key for all sensors."""
     return jax.random.fold_in(jax.random.fold_in(key, errors.seed), zlib.crc32(name.encode()))
 
 
@@ -165,7 +166,7 @@ def random_key(key: Any) -> Any:
 
 
 def _whole(name: str, x: Any) -> Int[Array, ""]:
-    """A whole number as an array, which may be traced."""
+    """Returns a whole number as an array, which may be traced."""
     if isinstance(x, jax.Array | np.ndarray) and jnp.issubdtype(x.dtype, jnp.integer) and x.ndim == 0:
         return jnp.asarray(x)
     require(name, x, int, "a whole number")

@@ -26,7 +26,7 @@ class _OfJoint(AbstractSensor):
         return (*(f"masses[{i}]" for i in system.on_rails), *(f"mechanisms[{j}].joints[{a}]" for j, a in joints))
 
     def _rates(self, system: AbstractBody, t: Float[Array, ""], movement: Movement) -> tuple[Float[Array, ""], ...]:
-        """θ, θ̇ and θ̈."""
+        """Returns θ, θ̇ and θ̈ of the sensor's joint or mass."""
         kind, index, _, number = parts(self.on)
         if kind == "mechanisms":
             return tuple(values[number] for values in joint_rates(system, t, movement.angles, index))

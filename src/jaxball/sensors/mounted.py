@@ -32,7 +32,7 @@ def _require_mount(on: str | None, *frames: AbstractFrame) -> None:
 
 
 def _in_axes(frame: AbstractFrame, on: Mount, vector: Float[Array, "3"]) -> Float[Array, "3"]:
-    """A vector of the body's axes in those of a sensor."""
+    """Converts a vector from the body's axes to those of a sensor."""
     return apply(frame.matrix().T, apply(on.turn.T, vector))
 
 

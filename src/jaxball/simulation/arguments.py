@@ -43,7 +43,7 @@ class PrecisionError(UserError):
 
 
 def _as_array(name: str, x: Numbers) -> Array | np.ndarray:
-    """``x`` as an array; a known one stays in NumPy, which saves microseconds a call."""
+    """Returns ``x`` as an array; a known one stays in NumPy, which saves microseconds a call."""
     if is_traced(x):
         return to_array(x, name)
     require_numbers(name, x)
@@ -130,7 +130,7 @@ def check_adjoint(
 def adjoint_in_mode(
     adjoint: diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode | None,
 ) -> diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode:
-    """The adjoint that was chosen, or else that of the mode in which what is traced is differentiated."""
+    """Returns the adjoint that was chosen, or else the one for the mode in which traced numbers are differentiated."""
     if adjoint is not None:
         return adjoint
     return diffrax.ForwardMode() if is_differentiated_forward() else DEFAULT_ADJOINT
@@ -208,18 +208,18 @@ def check_tolerances(
         if 0 <= rtol < math.inf and 0 <= atol < math.inf and max(rtol, atol) >= _finest(dtype):
             return np.asarray(rtol, dtype), np.asarray(atol, dtype)  # which takes microseconds, the rest tens
     rtol, atol = _as_array("rtol", rtol), _as_array("atol", atol)
-    known = {name: x for name, x in (("rtol", rtol), ("atol", atol)) if isinstance(x, np.ndarray)}
+    concrete_values = {name: x for name, x in (("rtol", rtol), ("atol", atol)) if isinstance(x, np.ndarray)}
     for name, x in (("rtol", rtol), ("atol", atol)):
         if x.ndim and not of_many:
             raise ValueError(f"Argument `{name}` must be a single number, but its shape is {x.shape}.")
-    for name, x in known.items():
+    for name, x in concrete_values.items():
         wrong = np.argwhere(~((x >= 0) & np.isfinite(x)))
         if len(wrong):
             where = "".join(f"[{k}]" for k in wrong[0])
             got = x[tuple(wrong[0])]
             raise ValueError(f"Argument `{name}{where}` must be 0 or a positive number, but it is {got}.")
     dtype, finest = rtol.dtype, _finest(rtol.dtype)
-    if not known or np.all(functools.reduce(np.maximum, known.values()) >= finest):
+    if not concrete_values or np.all(functools.reduce(np.maximum, concrete_values.values()) >= finest):
         return rtol, atol
     remedy = (
         'enable float64 before the first array is made, with `jax.config.update("jax_enable_x64", True)`, or '
@@ -233,7 +233,8 @@ def check_tolerances(
 
 
 def system_to_solve(system: AbstractSystem, contact: Contact | None) -> AbstractSystem:
-    """The system that is solved: with a law of contact, the body on its plane; with what sticks or rests, its modes.
+    """Returns the system that is solved: with a law of contact, the body on its plane; with parts that stick or rest,
+    its modes.
 
     Everything else asks it, and not whether there is a law.
 

@@ -27,7 +27,7 @@ FIRST_STEP_SHARE = 1 / 64  # of the time to advance by; the step-size control co
 
 
 def tangent_field(field: Field) -> Callable[..., Float[Array, "rows size"]]:
-    """The rates of x and of deviations δx from it: ẋ = f(t, x), δẋ = f′(t, x) δx.
+    """Returns the function for the rates of x and of deviations δx from it: ẋ = f(t, x), δẋ = f′(t, x) δx.
 
     Row 0 of the matrix that it advances is x, and each of the others is a deviation. The products f′ δx come
     from forward-mode derivatives, and f′ is never formed.
@@ -41,7 +41,9 @@ def tangent_field(field: Field) -> Callable[..., Float[Array, "rows size"]]:
 
 
 def largest_row(rows: Float[Array, "rows size"]) -> Float[Array, ""]:
-    """The root mean square of the worst row: x and each deviation are kept to the tolerances, not their mean."""
+    """Computes the root mean square of the worst row: x and each deviation are kept to the tolerances, not
+    their mean.
+    """
     return jnp.sqrt(jnp.max(jnp.mean(rows**2, axis=1)))
 
 
@@ -62,7 +64,7 @@ def orthonormalise(vectors: Float[Array, "k size"]) -> tuple[Float[Array, "k siz
 def without_normal(
     vectors: Float[Array, "k size"], x: Float[Array, " size"], normal: Normal | None
 ) -> Float[Array, "k size"]:
-    """``vectors`` without their components along the normal at ``x``."""
+    """Returns ``vectors`` without their components along the normal at ``x``."""
     if normal is None:
         return vectors
     n = normal(x)
@@ -76,7 +78,7 @@ def admissible(
     normal: Normal | None,
     flow: "Flow",
 ) -> Float[Array, "k size"]:
-    """``vectors`` without their components along the normal, and along the gradients of constraints."""
+    """Returns ``vectors`` without their components along the normal, and along the gradients of constraints."""
     vectors = without_normal(vectors, x, normal)
     if flow.constraints is None:
         return vectors
@@ -87,7 +89,7 @@ def admissible(
 
 
 def generic_vectors(count: int, size: int) -> np.ndarray:
-    """Fixed vectors that do not lie in a subspace which a symmetry of a flow could single out."""
+    """Returns fixed vectors that do not lie in a subspace which a symmetry of a flow could single out."""
     return np.random.default_rng(0).normal(size=(count, size))
 
 
@@ -102,7 +104,7 @@ class Constrained(Protocol):
 
 
 def count_of_constraints(system: AbstractSystem) -> int:
-    """How many numbers constraints keep at 0 along every motion of a system."""
+    """Counts the numbers that constraints keep at 0 along every motion of a system."""
     return system.count_of_residuals if isinstance(system, Constrained) else 0
 
 
@@ -122,7 +124,7 @@ class Flow(NamedTuple):
 
     @classmethod
     def of(cls, system: AbstractSystem, packing: Packing) -> "Flow":
-        """The flow of the packed states of ``system``."""
+        """Returns the flow of the packed states of ``system``."""
         parameters, unpack = ravel_pytree(packing)
 
         def field(t, x, parameters):

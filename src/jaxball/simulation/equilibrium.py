@@ -135,7 +135,7 @@ def balance(
 
 
 def with_angles(system: System, free: Sequence[int], theta: Numbers, t: Numbers = 0.0) -> System:
-    """The same system with the schedules of the masses ``free`` moved so that they have ``theta`` at ``t``.
+    """Returns the same system with the schedules of the masses ``free`` moved so that they have ``theta`` at ``t``.
 
     **Arguments:**
 
@@ -191,7 +191,7 @@ def _default_state(system: System) -> Any:
 
 
 def _up_and_normal(system: System, state: State | None, t: Numbers) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
-    """Upwards, and the normal of the ground at the contact point, space axes; refuses a ground that moves."""
+    """Returns upwards, and the normal of the ground at the contact point, space axes; refuses a ground that moves."""
     ground, e3 = system.ground, to_array([0.0, 0.0, 1.0])
     must = "be on a plane at rest, where the weight alone decides whether a body rests, but its `ground`"
     if isinstance(ground, AbstractSurface):
@@ -219,13 +219,13 @@ def _up_and_normal(system: System, state: State | None, t: Numbers) -> tuple[Flo
 def _hold_at_rest(
     ground: AbstractSurface, t: Float[Array, ""], r: Float[Array, ""], z: Coordinates
 ) -> tuple[Float[Array, "3"], Bool[Array, ""]]:
-    """The normal of a surface under a body at rest, and whether its matter moves or begins to move there."""
+    """Returns the normal of a surface under a body at rest, and whether its matter moves or begins to move there."""
     held = ground.prepare().footing(t, r, z, jnp.zeros(3, t.dtype))
     return held.normal, jnp.any(jnp.stack([held.velocity, held.acceleration, held.spin]) != 0)
 
 
 def _others(system, free, state, t):
-    """Σ m χ of all but the free masses, the free masses' m, M, and Λ."""
+    """Computes Σ m χ of all but the free masses; returns it with the free masses' m, M, and Λ."""
     t = to_array(t)
     state = _default_state(system) if state is None else state
     chi = kinematics(system, t, angles_in_state(system, t, state)).chi
@@ -236,7 +236,7 @@ def _others(system, free, state, t):
 
 
 def _starts(rails, radius, guess):
-    """The guess and an even cover of the box of all angles (the R-sequence of Roberts)."""
+    """Returns the guess and an even cover of the box of all angles (the R-sequence of Roberts)."""
     k = len(rails)
     ratio = 2.0
     for _ in range(60):
@@ -257,7 +257,7 @@ def _search(rails, masses, offset, total, Lambda, over_contact, up, starts):
         return apply(Lambda, offset + jnp.sum(masses[:, None] * places(theta), axis=0)) / total
 
     def aside(theta):
-        """The vector from the contact point to the centre of mass × the vertical."""
+        """Computes the vector from the contact point to the centre of mass × the vertical."""
         return cross(over_contact + centre(theta), up)
 
     def one(start):
@@ -292,31 +292,31 @@ def _choose(end: _Candidates, rails, guess, above, radius, sloping) -> Balance:
     good = miss < 1e-10 * radius
     if above is not None:
         good &= (end.height > 0) == above
-    kept: list[int] = []
+    indices: list[int] = []
     for i in np.argsort(np.sum((theta - guess) ** 2, axis=1), kind="stable"):
-        if good[i] and all(np.max(np.abs(theta[i] - theta[j])) > SAME_BALANCE for j in kept):
-            kept.append(int(i))
-    best = kept[0] if kept else int(np.argmin(np.where(np.isfinite(miss), miss, np.inf)))
+        if good[i] and all(np.max(np.abs(theta[i] - theta[j])) > SAME_BALANCE for j in indices):
+            indices.append(int(i))
+    best = indices[0] if indices else int(np.argmin(np.where(np.isfinite(miss), miss, np.inf)))
     return Balance(
-        found=bool(kept),
+        found=bool(indices),
         theta=to_array(theta[best]),
         above=bool(end.height[best] > 0),
         residual=float(miss[best]),
-        solutions=to_array(theta[kept]),
-        solutions_above=jnp.asarray(end.height[kept] > 0),
-        message=_message(bool(kept), theta[best], miss[best], end.height[best], above, sloping),
+        solutions=to_array(theta[indices]),
+        solutions_above=jnp.asarray(end.height[indices] > 0),
+        message=_message(bool(indices), theta[best], miss[best], end.height[best], above, sloping),
     )
 
 
-def _message(found, theta, miss, height, above, sloping) -> str:
+def _message(success, theta, miss, height, above, sloping) -> str:
     side = "above" if height > 0 else "below"
     angles = ", ".join(f"{angle:.10g}" for angle in theta)
-    wanted = side if found else {None: "above or below", True: "above", False: "below"}[above]
-    goal = f"exactly {wanted} the geometric centre"
+    position = side if success else {None: "above or below", True: "above", False: "below"}[above]
+    goal = f"exactly {position} the geometric centre"
     if sloping:
-        side_wanted = {"above": ", higher than the centre", "below": ", lower than the centre"}.get(wanted, "")
+        side_wanted = {"above": ", higher than the centre", "below": ", lower than the centre"}.get(position, "")
         goal = f"on the vertical through the contact point{side_wanted}"
-    if found:
+    if success:
         return f"With the angles ({angles}) the centre of mass is {goal}."
     return (
         f"No angles of these masses put the centre of mass {goal}; the angles ({angles}) leave it {miss:.3g} from the "
@@ -354,12 +354,14 @@ class Imbalance(NamedTuple):
 
 
 def imbalance(system: BodyParameters, t: Float[Array, ""], state: BallState | RotationState | DiskState) -> Imbalance:
-    """The imbalance of a body in the configuration of ``state``, with all velocities 0; ``system`` is prepared."""
+    """Computes the imbalance of a body in the configuration of ``state``, with all velocities 0; ``system`` is
+    prepared.
+    """
     still = eqx.tree_at(lambda s: s.thetadot, state, jnp.zeros_like(state.thetadot))
     still = still.with_Omega(jnp.zeros_like(state.Omega))
     angles = (still.theta, still.thetadot, still.thetadot)
     links = linkages(system, t, angles)
-    at, acting = velocity_moments(system, t, angles[:2], links), load(system, t, still)
+    body_moments, acting = velocity_moments(system, t, angles[:2], links), load(system, t, still)
     weight = acting.weight
     efforts = []
     for link, Q in zip(with_free_joints(links), joint_forces(t, still, links), strict=True):
@@ -367,9 +369,9 @@ def imbalance(system: BodyParameters, t: Float[Array, ""], state: BallState | Ro
         efforts.append(Q - jnp.sum(moments * weight[None, None], axis=-1))
     Lambda = state.Lambda
     return Imbalance(
-        torque=apply(Lambda, acting.about_contact(at, system.radius)),
+        torque=apply(Lambda, acting.about_contact(body_moments, system.radius)),
         efforts=join_coordinates(still.thetadot, links, efforts),
-        p=apply(Lambda, at.p),
+        p=apply(Lambda, body_moments.p),
         weight=apply(Lambda, weight),
-        M=at.M,
+        M=body_moments.M,
     )

@@ -63,8 +63,8 @@ class Occurrences(Printed):
             return f"It happened once, at t = {float(np.asarray(self.times)[0]):.10g}."
         if count <= capacity:
             return f"It happened {count} times, {first}."
-        kept = f"the first {capacity} are kept, and a larger `capacity` would keep more"
-        return f"It happened {count} times, {first}; {kept}."
+        note = f"the first {capacity} are kept, and a larger `capacity` would keep more"
+        return f"It happened {count} times, {first}; {note}."
 
 
 UP, DOWN, EITHER = 1, -1, 0
@@ -98,10 +98,12 @@ class AbstractEvent(Printed):
 
     @abc.abstractmethod
     def value(self, system: Any, t: Float[Array, ""], state: Any) -> Float[Array, ""]:
-        """The function that crosses zero."""
+        """Evaluates the function that crosses zero."""
 
     def value_in_solve(self, system: Any, t: Float[Array, ""], state: Any) -> Float[Array, ""]:
-        """The same of a system and its state as they are solved, with modes if the system has any."""
+        """Evaluates the event's function for a system and its state as they are solved, with modes if the system has
+        any.
+        """
         return self.value(system.shown, t, system.state_to_show(state))
 
 
@@ -164,10 +166,10 @@ class Event(AbstractEvent):
     def value_in_solve(self, system, t, state):
         if isinstance(self.of, str):
             return self._above_level(quantity(self.of, system, t, state))
-        own = system.shown, t, system.state_to_show(state)
+        arguments = system.shown, t, system.state_to_show(state)
         with traceable("of", self.of):
             observables = {"observables": observables_of(system, t, state)} if self._takes_observables else {}
-            return self._above_level(self.of(*own, **observables))
+            return self._above_level(self.of(*arguments, **observables))
 
     def _above_level(self, value: Any) -> Float[Array, ""]:
         value = jnp.asarray(value)

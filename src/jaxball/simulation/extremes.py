@@ -91,7 +91,7 @@ class ContactExtremes(Printed):
 
 
 def contact_extremes(trajectory: Trajectory[Any, Any]) -> ContactExtremes:
-    """The extreme values of N, |f| / N and |f| within the steps of a run, not just at its saved times.
+    """Finds the extreme values of N, |f| / N and |f| within the steps of a run, not just at its saved times.
 
     NaN for a run that could not start.
 
@@ -140,16 +140,16 @@ def _extremes(interpolant: Interpolant, reached: Float[Array, ""], status: Array
         # The angle is largest where |f| / N is, and has no spike where N is small.
         return jnp.concatenate([jnp.stack([-force.normal, force.angle, force.friction]), packing.field(t, x)])
 
-    found = maxima(steps, forces_and_rates, 3)
-    N, _, f = jnp.diagonal(found.values)
-    mu = Reaction(-found.values[1, 0], found.values[1, 2] ** 2).ratio
-    extremes = (-N, found.time[0], mu, found.time[1], f, found.time[2])
-    extremes = with_derivatives(extremes, _at, steps, packing, found.step, found.time)
+    peaks = maxima(steps, forces_and_rates, 3)
+    N, _, f = jnp.diagonal(peaks.values)
+    mu = Reaction(-peaks.values[1, 0], peaks.values[1, 2] ** 2).ratio
+    extremes = (-N, peaks.time[0], mu, peaks.time[1], f, peaks.time[2])
+    extremes = with_derivatives(extremes, _at, steps, packing, peaks.step, peaks.time)
     extremes = once("extremes of the contact force", extremes)
     weight = packing.system.weight
     sizes = jax.lax.stop_gradient(jnp.stack([weight, jnp.ones_like(weight), weight]))
-    constant = found.size - found.least <= jnp.maximum(
-        SAME_VALUE * jnp.abs(found.size), ROUNDING_OF_EXTREME * jnp.abs(sizes)
+    constant = peaks.size - peaks.least <= jnp.maximum(
+        SAME_VALUE * jnp.abs(peaks.size), ROUNDING_OF_EXTREME * jnp.abs(sizes)
     )
     return ContactExtremes(
         *(jnp.where(started, value, jnp.nan) for value in (*extremes, weight)), constant=constant & started
@@ -157,8 +157,10 @@ def _extremes(interpolant: Interpolant, reached: Float[Array, ""], status: Array
 
 
 def _at(steps: Steps, packing: Packing, index: Int[Array, "3"], times: Float[Array, "3"]) -> tuple[Array, ...]:
-    """N, |f| / N and |f|, each with its time, at three times in steps, with their derivatives."""
+    """Computes N, |f| / N and |f|, each with its time, at three times in steps, with their derivatives."""
     kinks = packing.system.kinks()
     times, vectors = jax.vmap(lambda i, t: move(steps, kinks, i, t))(index, times)
-    force = jax.lax.map(lambda at: packing.system.plane_reaction(at[0], packing.unpack(*at)), (times, vectors))
+    force = jax.lax.map(
+        lambda sample: packing.system.plane_reaction(sample[0], packing.unpack(*sample)), (times, vectors)
+    )
     return force.normal[0], times[0], force.ratio[1], times[1], force.friction[2], times[2]

@@ -122,7 +122,7 @@ def _check(run: Any) -> None:
 
 
 def _carry_errors(run: Trajectory[Any, Any]) -> Any:
-    """The errors of the states at the saved times, as states from which a solve can start."""
+    """Returns the errors of the states at the saved times, as states from which a solve can start."""
     times: Any = np.asarray(run.times)
     states, law, modes = jax.tree.map(np.asarray, _take_given(run)), None, None
     if run.contact is not None:
@@ -155,7 +155,9 @@ def _solve_between(
     mode: Int[Array, ""] | None,
     deviation: Float[Array, " size"],
 ) -> tuple[tuple[Float[Array, " size"], Float[Array, " size"]], Int[Array, ""]]:
-    """The end of a solve over ``times`` from a saved state, as a vector; what a deviation becomes; and the status."""
+    """Solves over ``times`` from a saved state; returns its end as a vector, the deviation carried there, and the
+    status.
+    """
     vector, unravel = ravel_state(state)
 
     def end_of(vector: Float[Array, " size"]) -> tuple[Float[Array, " size"], Int[Array, ""]]:
@@ -177,7 +179,7 @@ def _solve_between(
 
 
 def _on_constraints(system: AbstractSystem, t: Float[Array, ""], state: Any, mode: Int[Array, ""] | None) -> Any:
-    """The nearest state that a solve can start from, in the mode that the run was in."""
+    """Finds the nearest state that a solve can start from, in the mode that the run was in."""
     prepared = system.prepare()
     if mode is None:
         return prepared.projected(t, state)
@@ -192,13 +194,13 @@ def _on_constraints(system: AbstractSystem, t: Float[Array, ""], state: Any, mod
 
 
 def _take_given(run: Trajectory[Any, Any]) -> Any:
-    """The saved states with all that a solve needs to start from one of them."""
+    """Returns the saved states with all that a solve needs to start from one of them."""
     contact = run.contact
     return run.state if contact is None else ReleasedState(run.state, contact.V, contact.height)
 
 
 def _subtract_errors(run: Trajectory[Any, Any], errors: Any) -> Trajectory[Any, Any]:
-    """The run without the ``errors`` of its states; numbers that do not follow from these are NaN."""
+    """Returns the run without the ``errors`` of its states; numbers that do not follow from these are NaN."""
     corrected = jax.tree.map(lambda saved, error: saved - error, _take_given(run), errors)
     interpolant, events, history = jax.tree.map(_as_unknown, (run.interpolant, run.events, run.history))
     if not isinstance(corrected, ReleasedState):
@@ -218,7 +220,9 @@ def _form_of(result: Any) -> tuple[Any, list[tuple[int, ...]]]:
 
 
 def _difference(computed: Any, corrected: Any) -> Array:
-    """The error of a number that ``of`` returns, from its values for the run and for that without errors."""
+    """Computes the error of a number that ``of`` returns, from its values for the run and for the run without
+    errors.
+    """
     first, second = np.asarray(computed), np.asarray(corrected)
     if not np.issubdtype(first.dtype, np.number):
         raise TypeError(f"Argument `of` must be a function to numbers, but it returns {describe(computed)}.")

@@ -25,7 +25,8 @@ STILL = 1e-9  # of the speeds of a body: a slower slip is at its beginning or at
 
 
 def with_limits(trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
-    """The run with two more rows at each switch that was kept: the state and the mode just before it, and just after.
+    """Returns the run with two more rows at each switch that was kept: the state and the mode just before it, and just
+    after.
 
     Nothing jumps between switches, so a curve through these rows shows each jump where it is. The two rows replace a
     saved time that coincides with a switch. Rows without a switch have states of NaN and are at the end: there are
@@ -59,14 +60,14 @@ def _of_contact(history: ContactHistory, trajectory: Trajectory[Any, Any]) -> Tr
     rows = np.concatenate([order, np.full(size - len(order), len(times) + 2 * history.law.capacity)])
 
     def join_rows(saved: Any, limits: Any, nothing: float | int) -> Any:
-        """Rows of saved values and of limits, in order; ``nothing`` in unused ones."""
+        """Joins the rows of saved values and of limits, in order; ``nothing`` in unused ones."""
         saved, limits = np.asarray(saved), np.asarray(limits)
         none = np.full((1, *saved.shape[1:]), nothing, saved.dtype)
         return jnp.asarray(np.concatenate([saved, limits.astype(saved.dtype), none])[rows])
 
-    taken = _sum_dissipation(times, history, sides, order)
-    filled = np.full((2, size), taken[:, -1:] if taken.size else 0.0)
-    filled[:, : len(order)] = taken
+    losses = _sum_dissipation(times, history, sides, order)
+    filled = np.full((2, size), losses[:, -1:] if losses.size else 0.0)
+    filled[:, : len(order)] = losses
     return dataclasses.replace(
         trajectory,
         times=np.asarray(join_rows(times, sides.times, times[-1])),
@@ -96,13 +97,13 @@ class _Sides(NamedTuple):
     kept: int
 
     def states_of(self, system: BodyOnPlane, sigma: Any) -> ContactState:
-        """The states of the system on its plane, with these slip directions."""
+        """Returns the states of the system on its plane, with these slip directions."""
         return _contact_states(system, self.states, jnp.asarray(self.modes), jnp.asarray(sigma))
 
 
 def _sides(trajectory: Trajectory[Any, Any], history: ContactHistory) -> _Sides:
     switches = history.switches
-    kept = min(int(switches.count), history.law.capacity)
+    count = min(int(switches.count), history.law.capacity)
 
     def both(before: Any, after: Any) -> np.ndarray:
         pair = np.stack([np.asarray(before), np.asarray(after)], axis=1)
@@ -111,32 +112,34 @@ def _sides(trajectory: Trajectory[Any, Any], history: ContactHistory) -> _Sides:
     states = jax.tree.map(lambda *sides: jnp.asarray(both(*sides)), switches.before, switches.after)
     times, modes = both(switches.times, switches.times), both(switches.source, switches.target)
     none = np.zeros((len(times), 2))
-    sides = _Sides(times, modes, states, np.zeros(len(times)), np.zeros((len(times), 3)), none, kept)
-    if not kept:
+    sides = _Sides(times, modes, states, np.zeros(len(times)), np.zeros((len(times), 3)), none, count)
+    if not count:
         return sides
     plane = BodyOnPlane(trajectory.system, history.law)
-    known = jnp.asarray(np.where(np.isfinite(times), times, 0.0))
-    slip, sigma = map(np.asarray, _slips(plane, known, sides.states_of(plane, none)))
+    finite_times = jnp.asarray(np.where(np.isfinite(times), times, 0.0))
+    slip, sigma = map(np.asarray, _slips(plane, finite_times, sides.states_of(plane, none)))
     # A switch of a body that touches or lands on the plane is at height 0, up to rounding.
     height = np.asarray(states.height)
     flying = (modes == Mode.FLIGHT) & (both(modes[::2], modes[::2]) == both(modes[1::2], modes[1::2]))
     height = np.where(flying & (np.abs(height) > STILL * float(trajectory.system.radius)), height, 0.0)
     sides = sides._replace(height=height, slip=slip, sigma=sigma)
-    return sides._replace(sigma=_directions(trajectory, history, plane, known, sides))
+    return sides._replace(sigma=_directions(trajectory, history, plane, finite_times, sides))
 
 
 def _directions(
     trajectory: Trajectory[Any, Any], history: ContactHistory, plane: BodyOnPlane, times: Array, sides: _Sides
 ) -> Float[np.ndarray, "sides 2"]:
-    """σ on each side: that of the velocity, or without slip, that of the slip which begins or has ended there."""
-    sigma, kept = sides.sigma.copy(), sides.kept
+    """Returns σ on each side: the direction of the velocity, or without slip, of the slip which begins or has ended
+    there.
+    """
+    sigma, count = sides.sigma.copy(), sides.kept
     still = _is_still(trajectory, sides)
-    begins = np.flatnonzero(still[1 : 2 * kept : 2]) * 2 + 1
+    begins = np.flatnonzero(still[1 : 2 * count : 2]) * 2 + 1
     if begins.size:
         first = np.asarray(_first_slips(plane, times, sides.states_of(plane, np.zeros_like(sigma))))
         sigma[begins] = first[begins]
     saved, directions = np.asarray(trajectory.times), np.asarray(history.sigma)
-    for row in np.flatnonzero(still[: 2 * kept : 2]) * 2:
+    for row in np.flatnonzero(still[: 2 * count : 2]) * 2:
         start = row - 1
         earlier = np.flatnonzero(saved < sides.times[row])
         within = earlier.size and (start < 0 or saved[earlier[-1]] > sides.times[start])
@@ -145,7 +148,7 @@ def _directions(
 
 
 def _is_still(trajectory: Trajectory[Any, Any], sides: _Sides) -> Bool[np.ndarray, " sides"]:
-    """Where a body slides but its direction cannot be computed from its velocity."""
+    """Finds the sides where a body slides but its direction cannot be computed from its velocity."""
     state: Any = sides.states.body
     rates = np.asarray(getattr(state, state.rotation_rate))
     spin = np.linalg.norm(rates.reshape(len(rates), -1), axis=1)
@@ -155,7 +158,9 @@ def _is_still(trajectory: Trajectory[Any, Any], sides: _Sides) -> Bool[np.ndarra
 
 
 def _order(times: Float[np.ndarray, " T"], sides: _Sides) -> Int[np.ndarray, " rows"]:
-    """The rows of the run in the order of time: saved ones by their index, sides by theirs after all of these."""
+    """Returns the rows of the run in the order of time: saved ones by their index, sides by theirs after all
+    of these.
+    """
     when = sides.times[: 2 * sides.kept]
     rows = np.arange(len(when))
     # Times before the start and after the end are not part of the run.
@@ -191,10 +196,10 @@ def _sum_dissipation(
 
 
 def _share_out(
-    shares: Float[np.ndarray, " rows"], known: Bool[np.ndarray, " rows"], values: Float[np.ndarray, " known"]
+    shares: Float[np.ndarray, " rows"], mask: Bool[np.ndarray, " rows"], values: Float[np.ndarray, " known"]
 ) -> Float[np.ndarray, " rows"]:
     """Interpolates ``values`` at the known rows: between two of them, they grow as ``shares`` do."""
-    rows = np.flatnonzero(known)
+    rows = np.flatnonzero(mask)
     filled = np.full(len(shares), values[0] if values.size else 0.0)
     for a, b, low, high in zip(rows[:-1], rows[1:], values[:-1], values[1:], strict=True):
         grown = shares[a : b + 1] - shares[a]
@@ -222,10 +227,10 @@ def _slips(system: BodyOnPlane, times: Array, states: ContactState) -> tuple[Arr
 
 @programs.filter_jit
 def _first_slips(system: BodyOnPlane, times: Array, states: ContactState) -> Array:
-    """The directions in which slips begin."""
+    """Computes the directions in which slips begin."""
     prepared = system.prepare()
 
-    def first(at: tuple[Array, ContactState]) -> Array:
-        return friction.first_slip(prepared.response(*at), prepared.contact.friction).sigma
+    def first(sample: tuple[Array, ContactState]) -> Array:
+        return friction.first_slip(prepared.response(*sample), prepared.contact.friction).sigma
 
     return jax.lax.map(first, (times, states))

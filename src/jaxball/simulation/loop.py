@@ -80,7 +80,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
         parameters: list[Array],
         join: Callable[[list[Array]], Array],
     ) -> "SolveLoop":
-        """The loop for the differentiation that ``adjoint`` stands for."""
+        """Returns the loop for the differentiation that ``adjoint`` stands for."""
         if isinstance(adjoint, diffrax.ForwardMode):
             return cls(times, switching, observers, watch, is_over, "lax", parameters, join)
         return cls(times, switching, observers, watch, is_over, "checkpointed", parameters, join, adjoint.checkpoints)
@@ -99,7 +99,9 @@ class SolveLoop(diffrax.AbstractAdjoint):
         progress_meter: diffrax.AbstractProgressMeter,
         **_: Any,
     ) -> tuple[Any, dict[str, Any]]:
-        """The state of diffrax's loop at the end of a solve, with what was saved, and no further statistics."""
+        """Returns the state of diffrax's loop at the end of a solve, with all that was saved, and no further
+        statistics.
+        """
         if self.kind == "lax" and isinstance(solver, diffrax.AbstractRungeKutta) and solver.scan_kind is None:
             solver = eqx.tree_at(lambda s: s.scan_kind, solver, "lax", is_leaf=lambda x: x is None)
         output, dense = DenseOutput.of(solver), init_state.dense_ts is not None
@@ -174,7 +176,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
         return dataclasses.replace(state, result=RESULTS.where(keep & over, RESULTS.nonfinite, state.result))
 
     def _checkpoints(self, max_steps: int) -> int | None:
-        """How many steps are kept for reverse mode.
+        """Returns how many steps are kept for reverse mode.
 
         With fewer than all steps, derivatives after the end of a slip were off by up to 2e-5, presumably
         because a recomputed step rounds differently. So where modes end, all steps are kept, up to a limit.
@@ -186,7 +188,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
     def save_states(
         self, saved: SavedStates, interpolation: diffrax.AbstractLocalInterpolation, until: Float[Array, ""]
     ) -> SavedStates:
-        """What is saved once the vectors up to ``until`` are known as well, from the interpolation of a step."""
+        """Saves the states up to ``until`` as well, from the interpolation of a step."""
         if self.times.size == 2:
             return saved
 
@@ -202,7 +204,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
         return SavedStates(filled, vectors)
 
     def due(self, filled: Int[Array, ""]) -> Float[Array, ""]:
-        """The next interior time, after the first ``filled``; infinite where there is none."""
+        """Returns the next interior time, after the first ``filled``; infinite where there is none."""
         inner = self.times[1:-1]
         return jnp.where(filled < inner.size, inner[filled], jnp.inf) if inner.size else jnp.asarray(jnp.inf)
 
@@ -228,7 +230,7 @@ class _Recorder(NamedTuple):
         seen: Any,
         watched: Any,
     ) -> tuple[Any, SavedStates, Any, Any]:
-        """The ``new`` state and the records, with the step from ``state`` if it is to ``keep``.
+        """Returns the ``new`` state and the records, with the step from ``state`` if it is to ``keep``.
 
         ``t0`` is the end of the step before, from which the pause lasts; ``info`` is what the step's interpolation is
         made of.
@@ -254,8 +256,8 @@ class _Recorder(NamedTuple):
         if self.dense:
             new = _keep_for_dense_output(new, info, keep)
         if observers is not None:
-            taken = Step(state.tprev, state.tnext, state.y, coarse.evaluate, interpolation.evaluate)
-            seen = observers.observe(seen, taken, keep)
+            observed_step = Step(state.tprev, state.tnext, state.y, coarse.evaluate, interpolation.evaluate)
+            seen = observers.observe(seen, observed_step, keep)
         if watch is not None and glance is not None:
             exact = jax.tree_util.Partial(fill_vectors, interpolation.evaluate)
             within = Within(state.tprev, state.tnext, exact, run)
@@ -280,7 +282,9 @@ class _Solve(NamedTuple):
     switching: AbstractSwitching
 
     def after_reset(self, state: Any, hybrid: Any) -> tuple[Any, Array, Any]:
-        """The state with which the next step begins, that after the reset where there was an event, and that before."""
+        """Returns the state with which the next step begins, which is after the reset where there was an event, and the
+        vector before it.
+        """
         step = NextStep(jnp.asarray(True), state.tprev, state.tnext, None, jnp.asarray(False))
         run = self.t0, self.t1
         hybrid, step, reset = self.switching.apply_reset(hybrid, step, state.y, run, *self.resets)
@@ -295,8 +299,8 @@ class _Solve(NamedTuple):
         solver_state, jumped = state.solver_state, state.made_jump if jumps else False
         if self.stepper is self.solver and has_one_tableau(self.solver):
             first, slope = solver_state
-            given = self.terms, state.tprev, state.y, self.args, (first | jumped, slope)
-            solver_state, jumped = with_first_slope(self.solver, *given), False
+            arguments = self.terms, state.tprev, state.y, self.args, (first | jumped, slope)
+            solver_state, jumped = with_first_slope(self.solver, *arguments), False
         y, error, info, solver_state, step_result = self.stepper.step(
             self.terms, state.tprev, state.tnext, state.y, self.args, solver_state, jumped
         )
@@ -313,9 +317,9 @@ class _Solve(NamedTuple):
         if smooth and jumps:  # as in StepToKinks: a length that moved with a switch would do so more and more
             tnext = jax.lax.stop_gradient(tnext) + (tprev - jax.lax.stop_gradient(tprev))
         interpolation = self.solver.interpolation_cls(t0=state.tprev, t1=state.tnext, **info)
-        taken = Taken(state.tprev, state.tnext, y, interpolation.evaluate, state.controller_state)
+        attempt = Taken(state.tprev, state.tnext, y, interpolation.evaluate, state.controller_state)
         proposed = NextStep(keep, tprev, tnext, controller_state, jnp.asarray(False))
-        hybrid, following = self.switching.detect(hybrid, taken, proposed, self.args)
+        hybrid, following = self.switching.detect(hybrid, attempt, proposed, self.args)
         keep, tprev, tnext, controller_state, exact = following
         tprev = jnp.minimum(tprev, self.t1)
         almost = self.t1 - CLOSE_TO_END * float(jnp.finfo(self.t1.dtype).eps) * jnp.abs(self.t1)
@@ -339,7 +343,7 @@ class _Solve(NamedTuple):
         return state, info, keep, hybrid
 
     def again(self, output: DenseOutput, t0: Array, t1: Array, y: Array) -> Step:
-        """A step that was taken, computed once more, which is cheaper than keeping its intermediate values."""
+        """Computes once more a step that was taken, which is cheaper than keeping its intermediate values."""
         fresh = self.solver.init(self.terms, t0, t1, y, self.args)
         _, _, info, _, _ = self.stepper.step(self.terms, t0, t1, y, self.args, fresh, True)
         info = output.info(info, self.terms, t0, t1, args=self.args, asked=jnp.asarray(True))
@@ -348,7 +352,7 @@ class _Solve(NamedTuple):
 
 
 def _buffers(carry: tuple[Any, ...]) -> tuple[Any, ...]:
-    """What a step writes a row of, and reads none."""
+    """Returns the buffers in which a step writes a row, and reads none."""
     state, saved, *_, watched = carry
     return saved.vectors, state.dense_ts, state.dense_infos, () if watched is None else watched.buffers
 
@@ -359,7 +363,7 @@ def _keep_for_dense_output(state: Any, info: Any, keep: Bool[Array, ""]) -> Any:
         state,
         dense_ts=put(state.dense_ts, index + 1, state.tprev, keep),
         dense_infos=jax.tree.map(
-            lambda kept, new: put(kept, index, new, keep),
+            lambda array, new: put(array, index, new, keep),
             state.dense_infos,
             info,
         ),
@@ -382,12 +386,12 @@ def by_tolerances(
 def to_kinks(
     controller: diffrax.AbstractAdaptiveStepSizeController, kinks: Float[Array, " kinks"]
 ) -> diffrax.AbstractAdaptiveStepSizeController:
-    """The same, with steps that end at kinks."""
+    """Returns the step size controller with steps that end at kinks."""
     return StepToKinks(controller, kinks) if kinks.size else controller
 
 
 def kinks_of(system: AbstractSystem) -> Float[Array, " kinks"]:
-    """The kink times of prescribed motions, and of laws and forces.
+    """Returns the kink times of prescribed motions, and of laws and forces.
 
     At the kinks of motions the field is continuous, so that moving the end of a step there moves nothing, and they
     have no derivatives. One that coincides with a kink of a law or a force is left out, which would share its

@@ -53,7 +53,7 @@ class RootBracket(NamedTuple):
 
     @classmethod
     def none(cls, t: Float[Array, ""]) -> "RootBracket":
-        """No zero."""
+        """Returns the bracket without a zero."""
         no, first, zero = jnp.zeros_like(t, bool), jnp.zeros_like(t, int), jnp.zeros_like(t)
         return cls(no, first, t, t, t, t, t, t, zero, zero, first)
 
@@ -101,24 +101,24 @@ def bracket_zero(
     another = ~at_target | (first.which != bracket.which) & (first.target < end - ONE_EVENT * length)
     # The quartics may have spurious zeros, and then, in a shorter step, others.
     tries = jnp.where(at_target, bracket.tries + 1, 0)
-    found = first.on & another & (tries < MOST_TRIES)
+    new_zero = first.on & another & (tries < MOST_TRIES)
     again = first._replace(x=end, f=value, size=bracket.size, tries=tries)
     searched = select_tree(behind, again, bracket.narrow(start, end, value, next_end))
-    rejected = found | at_target & ~met
-    return rejected, select_tree(rejected, select_tree(found, first._replace(tries=tries), searched), none)
+    rejected = new_zero | at_target & ~met
+    return rejected, select_tree(rejected, select_tree(new_zero, first._replace(tries=tries), searched), none)
 
 
 def _first_zero(
     start: Float[Array, ""], end: Float[Array, ""], guards: Float[Array, "k nodes"], but: Int[Array, ""]
 ) -> RootBracket:
-    """The first place in a step where a guard is not positive, ``but`` for one; before the start all were.
+    """Finds the first place in a step where a guard is not positive, ``but`` for one; before the start all were.
 
     Guards are evaluated at a few nodes, and the quartics through these values at 35 points. Everything is written with
     whole arrays without argmax, which XLA's CPU compiler turns into slow loops.
     """
-    at = sampling()
-    last, count = at.fractions.size - 1, guards.shape[0]
-    fractions = jnp.asarray(at.fractions, guards.dtype)
+    grid = sampling()
+    last, count = grid.fractions.size - 1, guards.shape[0]
+    fractions = jnp.asarray(grid.fractions, guards.dtype)
     index = jnp.arange(last + 1)
     fine = sum(column * values[:, None] for column, values in zip(_columns(guards.dtype), guards.T, strict=True))
     other = jnp.arange(count) != but
@@ -151,12 +151,12 @@ def _first_zero(
 
 
 def _columns(dtype: Any) -> Float[Array, "nodes 1 fractions"]:
-    """For each node, the polynomial that is 1 there and 0 at the others, at the fractions of a step."""
+    """Computes for each node the polynomial that is 1 there and 0 at the others, at the fractions of a step."""
     return jnp.asarray(sampling().matrix, dtype).T[:, None, :]
 
 
 def _root(samples: Float[Array, " nodes"], low: Float[Array, ""], high: Float[Array, ""]) -> Float[Array, ""]:
-    """Where the quartic through the samples falls to zero between two fractions of a step."""
+    """Finds where the quartic through the samples falls to zero between two fractions of a step."""
     a0, a1, a2, a3, a4 = (sum(power * sample for power, sample in zip(row, samples, strict=True)) for row in POWERS)
 
     def at(u: Float[Array, ""]) -> Sample:

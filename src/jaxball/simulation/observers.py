@@ -80,7 +80,7 @@ class Observers:
         self._quantities, self._count = quantities, len(observation.quantities)
 
     def begin(self, x: Float[Array, " size"]) -> Seen:
-        """The observations before the first step, from ``x``."""
+        """Returns the observations before the first step, from ``x``."""
         best, integrals = None, None
         if self._which:
             number = jnp.zeros((2, len(self._which)), x.dtype)
@@ -90,7 +90,7 @@ class Observers:
         return Seen(best, integrals)
 
     def observe(self, seen: Seen, step: Step, kept: Bool[Array, ""]) -> Seen:
-        """The observations after a step, if that was ``kept``."""
+        """Returns the observations after a step, if that was ``kept``."""
         best, integrals = seen
         if best is not None:
             best = self._better(best, step, kept)
@@ -114,7 +114,7 @@ class Observers:
         integrals = unknown if seen.integrals is None else seen.integrals
         return Found(self._quantities(start, x), tuple(values), tuple(times), integrals)
 
-    def _better(self, seen: Best, step: Step, kept: Bool[Array, ""]) -> Best:
+    def _better(self, seen: Best, step: Step, keep: Bool[Array, ""]) -> Best:
         nodes = jnp.asarray(sampling().nodes, step.x.dtype)
         last = last_within(step.start, step.end)
 
@@ -126,7 +126,7 @@ class Observers:
         fine = jnp.sum(jnp.asarray(sampling().matrix, samples.dtype)[..., None] * samples[None], axis=1)
         finite = jnp.all(jnp.isfinite(samples), axis=0)
         most = jnp.maximum(jnp.max(samples, axis=0), jnp.where(finite, jnp.max(fine, axis=0), -jnp.inf))
-        first, second = kept & (most > seen.value[0]), kept & (most > seen.value[1])
+        first, second = keep & (most > seen.value[0]), keep & (most > seen.value[1])
 
         def place(old: Array, new: Array) -> Array:
             shape = (-1, *(1,) * (old.ndim - 2))

@@ -49,7 +49,7 @@ def quantity(path: str, system: Any, t: Float[Array, ""], state: Any) -> Float[A
 
 
 def observables_of(system: Any, t: Float[Array, ""], state: Any) -> Observables:
-    """The observables of a body in one state, as ``run.observables`` has them; with modes, those of its mode.
+    """Computes the observables of a body in one state, as ``run.observables`` has them; with modes, in its own mode.
 
     **Raises:** ``TypeError`` for another system, ``ValueError`` for a state without the position of the body.
     """

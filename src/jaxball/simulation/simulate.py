@@ -182,7 +182,7 @@ class Method(NamedTuple):
 def _run(
     method: Method, system: AbstractSystem, times: Any, state: AbstractState | ReleasedState, *others: Any
 ) -> Trajectory[Any, Any]:
-    """A trajectory. Dense output has room for few steps at first, because unused room costs time as well."""
+    """Computes a trajectory. Dense output has room for few steps at first, because unused room costs time as well."""
 
     def trajectory_by(method: Method) -> Trajectory[Any, Any]:
         *solved, history = _program(method)(system, times, state, *others)
@@ -215,8 +215,8 @@ def simulate_arrays(method: Method, system: AbstractSystem, times: Array, *other
 
 def simulate_and_observe(method: Method, system: AbstractSystem, times: Array, *others: Any) -> tuple[tuple, Any]:
     """Simulates, and returns the same fields, and what was observed."""
-    saved, *solved, record, found = solve(method, system, times, *others)
-    return (system.state_to_show(saved), *solved, system.history(times, saved, record)), found
+    saved, *solved, record, observations = solve(method, system, times, *others)
+    return (system.state_to_show(saved), *solved, system.history(times, saved, record)), observations
 
 
 def solve(
@@ -235,7 +235,7 @@ def solve(
             reverse_only, (system, times, state, rtol, atol, events)
         )
     state = system.start(times[0], state)
-    startable, given = _startable(system, times, state, method.inside), (system, times, state)
+    startable, arguments = _startable(system, times, state, method.inside), (system, times, state)
     where_startable = functools.partial(differentiate_where, startable)
     system, times, state, events = change_with_captures(where_startable, (system, times, state, events))
     packing, initial = _pack(system, times[0], state)
@@ -289,7 +289,7 @@ def solve(
     # Reverse mode goes through the steps that were tried beyond that, too.
     broken = jnp.any(status == jnp.asarray(BROKEN))
     spoilt = broken & isinstance(adjoint, diffrax.RecursiveCheckpointAdjoint)
-    saved, record, occurrences = with_unknown_derivatives((saved, record, occurrences), given, spoilt)
+    saved, record, occurrences = with_unknown_derivatives((saved, record, occurrences), arguments, spoilt)
     interpolant = None
     if method.dense:
         interpolant = Interpolant.of(solution, solver, packing, projects=functions.projects, pauses=switching.jumps)
@@ -316,12 +316,12 @@ class _Functions:
         self.event_values = jax.jit(self._event_values)
 
     def unpack(self, parameters: Array | list[Array]) -> tuple[Packing[Any, Any], dict[str, AbstractEvent]]:
-        """The packing and the events, from one array or from a list of all."""
+        """Returns the packing and the events, from one array or from a list of all."""
         is_list = isinstance(parameters, list)
         return put_captures(*(self._structure.unflatten(parameters) if is_list else self._unravel(parameters)))
 
     def terms(self, initial: Array) -> diffrax.AbstractTerm:
-        """The equations: ẋ = f(t, x), or M ẋ = f(t, x) where they are solved as a DAE."""
+        """Returns the equations: ẋ = f(t, x), or M ẋ = f(t, x) where they are solved as a DAE."""
         if not self._method.dae:
             return diffrax.ODETerm(self.field)
         return SwitchingMassMatrixTerm(
@@ -341,33 +341,35 @@ class _Functions:
         return jax.vmap(functools.partial(values_of, packing, events))(times, vectors)
 
     def is_over(self, t, x, parameters):
-        """Whether the ground ends at a vector."""
+        """Returns whether the ground ends at a vector."""
         return _cause_of_end(self.unpack(parameters)[0], t, x) != int(Status.SUCCESS)
 
     def observers(self, parameters: Array) -> Observers:
-        """The observers of quantities along the run."""
+        """Makes the observers of quantities along the run."""
         observation = self._method.observation
         assert observation is not None
         return Observers(observation, functools.partial(_quantities, observation, self.unpack(parameters)[0]))
 
     def event_state(self, t, x, parameters):
-        """The state that an event's function is given, as a vector."""
+        """Returns the state that an event's function is given, as a vector."""
         packing, _ = self.unpack(parameters)
         x = packing.projected(t, x) if self.projects else x
         return ravel_state(self._system.state_to_show(packing.unpack(t, x)))[0]
 
     def projected(self, t, x, parameters):
-        """The nearest vector on the constraints."""
+        """Finds the nearest vector on the constraints."""
         return self.unpack(parameters)[0].projected(t, x)
 
 
 def _quantities(observation: Observation, packing: Packing[Any, Any], t: Array, x: Array) -> Array:
-    """The values of the quantities that are observed, of a vector."""
+    """Evaluates the observed quantities for a vector."""
     return observation.evaluate(observation.quantities, packing.system, t, packing.unpack(t, x))
 
 
 def _startable(system: AbstractSystem, times: Array, state: AbstractState, inside: bool) -> Array:
-    """Whether a solve can start: whether all numbers can be, and none of the initial vector is too large to be one."""
+    """Returns whether a solve can start: whether all numbers are possible, and every entry of the initial vector is
+    finite.
+    """
     packing, initial = _pack(system, times[0], state)
     return possible_start(system, packing.system, times, state, inside) & jnp.all(jnp.isfinite(initial))
 
@@ -379,19 +381,19 @@ def _pack(system: AbstractSystem, t: Array, state: AbstractState) -> tuple[Packi
     return packing, packing.pack(t, state)
 
 
-def _unpack(packing: Packing[Any, Any], known: Array, times: Array, states: Array, projects: bool) -> Any:
-    """Unpacks the states of vectors that are ``known``; the others are NaN, and have no derivatives.
+def _unpack(packing: Packing[Any, Any], mask: Array, times: Array, states: Array, projects: bool) -> Any:
+    """Unpacks the states of vectors that are ``mask``; the others are NaN, and have no derivatives.
 
     - ``projects``: whether steps end on the constraints; so do then states within steps.
     """
-    times, states = jnp.where(known, times, times[0]), jnp.where(known[:, None], states, states[0])
+    times, states = jnp.where(mask, times, times[0]), jnp.where(mask[:, None], states, states[0])
 
-    def unpack(at: tuple[Array, Array]) -> Any:
-        t, x = at
+    def unpack(sample: tuple[Array, Array]) -> Any:
+        t, x = sample
         return packing.unpack(t, packing.projected(t, x) if projects else x)
 
     unpacked = jax.lax.map(unpack, (times, states))
-    return jax.tree.map(functools.partial(keep_known_rows, known), unpacked)
+    return jax.tree.map(functools.partial(keep_known_rows, mask), unpacked)
 
 
 _simulated_filtered = programs.filter_jit(simulate_arrays)
@@ -408,7 +410,7 @@ def _controller(
 
 
 def _status(solution: diffrax.Solution, packing: Packing[Any, Any]) -> Array:
-    """The status of a solution by :class:`SolveLoop`, which tells the end of a ground from other failures."""
+    """Returns the status of a solution by :class:`SolveLoop`, which tells the end of a ground from other failures."""
     status = status_of(solution.result)
     if not has_end(packing.system.shown):
         return status
@@ -419,7 +421,7 @@ def _status(solution: diffrax.Solution, packing: Packing[Any, Any]) -> Array:
 
 
 def _cause_of_end(packing: Packing[Any, Any], t: Array, x: Array) -> Array:
-    """Whether the ground lets a body not go on from a vector: a status, or SUCCESS if it does."""
+    """Says why the ground lets a body not go on from a vector: a status, or SUCCESS if it lets it."""
     system, state = packing.system, packing.unpack(t, x)
     end = end_of_ground(system.shown, t, system.state_to_show(state))
     # In flight it needs no ground.
@@ -427,7 +429,9 @@ def _cause_of_end(packing: Packing[Any, Any], t: Array, x: Array) -> Array:
 
 
 def status_of(result: diffrax.RESULTS) -> Array:
-    """The status of a result: a step below 1e-30 means that none was accepted, because the field is not finite."""
+    """Returns the status of a result: a step below 1e-30 means that none was accepted, because the field is
+    not finite.
+    """
     R = diffrax.RESULTS
     status = jnp.where((result == R.successful) | (result == R.event_occurred), Status.SUCCESS, Status.SOLVER_FAILED)
     status = jnp.where(result == R.nonfinite, Status.NOT_FINITE, status)
@@ -444,7 +448,7 @@ def at_rest(system: AbstractSystem) -> AbstractState: ...
 
 
 def at_rest(system: AbstractSystem) -> AbstractState:
-    """The default initial state: for a ball or a disk, at rest at the origin, upright.
+    """Returns the default initial state: for a ball or a disk, at rest at the origin, upright.
 
     **Raises:** ``ValueError`` where a state must be given, for instance because it contains angles.
     """

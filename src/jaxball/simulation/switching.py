@@ -40,14 +40,14 @@ class Rows(NamedTuple):
 
     @classmethod
     def empty(cls, capacity: int, y: Float[Array, " size"]) -> "Rows":
-        """Room for ``capacity`` switches."""
+        """Makes room for ``capacity`` switches."""
         vectors, no = jnp.zeros((capacity, y.size), y.dtype), jnp.zeros(capacity, bool)
         return cls(jnp.full(capacity, jnp.nan, y.dtype), jnp.zeros(capacity, int), vectors, vectors, no)
 
     def with_row(self, k: Int[Array, ""], switch: "Rows") -> "Rows":
-        """The rows with a switch in row ``k``, if there is one."""
+        """Returns the rows with a switch in row ``k``, if there is one."""
         there = k < self.times.shape[0]
-        return Rows(*(put(kept, k, new, there) for kept, new in zip(self, switch, strict=True)))
+        return Rows(*(put(column, k, new, there) for column, new in zip(self, switch, strict=True)))
 
 
 class HybridCarry(NamedTuple):
@@ -115,15 +115,15 @@ class AbstractSwitching(eqx.Module):
 
     @abc.abstractmethod
     def init(self, t0: Float[Array, ""], y0: Float[Array, " size"], length: Float[Array, ""]) -> Any:
-        """What is carried before the first step, of this length."""
+        """Returns the carry before the first step, of this length."""
 
     @abc.abstractmethod
     def goes_on(self, carry: Any) -> Bool[Array, ""] | bool:
-        """Whether a mode can follow."""
+        """Returns whether a mode can follow."""
 
     @abc.abstractmethod
     def with_event_if(self, counts: Bool[Array, ""], carry: Any) -> Any:
-        """What is carried, without an event unless it ``counts``."""
+        """Returns the carry without an event unless it ``counts``."""
 
     @abc.abstractmethod
     def apply_reset(
@@ -135,23 +135,23 @@ class AbstractSwitching(eqx.Module):
         args: Any,
         carry_out: CarryOut,
     ) -> tuple[Any, NextStep, "Reset"]:
-        """The next step from the state after an event, if there was one; ``run`` is from start to end."""
+        """Returns the next step from the state after an event, if there was one; ``run`` is from start to end."""
 
     @abc.abstractmethod
     def detect(self, carry: Any, taken: Taken, proposed: NextStep, args: Any) -> tuple[Any, NextStep]:
-        """The next step in view of the guards in the one taken, which may be rejected."""
+        """Returns the next step in view of the guards in the one taken, which may be rejected."""
 
     @abc.abstractmethod
     def first(self, carry: Any, y0: Float[Array, " size"]) -> Float[Array, " size"]:
-        """The vector with which the run began."""
+        """Returns the vector with which the run began."""
 
     @abc.abstractmethod
     def record(self, carry: Any) -> Any:
-        """What a program writes a row of in a step, and reads none."""
+        """Returns the record in which a program writes a row in a step, and reads none."""
 
     @abc.abstractmethod
     def outcome(self, carry: Any, status: Int[Array, ""], packing: Packing) -> tuple[Int[Array, ""], Any]:
-        """The status at the end of a solve, and the switches as a :class:`Record` of states."""
+        """Returns the status at the end of a solve, and the switches as a :class:`Record` of states."""
 
 
 class NoSwitching(AbstractSwitching):
@@ -213,9 +213,9 @@ class Switching(AbstractSwitching):
 
     def outcome(self, carry, status, packing):
         def unpack_row(row: Rows) -> Record:
-            known = jnp.isfinite(row.times)
-            t = jnp.where(known, row.times, 0.0)
-            before, after = (packing.unpack_where(known, t, vector) for vector in (row.before, row.after))
+            finite = jnp.isfinite(row.times)
+            t = jnp.where(finite, row.times, 0.0)
+            before, after = (packing.unpack_where(finite, t, vector) for vector in (row.before, row.after))
             return Record(carry.switches, row.times, row.event, before, after, row.grazing)
 
         record = jax.lax.map(unpack_row, carry.rows)._replace(number=carry.switches)
@@ -228,8 +228,8 @@ class Switching(AbstractSwitching):
 
     def apply_reset(self, carry, step, y, run, args, carry_out):
         happened, transition = carry.event != NONE, functools.partial(_transition, self.unpack)
-        given = step.start, y, args, carry.event, self.accuracy
-        done = Transition(*carry_out(transition, pull_by_forward_mode(transition), given))
+        operands = step.start, y, args, carry.event, self.accuracy
+        done = Transition(*carry_out(transition, pull_by_forward_mode(transition), operands))
 
         def reset(carry: HybridCarry) -> _AfterReset:
             return self._reset(carry, done, run[1] - run[0], args)
@@ -250,7 +250,7 @@ class Switching(AbstractSwitching):
         return jnp.where(time > t, time, jnp.inf)
 
     def _reset(self, carry: HybridCarry, done: Transition, run: Float[Array, ""], args: Any) -> "_AfterReset":
-        """What follows an event that has been ``done``, in a run of the length ``run``."""
+        """Returns the carry and the next step after an event that has been ``done``, in a run of the length ``run``."""
         t, after, switches, starts = done.t, done.after, done.switches, carry.event == START
         fixed = jax.lax.stop_gradient(t)
         crowded = switches & done.crowds & (fixed - carry.last <= CLOSE_SWITCHES * run)
@@ -284,7 +284,7 @@ class Switching(AbstractSwitching):
             return _Detection(carry._replace(bracket=RootBracket.none(end)), no, end, jnp.full_like(end, jnp.inf))
 
         bare = carry._replace(rows=None)
-        found, rejected, target, longest = jax.lax.cond(proposed.keep, look, pass_by, bare)
+        detection, rejected, target, longest = jax.lax.cond(proposed.keep, look, pass_by, bare)
         start = jnp.where(rejected, taken.start, proposed.start)
         end = jnp.where(longest < proposed.end - start, start + longest, proposed.end)
         following = NextStep(
@@ -294,13 +294,15 @@ class Switching(AbstractSwitching):
             memory=select_tree(rejected, taken.memory, proposed.memory),
             exact=rejected,
         )
-        return found._replace(rows=carry.rows), following
+        return detection._replace(rows=carry.rows), following
 
-    def _detect(self, carry: HybridCarry, taken: Taken, args: Any) -> "_Detection":
+    def _detect(self, carry: HybridCarry, attempt: Taken, args: Any) -> "_Detection":
         """Detects whether the step ends too late for an event, and else whether there is one at its end."""
-        start, end, y, args, accuracy = jax.lax.stop_gradient((taken.start, taken.end, taken.y, args, self.accuracy))
+        start, end, y, args, accuracy = jax.lax.stop_gradient(
+            (attempt.start, attempt.end, attempt.y, args, self.accuracy)
+        )
         times = sampling().times(start, end, sampling().nodes)
-        inner = jax.lax.stop_gradient(jax.vmap(taken.evaluate)(times[:-1]))
+        inner = jax.lax.stop_gradient(jax.vmap(attempt.evaluate)(times[:-1]))
         packing = self._packing(args)
         system = packing.system
         reference = system.step_reference(start, packing.unpack(start, inner[0]), accuracy)
@@ -329,8 +331,8 @@ class Switching(AbstractSwitching):
         return self.unpack(args)[0]
 
 
-def _transition(unpack: Callable[[Any], Any], given: tuple[Array, Array, Any, Array, Accuracy]) -> list[Array]:
-    """What follows an event, as a :class:`Transition` with vectors in the place of states; zeros if there is none."""
+def _transition(unpack: Callable[[Any], Any], operands: tuple[Array, Array, Any, Array, Accuracy]) -> list[Array]:
+    """Computes the :class:`Transition` at an event, with vectors in the place of states; zeros if there is none."""
 
     @jax.jit
     def transition(t: Array, y: Array, args: Any, event: Array, accuracy: Accuracy) -> list[Array]:
@@ -339,10 +341,10 @@ def _transition(unpack: Callable[[Any], Any], given: tuple[Array, Array, Any, Ar
         before, after = (packing.pack(done.t, state) for state in (done.before, done.after))
         return list(done._replace(before=before, after=after))
 
-    def nothing(*given: Any) -> list[Array]:
-        return [jnp.zeros(x.shape, x.dtype) for x in jax.eval_shape(transition, *given)]
+    def nothing(*operands: Any) -> list[Array]:
+        return [jnp.zeros(x.shape, x.dtype) for x in jax.eval_shape(transition, *operands)]
 
-    return jax.lax.cond(given[3] != NONE, transition, nothing, *given)
+    return jax.lax.cond(operands[3] != NONE, transition, nothing, *operands)
 
 
 class _AfterReset(NamedTuple):

@@ -67,7 +67,7 @@ class Interpolant(eqx.Module, Generic[AnyState]):
     def of(
         cls, solution: "diffrax.Solution", solver: Any, packing: Packing[Any, Any], *, projects: bool, pauses: bool
     ) -> "Interpolant[Any]":
-        """Of a solution by :class:`SolveLoop`, whose steps have the dense output of ``DenseOutput.of(solver)``.
+        """Makes the interpolant of a solution by :class:`SolveLoop`, from the dense output of its ``solver``.
 
         - ``projects``: whether the states are those on the constraints that are nearest to it.
         - ``pauses``: whether there may be a pause before a step.
@@ -83,7 +83,7 @@ class Interpolant(eqx.Module, Generic[AnyState]):
         return cls(dataclasses.replace(solution, interpolation=steps), packing, projects)
 
     def vector(self, t: Float[Array, ""]) -> Float[Array, " size"]:
-        """The vector that a solve advances, at a time."""
+        """Returns the vector that a solve advances, at a time."""
         x = self.solution.evaluate(t)
         return self.packing.projected(t, x) if self.projects else x
 
@@ -180,12 +180,12 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         return find_problems(system, start, times, states if status == Status.LEFT_SHELL else None)
 
     def message_of(self, problems: Sequence[str]) -> str:
-        """The same sentence with other words for the ``problems``."""
+        """Returns the same sentence as :attr:`message` with other words for the ``problems``."""
         sentence = Status(int(self.status)).sentence(float(self.reached), float(self.times[-1]))
         return " ".join([sentence, *problems])
 
     def raise_if_failed(self) -> "Trajectory[AnySystem, AnyState]":
-        """The trajectory itself, or a :class:`~jaxball.SolveError` with the message.
+        """Returns the trajectory itself, or raises a :class:`~jaxball.SolveError` with the message.
 
         **Raises:** ``ValueError`` for a batch.
         """
@@ -195,7 +195,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         return self
 
     def at(self, t: Numbers) -> AnyState:
-        """The state at any time ``t`` of the run, a number or an array, from dense output.
+        """Returns the state at any time ``t`` of the run, a number or an array, from dense output.
 
         NaN before the start and after the time that the solve reached.
 
@@ -204,8 +204,8 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         if self.interpolant is None:
             raise ValueError("Method `at` needs dense output; call simulate(..., dense=True).")
         self._require_one("Method `at`", "call it within jax.vmap")
-        given = self.system, self.start
-        return _evaluate(self.interpolant, to_array(t, "t"), self.times[0], self.reached, self.status, given)
+        parameters = self.system, self.start
+        return _evaluate(self.interpolant, to_array(t, "t"), self.times[0], self.reached, self.status, parameters)
 
     @property
     def observables(self) -> Observables:
@@ -220,7 +220,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         return self._evaluate(_observe_all, *self.history.as_solved(body, self.state))
 
     def measured(self, sensors: "Mapping[str, AbstractSensor]", key: Any = None) -> dict[str, Array]:
-        """The readings of sensors at every saved time, by name; NaN at times that the solve did not reach.
+        """Computes the readings of sensors at every saved time, by name; NaN at times that the solve did not reach.
 
         **Arguments:**
 
@@ -240,8 +240,8 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         body = self._body("The sensors")
         require_sensors(sensors, body)
         system, states = self.history.as_solved(body, self.state)
-        found = self._evaluate(functools.partial(_measure_all, dict(sensors)), system, states)
-        exact = {name: found[name] for name in sensors}  # in their order, which JAX does not keep
+        readings = self._evaluate(functools.partial(_measure_all, dict(sensors)), system, states)
+        exact = {name: readings[name] for name in sensors}  # in their order, which JAX does not keep
         errors = {name: sensor.errors for name, sensor in sensors.items()}
         return with_errors(errors, jnp.asarray(self.times), exact, key)
 
@@ -290,7 +290,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         return self._evaluate(functools.partial(_call_at_all, "multipliers"), self.system, self.state)
 
     def _require_one(self, what: str, remedy: str = "the array `status` says how each run ended") -> None:
-        """**Raises:** ``ValueError`` for a batch of trajectories."""
+        """Raises ``ValueError`` for a batch of trajectories."""
         if np.ndim(self.status):
             shape = np.shape(self.status)
             raise ValueError(f"{what} is for one trajectory, but this is a batch of shape {shape}; {remedy}.")
@@ -303,7 +303,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         return function(*arguments)
 
     def _body(self, what: str) -> AbstractBody:
-        """The system, which must be a body whose position is known: ``what`` needs both."""
+        """Returns the system, which must be a body whose position is known: ``what`` needs both."""
         if not isinstance(self.system, AbstractBody):
             raise ValueError(
                 f"{what} are those of a ball or a disk, but this trajectory is of a {type(self.system).__name__}; its "
@@ -329,13 +329,13 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
     # built upon this one; the contracts in pyproject.toml name them as exceptions.
 
     def error_estimate(self, of: Callable[["Trajectory[Any, Any]"], Any] | None = None) -> Any:
-        """The error of the states, or of a result ``of(run)``; see :func:`jaxball.estimate_error`."""
+        """Estimates the error of the states, or of a result ``of(run)``; see :func:`jaxball.estimate_error`."""
         from .global_error import estimate_error
 
         return estimate_error(self, of)
 
     def to_dataset(self) -> "xarray.Dataset":
-        """The trajectory and all its observables, or laws; see :func:`jaxball.to_dataset`."""
+        """Converts the trajectory and all its observables, or laws, to a data set; see :func:`jaxball.to_dataset`."""
         from .. import results
 
         return results.to_dataset(self)
@@ -351,7 +351,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         return results.save(self, os.fspath(path))
 
     def plot(self) -> "matplotlib.figure.Figure":
-        """One figure: of a ball or a disk :func:`jaxball.plot.overview`, else :func:`jaxball.plot.classical_motion`.
+        """Draws :func:`jaxball.plot.overview` of a ball or a disk, or else :func:`jaxball.plot.classical_motion`.
 
         **Raises:** ``ValueError`` for a reduced trajectory or a batch.
         """
@@ -368,7 +368,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         friction: float | None = None,
         all_times: bool = False,
     ) -> "View":
-        """The run as a page: the body in three dimensions, and graphs over time, which a notebook shows in place.
+        """Shows the run as a page: the body in three dimensions, and graphs over time, which a notebook shows in place.
 
         ``run.view().save("run.html")`` or ``run.view("run.html")`` writes it as one file that opens in any browser,
         without a network; ``run.view().html`` is its text. Each frame shows the nearest saved time.
@@ -378,8 +378,8 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         """
         from .. import plot
 
-        known = "" if self.scenario is None else self.scenario.title
-        view = plot.View.of(self, known if title is None else title, friction=friction, all_times=all_times)
+        default_title = "" if self.scenario is None else self.scenario.title
+        view = plot.View.of(self, default_title if title is None else title, friction=friction, all_times=all_times)
         if path is not None:
             view.save(path)
         return view
@@ -419,7 +419,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         return as_html(repr(self), sketch_of(path, "the path on the ground" if z.ndim == 2 else "the place over time"))
 
     def _of_many(self) -> str:
-        """A batch in a few lines: how many runs, how they ended, and how many steps they took."""
+        """Describes a batch in a few lines: how many runs, how they ended, and how many steps they took."""
         statuses, counts = np.unique(np.asarray(self.status), return_counts=True)
         ends = ", ".join(f"{count} {Status(int(s)).name}" for s, count in zip(statuses, counts, strict=True))
         steps = np.asarray(self.steps)
@@ -432,13 +432,13 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
 
 
 def always_rolls(trajectory: Trajectory[Any, Any]) -> bool:
-    """Whether a run is of a system that always rolls, without modes, and so has extremes of the contact force."""
+    """Returns whether a run is of a system without modes, which rolls and has extremes of the contact force."""
     return isinstance(trajectory.system, AbstractRollingSystem) and isinstance(trajectory.history, NoHistory)
 
 
 @functools.cache
 def _outline() -> Any:
-    """The structure of a trajectory whose fields are the leaves."""
+    """Returns the structure of a trajectory whose fields are the leaves."""
     whole = object.__new__(Trajectory)
     for field in dataclasses.fields(Trajectory):
         object.__setattr__(whole, field.name, field.name)
@@ -457,8 +457,9 @@ def _observe_all(system, times, state, reached) -> Observables:
 def _measure_all(sensors, system, times, states, reached) -> dict[str, Array]:
     def read_sensors(system, t, x):
         moves = movement(system, t, x)
-        known = jnp.all(jnp.isfinite(moves.state.Omega))
-        return {name: jnp.where(known, one.reading(system.shown, t, moves), jnp.nan) for name, one in sensors.items()}
+        finite = jnp.all(jnp.isfinite(moves.state.Omega))
+        readings = {name: sensor.reading(system.shown, t, moves) for name, sensor in sensors.items()}
+        return {name: jnp.where(finite, reading, jnp.nan) for name, reading in readings.items()}
 
     return _at_each(read_sensors, system, times, states, reached)
 
@@ -469,18 +470,18 @@ def _call_at_all(method: str, system, times, state, reached) -> Any:
 
 
 def _at_each(function: Callable[..., Any], system: Any, times: Array, state: Any, reached: Array) -> Any:
-    """``function(system, t, state)`` at each time; where the solve did not get, its derivatives are NaN as well."""
+    """Evaluates ``function(system, t, state)`` at each time; derivatives are NaN, too, beyond the end of the solve."""
     prepared = system.prepare()
 
     def one(t, x):
-        known = jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(x)]))
-        return with_unknown_derivatives(function(*differentiate_where(known, (prepared, t, x))), x)
+        finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(x)]))
+        return with_unknown_derivatives(function(*differentiate_where(finite, (prepared, t, x))), x)
 
     return map_rows(one, times_looked_at(system, times, reached), state)
 
 
 def times_looked_at(system: AbstractSystem, times: Float[Array, " T"], reached: Float[Array, ""]) -> Float[Array, " T"]:
-    """The times at which to evaluate time-dependent quantities: those of a run, except for a kink at its end.
+    """Returns the times at which to evaluate what depends on time: the times of a run, except for a kink at its end.
 
     Jumps there are evaluated just before, because what comes after is not part of the run.
     """
@@ -488,12 +489,12 @@ def times_looked_at(system: AbstractSystem, times: Float[Array, " T"], reached: 
 
 
 @programs.filter_jit
-def _evaluate(interpolant, t, start, reached, status, given) -> Any:
+def _evaluate(interpolant, t, start, reached, status, parameters) -> Any:
     def one(t):
         inside = jnp.clip(t, start, reached)
         x = interpolant.vector(inside)
-        known = (t == inside) & jnp.all(jnp.isfinite(x)) & (status != Status.IMPOSSIBLE)
-        state = interpolant.packing.system.state_to_show(interpolant.packing.unpack_where(known, inside, x))
-        return with_unknown_derivatives(state, given)
+        valid = (t == inside) & jnp.all(jnp.isfinite(x)) & (status != Status.IMPOSSIBLE)
+        state = interpolant.packing.system.state_to_show(interpolant.packing.unpack_where(valid, inside, x))
+        return with_unknown_derivatives(state, parameters)
 
     return map_rows(one, t) if t.ndim else one(t)

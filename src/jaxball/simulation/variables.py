@@ -33,8 +33,8 @@ class Variable(NamedTuple):
         """The attributes of the variable; flags are as the conventions for climate and forecasts (CF) say them."""
         notes: dict[str, Any] = {"units": self.units, "long_name": self.meaning}
         if self.flags is not None:
-            notes["flag_values"] = np.array([int(one) for one in self.flags])
-            notes["flag_meanings"] = " ".join(one.name.lower() for one in self.flags)
+            notes["flag_values"] = np.array([int(flag) for flag in self.flags])
+            notes["flag_meanings"] = " ".join(flag.name.lower() for flag in self.flags)
         return notes
 
 
@@ -184,7 +184,7 @@ LEFT_PLANE = {
 
 
 def variables_of_event(name: str) -> dict[str, Variable]:
-    """The variables of an event of a scenario in the store of a study."""
+    """Returns the variables of an event of a scenario in the store of a study."""
     return {
         f"{name}_count": Variable((), "", f"how often the event {name} happened", dtype="i4"),
         f"{name}_time": Variable((), "time", f"time of the first {name}; NaN if there is none"),
@@ -202,12 +202,12 @@ _SYMBOLS = {name: one.symbol for table in (LAWS, CLASSICAL_STATE, STATE) for nam
 
 
 def symbol_of(name: str) -> str:
-    """The symbol of a component of a state or of a conserved quantity, in TeX; empty if it has none."""
+    """Returns the symbol of a component of a state or of a conserved quantity, in TeX; empty if it has none."""
     return _SYMBOLS.get(name, "")
 
 
 def symbol(path: str) -> str:
-    """The symbol of a component by its path, which counts from 0, for a figure: Ω₁ for ``Omega[0]``, but q₀ for
+    """Returns the symbol of a component by its path, which counts from 0, for a figure: Ω₁ for ``Omega[0]``, but q₀ for
     ``q[0]``.
     """
     name, _, index = path.removesuffix("]").partition("[")

@@ -156,12 +156,12 @@ def occurrences_of(
     log, rows = watched.log, once("times and states of events", watched.rows)
     occurrences = {}
     for k, ((name, event), part) in enumerate(zip(events.items(), _kinds(events).parts, strict=True)):
-        known = (jnp.arange(event.capacity) < log.total[k]) & started
-        own = rows[part]
+        mask = (jnp.arange(event.capacity) < log.total[k]) & started
+        event_rows = rows[part]
         occurrences[name] = Occurrences(
             count=jnp.where(started, log.total[k], 0),
-            times=keep_if_known(known, own[:, 0]),
-            state=jax.tree.map(functools.partial(keep_known_rows, known), jax.vmap(unravel)(own[:, 1:])),
+            times=keep_if_known(mask, event_rows[:, 0]),
+            state=jax.tree.map(functools.partial(keep_known_rows, mask), jax.vmap(unravel)(event_rows[:, 1:])),
             least=log.least[k],
             largest=log.largest[k],
             unresolved=log.unresolved[k],

@@ -30,7 +30,8 @@ def plan(
     rising: Bool[Array, ""],
     highest: int,
 ) -> tuple[Plan, Bool[Array, ""]]:
-    """The plan after a step, and whether the run is still starting, its order and its step growing from step to step.
+    """Returns the plan after a step, and whether the run is still starting, its order and its step growing from step to
+    step.
 
     **Arguments:**
 
@@ -54,19 +55,19 @@ def plan(
     doubled = rising | (error * (1 << (new + 1)).astype(error.dtype) <= TARGET)
 
     def shorten() -> tuple[Float[Array, ""], Float[Array, ""]]:
-        kept = jnp.where(error <= TARGET, 1.0, jnp.clip(_ratio(error, new), 0.5, 0.9))
+        factor = jnp.where(error <= TARGET, 1.0, jnp.clip(_ratio(error, new), 0.5, 0.9))
         shrink = jnp.clip(_ratio(here, k), MOST_SHRUNK, 0.5)
-        return kept, jnp.where(jnp.isfinite(here), shrink, 0.1)
+        return factor, jnp.where(jnp.isfinite(here), shrink, 0.1)
 
     # Most steps are accepted and followed by one as long or twice as long, and powers cost as much as the rest.
     unchanged = (size <= 1) & (doubled | (error <= TARGET))
     same = jnp.ones_like(error), jnp.full_like(error, 0.5)
-    kept, shrink = jax.lax.cond(unchanged, lambda: same, shorten)
-    return Plan(new, jnp.where(doubled, 2.0, kept), shrink), rising
+    factor, shrink = jax.lax.cond(unchanged, lambda: same, shorten)
+    return Plan(new, jnp.where(doubled, 2.0, factor), shrink), rising
 
 
 def _ratio(error: Float[Array, ""], order: Int[Array, ""]) -> Float[Array, ""]:
-    """The ratio of the length of a step that meets the target to that of one with ``error``."""
+    """Computes the ratio of the length of a step that meets the target to the length of one with ``error``."""
     safe = jnp.where((error > 0) & jnp.isfinite(error), error, 1.0)
     return (TARGET / safe) ** (1.0 / (order + 1).astype(error.dtype))
 
@@ -154,7 +155,7 @@ class Adams(AbstractMultistep):
         self.root_finder = PredictorCorrector()  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def order(self, terms) -> int:
-        """The order of the result at the largest number of points, which local extrapolation raises by one."""
+        """Returns the order of the result at the largest number of points, which local extrapolation raises by one."""
         return self.max_order + 1
 
     def init(self, terms, t0: Any, t1: Any, y0, args) -> AdamsState:
@@ -188,7 +189,9 @@ class Adams(AbstractMultistep):
     def _errors(
         self, problem: FlatProblem, state: AdamsState, points: Points, attempt: "Attempt"
     ) -> tuple[Float[Array, ""], Float[Array, "4"]]:
-        """The error of the step, and those of four orders had all steps been as long, in units of the tolerance."""
+        """Estimates the error of the step, and the errors of four orders had all steps been as long, in units of the
+        tolerance.
+        """
         points = jax.lax.stop_gradient(points)
         sizes = self.sizes(problem, attempt.x1, unfold(attempt.corrections, problem.x0.size))
         sizes, again = sizes[:-1], sizes[-1]
@@ -245,32 +248,32 @@ def _attempt(
     h, g, factors = (a.astype(x0.dtype) for a in (problem.control, points.integrals(), points.factors()))
     rows = jnp.arange(g.size)
     starred = factors[None, None] * state.differences
-    known = sums(starred)
-    extrapolations = _around(k, known)
+    totals = sums(starred)
+    extrapolations = _around(k, totals)
     predicted = x0 + h * _flat(jnp.sum(jnp.where(rows < k, g, 0.0)[None, None] * starred, axis=-1), x0)
     extrapolated, correction = _flat(extrapolations[2], x0), h * _around(k, g)[2]
 
-    def evaluate(at, _):
-        slope = problem.field(*at)
+    def evaluate(point, _):
+        slope = problem.field(*point)
         x = jnp.where(first, x0 + h * slope, predicted + correction * (slope - extrapolated))
         return (times[1], x), (x, slope)
 
     start = jnp.where(first, times[0], times[1]), jnp.where(first, x0, predicted)
-    _, (states, (one, last)) = jax.lax.scan(evaluate, start, length=2)
-    change = correction * (last - one)
+    _, (states, (earlier_slope, last)) = jax.lax.scan(evaluate, start, length=2)
+    change = correction * (last - earlier_slope)
     x1 = states[0] + jnp.where(first, change, 0.0)
     again = jnp.where(first, 0.0, change)
     # In a first step all differences are zero, except the slope at the start, which is known only now.
-    columns = jnp.stack([jnp.where(first, one, 0.0), jnp.where(first, last, one), last, again])
+    columns = jnp.stack([jnp.where(first, earlier_slope, 0.0), jnp.where(first, last, earlier_slope), last, again])
     begun, slope, last, again = jnp.moveaxis(fold(columns), -1, 0)
-    known = known + jnp.where((rows > 0)[None, None], begun[..., None], 0.0)
+    totals = totals + jnp.where((rows > 0)[None, None], begun[..., None], 0.0)
     corrections = [
         h * (slope - jnp.where(k + i > 0, begun, 0.0) - before) for i, before in zip(RANGE, extrapolations, strict=True)
     ]
     inside = h * (starred + jnp.where((rows == 0)[None, None], begun[..., None], 0.0))
-    own = jnp.where((rows == k)[None, None], corrections[2][..., None], 0.0)
-    terms = jnp.where((rows < k)[None, None], inside, own)
-    return Attempt(x1, terms, jnp.stack([*corrections, again], axis=-1), last[..., None] - known)
+    top_term = jnp.where((rows == k)[None, None], corrections[2][..., None], 0.0)
+    terms = jnp.where((rows < k)[None, None], inside, top_term)
+    return Attempt(x1, terms, jnp.stack([*corrections, again], axis=-1), last[..., None] - totals)
 
 
 def _flat(fold: Float[Array, "lanes columns"], like: Float[Array, " n"]) -> Float[Array, " n"]:
@@ -278,7 +281,7 @@ def _flat(fold: Float[Array, "lanes columns"], like: Float[Array, " n"]) -> Floa
 
 
 def _around(order: Int[Array, ""], rows: Float[Array, "*n rows"]) -> list[Float[Array, "*n"]]:
-    """The rows of the two orders below ``order``, of itself, and of the next one; zero where there is none."""
+    """Returns the rows of the two orders below ``order``, of itself, and of the next one; zero where there is none."""
     count, others = rows.shape[-1], rows.ndim - 1
     chosen = (jnp.arange(count) == order).astype(rows.dtype).reshape(*(1,) * others, count)
     padded = jnp.pad(rows, [(0, 0)] * others + [(-RANGE[0], RANGE[-1])])
@@ -292,7 +295,9 @@ def _after(
     first: Bool[Array, ""],
     errors: tuple[Float[Array, ""], Float[Array, "4"]],
 ) -> tuple[AdamsState, Plan]:
-    """The state after an attempt with these ``errors`` if it is accepted, and the plan for the next in any case."""
+    """Returns the state after an attempt with these ``errors`` if it is accepted, and the plan for the next in any
+    case.
+    """
     h, spacing = points.h, state.past[1] - state.past[0]
     equal = jnp.where(jnp.abs(h - spacing) <= EQUAL * h, state.equal + 1, 1)
     # The starting phase ends with the first step that was not twice as long as the one before, because that failed or

@@ -36,22 +36,22 @@ HARMONIC_SUMS = np.concatenate([[0.0], np.cumsum(1 / np.arange(1, HIGHEST_BDF + 
 
 
 def leading(kappa: Kappa) -> np.ndarray:
-    """(1 − κ) γ_k for each order k: x_{n+1} − P(t_{n+1}) has this factor in the formula."""
+    """Computes (1 − κ) γ_k for each order k: x_{n+1} − P(t_{n+1}) has this factor in the formula."""
     return (1 - KAPPAS[kappa]) * HARMONIC_SUMS
 
 
 def error_constants(kappa: Kappa) -> np.ndarray:
-    """The error of a step of each order k, in units of ∇ᵏ⁺¹x_{n+1}."""
+    """Computes the error of a step of each order k, in units of ∇ᵏ⁺¹x_{n+1}."""
     return np.abs(KAPPAS[kappa] * HARMONIC_SUMS + 1 / np.arange(1, HIGHEST_BDF + 2))
 
 
 def up_to(order: Int[Array, ""], rows: int) -> Array:
-    """Which of the first ``count`` differences, as a column, belong to the polynomial of that degree."""
+    """Returns which of the first ``rows`` differences, as a column, belong to the polynomial of degree ``order``."""
     return (jnp.arange(rows) <= order)[:, None]
 
 
 def ascending(s: Float[Array, "..."], rows: int) -> Float[Array, "rows ..."]:
-    """s (s + 1) ⋯ (s + j − 1)/j! for j = 0, 1, …: the weights of the differences at t_n + s H."""
+    """Computes s (s + 1) ⋯ (s + j − 1)/j! for j = 0, 1, …: the weights of the differences at t_n + s H."""
     j = jnp.arange(1, rows, dtype=s.dtype).reshape(-1, *(1,) * s.ndim)
     return products((s[None] + j - 1) / j)
 
@@ -92,7 +92,7 @@ def advance(
 
 @functools.cache
 def _rates_of_stretching(rows: int) -> np.ndarray:
-    """The derivative of the weights in :func:`resample` by the distance, where it is H.
+    """Computes the derivative of the weights in :func:`resample` by the distance, where it is H.
 
     That of s (s + 1) ⋯ (s + i − 1)/i! at s = −m is, with the factor 0 left out where there is one, of products.
     """

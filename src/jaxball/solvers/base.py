@@ -38,7 +38,9 @@ class FlatProblem(NamedTuple):
     def equations(
         self, tableau: Tableau, t0: Float[Array, ""], times: Float[Array, " s"], x0: Float[Array, " n"], **known: Any
     ) -> StageEquations:
-        """What the stages at ``times`` of a step from x₀ satisfy; ``known`` are its other fields."""
+        """Returns the equations that the stages at ``times`` of a step from x₀ satisfy; ``known`` are their other
+        fields.
+        """
         return StageEquations(
             tableau=tableau,
             slope=self.slope,
@@ -64,7 +66,7 @@ class FlatProblem(NamedTuple):
 def flat_problem(
     terms: diffrax.AbstractTerm, t0: Float[Array, ""], t1: Float[Array, ""], y0: PyTree[Array], args: Any
 ) -> FlatProblem:
-    """The problem that ``terms`` pose for the step from ``t0`` to ``t1``.
+    """Builds the problem that ``terms`` pose for the step from ``t0`` to ``t1``.
 
     **Raises:** ``TypeError`` for a term whose control is not time, as in a stochastic equation, and for a
     state that is not real.
@@ -148,15 +150,17 @@ SENTENCES: list[tuple[Any, str]] = [
 
 
 def explain(result: diffrax.RESULTS) -> str:
-    """A sentence on how a solve by a solver of this package ended, for its ``result`` by diffrax; empty for success."""
-    for known, sentence in SENTENCES:
-        if bool(result == known):
+    """Says in a sentence how a solve by a solver of this package ended, for its ``result`` by diffrax; empty for
+    success.
+    """
+    for outcome, sentence in SENTENCES:
+        if bool(result == outcome):
             return sentence
     return str(RESULTS[result])
 
 
 def at_limit(t0: Float[Array, ""], t1: Float[Array, ""]) -> Bool[Array, ""]:
-    """Whether a step is so short that time hardly advances."""
+    """Returns whether a step is so short that time hardly advances."""
     info = jnp.finfo(t0.dtype)
     shortest = jnp.maximum(16 * info.eps * jnp.maximum(jnp.abs(t0), jnp.abs(t1)), jnp.sqrt(info.tiny))
     return jnp.abs(t1 - t0) <= shortest
@@ -169,7 +173,7 @@ def outcome(
     t1: Float[Array, ""],
     fault: Int[Array, ""] | int = NO_FAULT,
 ) -> tuple[Float[Array, " n"], diffrax.RESULTS]:
-    """The error estimate and the result of a step.
+    """Returns the error estimate and the result of a step.
 
     A step whose stages were given up has an infinite error, so that a step-size controller tries a shorter one. When it
     is so short that time hardly advances, or if the step would be accepted anyway, as with a constant step size, the
@@ -192,7 +196,8 @@ APPROACH = 0.5
 
 
 def approach_of(solver: diffrax.AbstractSolver) -> float:
-    """The largest part of the time until a singularity of the solution, such as the end of a slip, for one step.
+    """Returns the largest part of the time until a singularity of the solution, such as the end of a slip, for one
+    step.
 
     It is the solver's attribute ``approach``, from 0 to 1, or 0.5 without one. Near a singularity the scales of time
     are proportional to the time that is left, and a step much longer than them is not stable, which error estimates by

@@ -24,13 +24,13 @@ class AbstractErrorEstimate(eqx.Module):
 
     @abc.abstractmethod
     def order(self, stages: int) -> int:
-        """The power of the step that the estimate is proportional to."""
+        """Returns the power of the step that the estimate is proportional to."""
 
     @abc.abstractmethod
     def estimate(
         self, equations: StageEquations, stages: Stages, coefficients: Float[Array, "s n"]
     ) -> Float[Array, " n"]:
-        """The estimate, given the Legendre ``coefficients`` of the slopes K."""
+        """Computes the estimate, given the Legendre ``coefficients`` of the slopes K."""
 
 
 class EmbeddedError(AbstractErrorEstimate):
@@ -84,7 +84,7 @@ class StepError(AbstractErrorEstimate):
 
 
 def _tail(coefficients: Float[Array, "s n"]) -> Float[Array, " n"]:
-    """The last coefficient or the one before: either alone may vanish by symmetry."""
+    """Returns the larger of the last two coefficients: either alone may vanish by symmetry."""
     return jnp.max(jnp.abs(coefficients[-2:]), axis=0)
 
 
@@ -162,7 +162,7 @@ class AbstractCollocation(AbstractStageSolver):
 
 
 def fills_vectors(solver: diffrax.AbstractSolver) -> bool:
-    """Whether a step of one run fills vectors by itself, by its stages and their matrices.
+    """Returns whether a step of one run fills vectors by itself, by its stages and their matrices.
 
     Of runs side by side, all would make new matrices whenever one of them does.
     """

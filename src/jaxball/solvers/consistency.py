@@ -111,21 +111,21 @@ def solve_algebraic(g: Callable, mass: Mass, x0: Float[Array, " n"], needed: Boo
     """
     eps = jnp.finfo(x0.dtype).eps
 
-    def is_unfinished(at: Solved):
-        return ~at.converged & at.index_one & (at.passes < MOST_NEWTON_STEPS)
+    def is_unfinished(iterate: Solved):
+        return ~iterate.converged & iterate.index_one & (iterate.passes < MOST_NEWTON_STEPS)
 
-    def improve(at: Solved) -> Solved:
-        change, index_one = _correction(g, mass, at.x)
-        small = jnp.all(jnp.abs(change) <= 16 * eps * (jnp.abs(at.x) + jnp.max(jnp.abs(at.x))))
-        lacking = jnp.where(at.passes == 0, change, at.lacking)
-        return Solved(at.x + change, lacking, small & index_one, index_one, at.passes + 1)
+    def improve(iterate: Solved) -> Solved:
+        change, index_one = _correction(g, mass, iterate.x)
+        small = jnp.all(jnp.abs(change) <= 16 * eps * (jnp.abs(iterate.x) + jnp.max(jnp.abs(iterate.x))))
+        lacking = jnp.where(iterate.passes == 0, change, iterate.lacking)
+        return Solved(iterate.x + change, lacking, small & index_one, index_one, iterate.passes + 1)
 
     start = Solved(x0, jnp.zeros_like(x0), ~jnp.asarray(needed), jnp.asarray(True), jnp.asarray(0))
     return jax.lax.while_loop(is_unfinished, improve, start)
 
 
 def _correction(g: Callable, mass: Mass, x: Float[Array, " n"]) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
-    """One step of Newton's iteration for the equations without a derivative, and whether it is determined.
+    """Computes one step of Newton's iteration for the equations without a derivative, and whether it is determined.
 
     M + R (∂g/∂x) V, with the projections R on these equations and V on the algebraic variables, separates into M
     between the differential parts and the Jacobian between the algebraic ones, which is regular if and only if the
@@ -151,7 +151,7 @@ def start_of_step(
     fault: Int[Array, ""],
     made_jump: Bool[Array, ""] | bool,
 ) -> tuple[Float[Array, " n"], Int[Array, ""]]:
-    """The state at the start of a step, and what is wrong with the problem.
+    """Returns the state at the start of a step, and says what is wrong with the problem.
 
     On the first step, where ``fault`` is UNKNOWN, the state must be consistent to within the tolerance; after
     a jump of g the algebraic variables may jump as well.

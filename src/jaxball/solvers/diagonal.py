@@ -86,12 +86,12 @@ class AbstractDiagonallyImplicit(AbstractStageSolver):
         k0 = _first_slope(problem, before, t0, h)
         times = jnp.stack([*(t0 + float(c) * (t1 - t0) for c in self.tableau.c[:-1]), t1])
         from_first = combine(self.first, k0[None])
-        known = from_first if problem.mass is None else problem.mass.times(from_first)
-        equations = problem.equations(self.tableau, t0, times, x0, known=known)
-        guess = jnp.broadcast_to(k0, known.shape)
+        known_terms = from_first if problem.mass is None else problem.mass.times(from_first)
+        equations = problem.equations(self.tableau, t0, times, x0, known=known_terms)
+        guess = jnp.broadcast_to(k0, known_terms.shape)
         if problem.mass is not None:
             # `equations` take slopes times M, and have no use for those of algebraic variables.
-            guess = combine(self.tableau.A_inverse, combine(self.tableau.A, guess) + from_first - known)
+            guess = combine(self.tableau.A_inverse, combine(self.tableau.A, guess) + from_first - known_terms)
         stages = self.root_finder.solve(equations, guess, before.memory.forget(made_jump))
         k0, K, form = _slopes(problem, stages, k0, combine(self.tableau.A_inverse, stages.Z - from_first), before)
         error = self.estimate_error(jnp.concatenate([k0[None], K]), h, before)
@@ -109,27 +109,28 @@ class AbstractDiagonallyImplicit(AbstractStageSolver):
 
 
 def _first_slope(problem: FlatProblem, before: StepBefore, t0: Float[Array, ""], h: Float[Array, ""]) -> Any:
-    """h ẋ at the start of a step.
+    """Returns h ẋ at the start of a step.
 
     The last stage of the step before satisfies its equation. Re-evaluated in a stiff problem, f would multiply the
     error of that stage by the large eigenvalues (Hosea & Shampine 1996, section 4). That of an algebraic variable is
     only estimated, so where another M is chosen, it is evaluated.
     """
-    known, mass = before.known, problem.mass
+    reusable, mass = before.known, problem.mass
     if mass is not None and before.form is not None:
-        known = known & jnp.all(mass.matrix == before.form.mass)
+        reusable = reusable & jnp.all(mass.matrix == before.form.mass)
 
     def evaluate():
         slope = problem.slope(t0, problem.x0)
         return slope if mass is None else mass.rates(slope)
 
-    return jax.lax.cond(known, lambda: h * before.f_end, evaluate)
+    return jax.lax.cond(reusable, lambda: h * before.f_end, evaluate)
 
 
 def _slopes(
     problem: FlatProblem, stages: Stages, k0: Float[Array, " n"], K: Float[Array, "s n"], before: StepBefore
 ) -> tuple[Float[Array, " n"], Float[Array, "s n"], Form | None]:
-    """h ẋ at the start and at all stages, from those by which M ẋ is right, and what the next step needs of them.
+    """Computes h ẋ at the start and at all stages from increments by which M ẋ is right, and the form that the next
+    step needs.
 
     The equations contain no ẋ of algebraic variables: theirs are those of the parabola through three points, or of the
     line through two.
@@ -148,7 +149,7 @@ def _slopes(
 
 
 def diagonally_implicit(c: list[float], A: list[list[float]]) -> Tableau:
-    """The tableau of the implicit stages; their ``A`` is lower triangular with one number on the diagonal.
+    """Returns the tableau of the implicit stages; their ``A`` is lower triangular with one number on the diagonal.
 
     A⁻¹ then has one eigenvalue and no basis of eigenvectors. Stages serve in place of modes: on a
     linear problem, the iteration is exact after as many passes as there are stages.

@@ -35,18 +35,19 @@ class Points(NamedTuple):
     h: Float[Array, ""]
 
     def factors(self) -> Float[Array, " rows"]:
-        """β_j, the product of (t − t_{n−i}) / (t_n − t_{n−1−i}) over i < j, with t the end of the step."""
+        """Computes β_j, the product of (t − t_{n−i}) / (t_n − t_{n−1−i}) over i < j, with t the end of the step."""
         return products((self.h + self.past[:-1]) / (self.past[1:] - self.past[0]))
 
     def evenness(self) -> Float[Array, " rows"]:
-        """j! hʲ over the product of t − t_{n−i} over i < j: 1 if all steps had the length h.
+        """Computes j! hʲ over the product of t − t_{n−i} over i < j: 1 if all steps had the length h.
 
         It estimates what a difference would be with equal steps.
         """
         return products(jnp.arange(1, self.past.size, dtype=self.h.dtype) * self._shares())
 
     def integrals(self, end: Float[Array, ""] | None = None) -> Float[Array, " rows"]:
-        """g_j, the integrals of the products of (s − t_{n−i}) / (t − t_{n−i}) over i < j, from 0 to ``end``, over h.
+        """Computes g_j, the integrals of the products of (s − t_{n−i}) / (t − t_{n−i}) over i < j, from 0 to ``end``,
+        over h.
 
         ``end`` is a fraction of the step, by default all of it. With P_j the product and X the end, the integrals of
         P_j(s) (1 − s/X)ᵐ from 0 to X follow from those of P_{j−1}, because s − t_{n−i} is linear in 1 − s/X (Shampine &
@@ -54,16 +55,16 @@ class Points(NamedTuple):
         """
         shares = self._shares()
         moments = jnp.asarray(1 / np.arange(1, self.past.size + 1), self.h.dtype)
-        found = [moments[0]]
+        values = [moments[0]]
         for share in shares:
             whole, part = (1.0, share) if end is None else (1 - (1 - end) * share, end * share)
             moments = whole * moments[:-1] - part * moments[1:]
-            found.append(moments[0])
-        g = jnp.stack(found)
+            values.append(moments[0])
+        g = jnp.stack(values)
         return g if end is None else end * g
 
     def _shares(self) -> Float[Array, " count"]:
-        """h/(t − t_{n−i})."""
+        """Computes h/(t − t_{n−i})."""
         return self.h / (self.h + self.past[:-1])
 
     def advance(self) -> Float[Array, " rows"]:
@@ -72,18 +73,18 @@ class Points(NamedTuple):
 
 
 def sums(rows: Float[Array, "*n rows"]) -> Float[Array, "*n rows"]:
-    """The sums of all rows before each."""
+    """Computes the sums of all rows before each."""
     items = [rows[..., j] for j in range(rows.shape[-1] - 1)]
     return jnp.stack(_before_each(jnp.add, items, jnp.zeros_like(rows[..., 0])), -1)
 
 
 def products(factors: Float[Array, "count *n"]) -> Float[Array, "rows *n"]:
-    """The products of all factors before each place, and of all of them: 1, a, ab, abc, …"""
+    """Computes the products 1, a, ab, abc, … of all factors before each place, and of all of them."""
     return jnp.stack(_before_each(jnp.multiply, list(factors), jnp.ones_like(factors[0])))
 
 
 def _before_each(combined: Callable[[Array, Array], Array], items: Sequence[Array], first: Array) -> list[Array]:
-    """One after another: a loop or a library call would cost more."""
+    """Combines the items one after another: a loop or a library call would cost more."""
     return [first, *itertools.accumulate(items, combined)]
 
 
@@ -105,7 +106,8 @@ def unfold(folds: Float[Array, "lanes columns rows"], n: int) -> Float[Array, "r
 
 
 def error_constants(rows: int) -> np.ndarray:
-    """|γ*_j|: the error of the integral over a step by the formula with j points for equal steps, in units of h ∇ʲf.
+    """Computes |γ*_j|: the error of the integral over a step by the formula with j points for equal steps, in units of
+    h ∇ʲf.
 
     They are the coefficients of the Adams–Moulton formulas: Hairer, Nørsett & Wanner I, eqs. (III.1.11) and (III.1.12).
     """

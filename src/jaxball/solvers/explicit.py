@@ -16,7 +16,7 @@ from .wrapping import AbstractWrappingSolver
 
 
 def with_stages_pulled_back(solver: Any, carry_out: CarryOut) -> Any:
-    """The solver, if it is an explicit Runge–Kutta method, or wraps one, as a :class:`StagesPulledBack`."""
+    """Returns the solver, if it is an explicit Runge–Kutta method, or wraps one, as a :class:`StagesPulledBack`."""
     if isinstance(solver, AbstractWrappingSolver):
         return eqx.tree_at(lambda s: s.solver, solver, with_stages_pulled_back(solver.solver, carry_out))
     if not isinstance(solver, diffrax.AbstractERK) or not isinstance(solver.tableau, diffrax.ButcherTableau):
@@ -25,7 +25,9 @@ def with_stages_pulled_back(solver: Any, carry_out: CarryOut) -> Any:
 
 
 def depends_on_arguments_alone(terms: Any, t: Array, y: Array, args: Any) -> bool:
-    """Whether the field is a function of its arguments, and not also of traced numbers of a function around it."""
+    """Returns whether the field is a function of its arguments, and not also of traced numbers of a function
+    around it.
+    """
     arrays, others = eqx.partition(terms, eqx.is_array)
 
     def field(arrays: Any, t: Array, y: Array, args: Any) -> Any:
@@ -58,15 +60,17 @@ class StagesPulledBack(AbstractWrappingSolver):
             y1, error, info, state, _ = self.solver.step(terms, t0, t1, y0, args, state, False)
             return [y1, error, info["k"]] + ([] if state is None else [state[1]])
 
-        def pull(known: Any, cotangents: list[Array | None], varies: Any) -> Any:
-            (arrays, t0, t1, y0, args, slope, fresh), (_, _, k, *_) = known
+        def pull(residuals: Any, cotangents: list[Array | None], varies: Any) -> Any:
+            (arrays, t0, t1, y0, args, slope, fresh), (_, _, k, *_) = residuals
             _, of_t0, of_t1, _, of_args, _, _ = varies
             begun = eqx.combine(arrays, others), t0, t1, y0, args, slope, fresh
             stages = _Stages(self.solver.tableau, *begun, k, of_t0 or of_t1, of_args)
             # Of a rejected step cotangents are 0, and its stages may not be finite: 0 times those is not 0.
             counts = functools.reduce(jnp.logical_or, (jnp.any(x != 0) for x in cotangents if x is not None), False)
-            found = jax.tree.map(lambda x: jnp.where(counts, x, jnp.zeros_like(x)), stages.pull_back(*cotangents))
-            return jax.tree.map(lambda _: None, arrays), *found, None
+            input_cotangents = jax.tree.map(
+                lambda x: jnp.where(counts, x, jnp.zeros_like(x)), stages.pull_back(*cotangents)
+            )
+            return jax.tree.map(lambda _: None, arrays), *input_cotangents, None
 
         y1, error, k, *last = self.carry_out(step, pull, (arrays, t0, t1, y0, args, slope, fresh))
         state = (False, last[0]) if last else None
@@ -74,7 +78,8 @@ class StagesPulledBack(AbstractWrappingSolver):
 
 
 def with_first_slope(solver: Any, terms: Any, t: Array, y: Array, args: Any, state: tuple[Any, Array]) -> Any:
-    """The state of a method that begins with the last slope of the step before, with that slope where it is ``fresh``.
+    """Returns the state of a method that begins with the last slope of the step before, with that slope where it is
+    ``fresh``.
 
     The method can evaluate it as well, but then steps differ in how many stages they have.
     """
@@ -107,22 +112,24 @@ class _Stages(NamedTuple):
         times = [self.t0, self.t0, control] if self.timed else []
         count = self.k.shape[0]
 
-        def back(turn: Array, at: tuple[Array, Array, list[Array]]) -> tuple[Array, Array, list[Array]]:
-            i, (of_k, of_y, summed) = count - 1 - turn, at
+        def back(turn: Array, carry: tuple[Array, Array, list[Array]]) -> tuple[Array, Array, list[Array]]:
+            i, (of_k, of_y, summed) = count - 1 - turn, carry
             cotangents = jnp.where(i == count - 1, of_last, 0.0), of_k[i]
             of_stage, new = self.pull_back_stage(matrix[i], nodes[i], control, cotangents)
             return of_k + matrix[i][:, None] * of_stage[None], of_y + of_stage, add_arrays(summed, new)
 
         start = of_k, of_y, [jnp.zeros_like(x) for x in [*times, *choose(jax.tree.leaves(self.args), self.which)]]
-        given = jnp.asarray(0) if self.fresh is None else jnp.where(self.fresh, 0, 1)  # stages that are not evaluated
-        of_k, of_y, summed = jax.lax.fori_loop(0, count - given, back, start)
-        times, own = summed[: len(times)], summed[len(times) :]
+        first_stage = (
+            jnp.asarray(0) if self.fresh is None else jnp.where(self.fresh, 0, 1)
+        )  # stages that are not evaluated
+        of_k, of_y, summed = jax.lax.fori_loop(0, count - first_stage, back, start)
+        times, of_args = summed[: len(times)], summed[len(times) :]
         of_slope = None
         if self.slope is not None and self.fresh is not None:
             of_slope, of_control = jax.vjp(self.terms.prod, self.slope, control)[1](of_k[0])
             of_slope = jnp.where(self.fresh, 0.0, of_slope)
             times = [*times[:2], times[2] + jnp.where(self.fresh, 0.0, of_control)] if times else times
-        leaves = replace_chosen([None] * len(self.which), self.which, own)
+        leaves = replace_chosen([None] * len(self.which), self.which, of_args)
         return *self.of_times(times), of_y, jax.tree.structure(self.args).unflatten(leaves), of_slope
 
     @property
@@ -131,7 +138,7 @@ class _Stages(NamedTuple):
         return jax.tree.leaves(self.of_args)
 
     def coefficients(self) -> tuple[Array, Array]:
-        """The matrix of the method, and its nodes."""
+        """Returns the matrix of the method, and its nodes."""
         matrix = np.zeros((self.tableau.num_stages,) * 2)
         for i, row in enumerate(self.tableau.a_lower):
             matrix[i + 1, : i + 1] = row
@@ -144,16 +151,16 @@ class _Stages(NamedTuple):
         y = self.y0 + jnp.sum(row[:, None] * self.k, axis=0)
         t = jnp.where(node == 1, self.t1, self.t0 + node * (self.t1 - self.t0))
 
-        def slope_and_increment(y: Array, own: list[Array], t: Array = t, control: Any = control) -> Any:
-            slope = self.terms.vf(t, y, structure.unflatten(replace_chosen(leaves, self.which, own)))
+        def slope_and_increment(y: Array, of_args: list[Array], t: Array = t, control: Any = control) -> Any:
+            slope = self.terms.vf(t, y, structure.unflatten(replace_chosen(leaves, self.which, of_args)))
             return slope, self.terms.prod(slope, control)
 
-        given = (y, choose(leaves, self.which), *((t, control) if self.timed else ()))
-        of_y, own, *times = jax.vjp(slope_and_increment, *given)[1](cotangents)
-        return of_y, [*((node * times[0], *times) if times else ()), *own]
+        operands = (y, choose(leaves, self.which), *((t, control) if self.timed else ()))
+        of_y, of_args, *times = jax.vjp(slope_and_increment, *operands)[1](cotangents)
+        return of_y, [*((node * times[0], *times) if times else ()), *of_args]
 
     def of_times(self, times: list[Array]) -> tuple[Any, Any]:
-        """The cotangents of the ends of the step."""
+        """Computes the cotangents of the ends of the step."""
         if not times:
             return None, None
         later, all_times, of_control = times

@@ -21,7 +21,7 @@ class _Polynomial(diffrax.AbstractLocalInterpolation):
 
     @abc.abstractmethod
     def at(self, theta: Float[Array, ""]) -> PyTree[Array]:
-        """u(t0 + θh)."""
+        """Evaluates u(t0 + θh)."""
 
     def evaluate(self, t0: Any, t1: Any = None, left=True):
         if t1 is not None:
@@ -96,13 +96,13 @@ def _weigh(weights: Float[Array, " rows"], terms: Float[Array, "rows *shape"]) -
 
 
 def integrals(x: Float[Array, ""], count: int) -> list[Float[Array, ""]]:
-    """∫₀ˣ P̃ₖ for k = 0 … count − 1."""
+    """Computes ∫₀ˣ P̃ₖ for k = 0 … count − 1."""
     P = legendre(x, count + 1)
     return [x] + [(P[k + 1] - P[k - 1]) / (2 * (2 * k + 1)) for k in range(1, count)]
 
 
 def legendre(x: Float[Array, "..."], count: int) -> list[Float[Array, "..."]]:
-    """P̃ₖ(x) for k = 0 … count − 1, on [0, 1] and beyond."""
+    """Computes P̃ₖ(x) for k = 0 … count − 1, on [0, 1] and beyond."""
     u = 2 * x - 1
     P = [jnp.ones_like(u), u]
     for k in range(1, count - 1):

@@ -52,15 +52,15 @@ class StepToKinks(diffrax.AbstractAdaptiveStepSizeController):
         return self._clip(t0, t1), (t1 - t0, state)
 
     def adapt_step_size(self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state):
-        wanted, state = controller_state
+        target_length, state = controller_state
         keep, next_t0, next_t1, made_jump, state, result = self.controller.adapt_step_size(
             t0, t1, y0, y1_candidate, args, y_error, error_order, state
         )
         # Only the start of a step and kinks carry derivatives. A step length with a derivative would amplify it after a
         # kink, as the steps grow.
-        length, wanted = jax.lax.stop_gradient((next_t1 - next_t0, wanted))
+        length, target_length = jax.lax.stop_gradient((next_t1 - next_t0, target_length))
         # A step that was cut short says nothing about longer ones.
-        length = jnp.where(keep & (t1 - t0 < 0.99 * wanted), jnp.maximum(length, wanted), length)
+        length = jnp.where(keep & (t1 - t0 < 0.99 * target_length), jnp.maximum(length, target_length), length)
         past, jumped = self._past(jnp.asarray(next_t0))
         return keep, past, self._clip(past, past + length), made_jump | jumped, (length, state), result
 
@@ -68,7 +68,7 @@ class StepToKinks(diffrax.AbstractAdaptiveStepSizeController):
         return before_kink(self.kinks.astype(t0.dtype), t0, t1)
 
     def _past(self, t: Float[Array, ""]) -> tuple[Float[Array, ""], Bool[Array, ""]]:
-        """The first time after the kink where ``t`` is the last one before it, and whether it is."""
+        """Returns the first time after the kink where ``t`` is the last one before it, and whether it is."""
         kinks = self.kinks.astype(t.dtype)
         here = (t == before(kinks)) | (t == kinks)
         beyond = jnp.min(jnp.where(here, after(kinks), jnp.inf))

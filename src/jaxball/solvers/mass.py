@@ -30,16 +30,16 @@ class Mass(eqx.Module):
     variables: Float[Array, "n n"]
 
     def times(self, Z: Float[Array, "s n"]) -> Float[Array, "s n"]:
-        """M Zᵢ for each of the s rows."""
+        """Computes M Zᵢ for each of the s rows."""
         return _each(self.matrix, Z)
 
     def rates(self, g: Float[Array, " n"]) -> Float[Array, " n"]:
-        """The v of M v = g without an algebraic part, or that of the nearest g for which there is one."""
+        """Solves M v = g for the v without an algebraic part, or does so for the nearest g for which there is one."""
         matrix = product(self.matrix.T, self.matrix) + self.variables
         return product(inverses(matrix[None])[0], _each(self.matrix.T, g[None])[0][:, None])[:, 0]
 
     def without_algebraic(self, x: Float[Array, " n"]) -> Float[Array, " n"]:
-        """``x`` with its algebraic part taken off."""
+        """Returns ``x`` with its algebraic part taken off."""
         return x - _each(self.variables, x[None])[0]
 
 
@@ -51,7 +51,7 @@ class AbstractMassTerm(diffrax.AbstractTerm):
 
     @abc.abstractmethod
     def at_step(self, t: Any, y: PyTree[Array], args: Any) -> tuple[VectorField, Mass]:
-        """The vector field g and the mass matrix for the step that starts at ``t``, ``y``."""
+        """Returns the vector field g and the mass matrix for the step that starts at ``t``, ``y``."""
 
     def vf(self, t, y, args):
         g, _ = self.at_step(t, y, args)
@@ -124,7 +124,7 @@ class SwitchingMassMatrixTerm(AbstractMassTerm):
 
 
 def mass_term(term: diffrax.AbstractTerm) -> AbstractMassTerm | None:
-    """The term with a mass matrix that ``term`` is or wraps; None for an ordinary differential equation."""
+    """Returns the term with a mass matrix that ``term`` is or wraps; None for an ordinary differential equation."""
     inner = unwrap(term)
     return inner if isinstance(inner, AbstractMassTerm) else None
 

@@ -98,12 +98,12 @@ class AbstractMultistepController(diffrax.AbstractAdaptiveStepSizeController):
                 f"{type(self).__name__}, which takes the steps that this method plans, but it is a different one; use "
                 "diffrax.PIDController for it, or the controller with its name."
             )
-        wanted, failed = controller_state
+        target_length, failed = controller_state
         keep = y_error.size <= 1
         h = jax.lax.stop_gradient(t1 - t0)
         length = h * jnp.where(keep, y_error.growth, y_error.shrink).astype(h.dtype)
-        cut = keep & ~failed & (h < 0.99 * wanted)
-        length = self._bound(jnp.where(cut, jnp.maximum(length, wanted), length))
+        cut = keep & ~failed & (h < 0.99 * target_length)
+        length = self._bound(jnp.where(cut, jnp.maximum(length, target_length), length))
         result = diffrax.RESULTS.successful
         if self.dtmin is not None:
             short = ~keep & (length < self.dtmin)
@@ -223,7 +223,7 @@ class AbstractMultistep(AbstractImplicit):
     def sizes(
         self, problem: FlatProblem, x1: Float[Array, " n"], errors: Float[Array, "rows n"]
     ) -> Float[Array, " rows"]:
-        """The norms of errors of a step to x₁, in units of the tolerance.
+        """Computes the norms of errors of a step to x₁, in units of the tolerance.
 
         They are only for choosing steps, and must not be differentiated.
         """
@@ -244,5 +244,5 @@ def check_order(max_order: int, highest: int) -> int:
 
 
 def controller_class(solver: diffrax.AbstractSolver | None) -> type:
-    """The class of the controllers that choose steps for ``solver`` by the tolerances only."""
+    """Returns the class of the controllers that choose steps for ``solver`` by the tolerances only."""
     return solver.controller_cls if isinstance(solver, AbstractMultistep) else diffrax.PIDController

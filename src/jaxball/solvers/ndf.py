@@ -43,7 +43,7 @@ GIVEN_UP = 0.3
 
 
 def plan(errors: Float[Array, "3"], order: Int[Array, ""], equal: Int[Array, ""], highest: int) -> Plan:
-    """The plan after a step.
+    """Returns the plan after a step.
 
     **Arguments:**
 
@@ -62,8 +62,8 @@ def plan(errors: Float[Array, "3"], order: Int[Array, ""], equal: Int[Array, ""]
     def change() -> Plan:
         lengths = jnp.where(exists, CAUTION * _ratio(errors, orders), 0.0)
         longest, here = jnp.max(lengths), lengths[1]
-        kept = jnp.where(ready | stays[1], 1.0, here)
-        growth = jnp.where(changes, jnp.minimum(longest, GREATEST_GROWTH), kept)
+        factor = jnp.where(ready | stays[1], 1.0, here)
+        growth = jnp.where(changes, jnp.minimum(longest, GREATEST_GROWTH), factor)
         again = jnp.clip(LONGEST_SHRUNK * here, SHORTEST_RETRY, LONGEST_RETRY)
         shrink = jnp.where(jnp.isfinite(errors[1]), again, GIVEN_UP)
         return Plan(jnp.where(changes, order - 1 + jnp.argmax(lengths), order), growth, shrink)
@@ -74,13 +74,13 @@ def plan(errors: Float[Array, "3"], order: Int[Array, ""], equal: Int[Array, ""]
 
 
 def _error_of(growth: float, orders: Int[Array, "3"], highest: int, dtype: Any) -> Float[Array, "3"]:
-    """The error of a step of each order, where the next one is to be ``growth`` times as long."""
+    """Computes the error of a step of each order, where the next one is to be ``growth`` times as long."""
     errors = jnp.asarray((CAUTION / growth) ** np.arange(1, highest + 3), dtype)
     return jnp.sum(jnp.where(orders[:, None] == jnp.arange(highest + 2)[None], errors[None], 0.0), axis=1)
 
 
 def _ratio(errors: Float[Array, "3"], orders: Int[Array, "3"]) -> Float[Array, "3"]:
-    """The ratio of the length of a step with the error 1 to that of one with ``errors``."""
+    """Computes the ratio of the length of a step with the error 1 to the length of one with ``errors``."""
     safe = jnp.where((errors > 0) & jnp.isfinite(errors), errors, jnp.finfo(errors.dtype).tiny)
     return (1 / safe) ** (1.0 / (orders + 1).astype(errors.dtype))
 
@@ -228,7 +228,7 @@ class NDF(AbstractMultistep):
         return self.root_finder.solve(equations, mass_psi, state.memory)
 
     def _errors(self, problem: FlatProblem, order: Int[Array, ""], last: Float[Array, "3 n"]) -> Float[Array, "3 n"]:
-        """The errors of the formulas of one order less, of the step's own, and of one more."""
+        """Computes the errors of the formulas of one order less, of the step's own, and of one more."""
         constants = np.concatenate([[0.0], error_constants(self.kappa), [0.0]])
         errors = jnp.stack([_at(constants, order + i, last.dtype) for i in range(3)])[:, None] * last
         return errors if problem.mass is None else jax.vmap(problem.mass.without_algebraic)(errors)
@@ -241,7 +241,7 @@ class NDF(AbstractMultistep):
         ended: tuple[Float[Array, "rows n"], Float[Array, "3 n"]],
         sizes: Float[Array, "3"],
     ) -> tuple[NDFState, Plan]:
-        """The state after an attempt if it is accepted, and the plan for the next in any case.
+        """Returns the state after an attempt if it is accepted, and the plan for the next in any case.
 
         ``ended`` are the differences at its end, and the last three of them.
         """
@@ -271,7 +271,9 @@ class NDF(AbstractMultistep):
 
 
 def _begin(problem: FlatProblem, t0: Float[Array, ""], state: NDFState, first: Bool[Array, ""]) -> NDFState:
-    """The state with x₀ as its last point, which a projection may have moved; in a first step, only with its slope."""
+    """Returns the state with x₀ as its last point, which a projection may have moved; in a first step, only with its
+    slope.
+    """
 
     def slope():
         K = problem.slope(t0, problem.x0)
@@ -294,7 +296,9 @@ def _begin(problem: FlatProblem, t0: Float[Array, ""], state: NDFState, first: B
 
 
 def _at_distance(state: NDFState, ratio: Float[Array, ""]) -> tuple[Float[Array, "rows n"], Float[Array, "2 n"]]:
-    """The differences for points at the distance ``ratio`` H, and those beyond them, which are scaled."""
+    """Computes the differences for points at the distance ``ratio`` H, and the differences beyond them, which are
+    scaled.
+    """
     differences, beyond, order = state.differences, state.beyond, state.order
 
     def equal():
@@ -325,7 +329,7 @@ def _differences_before(state: NDFState, ratio: Float[Array, ""]) -> tuple[Float
 def _of_order(
     order: Int[Array, ""], before: Int[Array, ""], after: Float[Array, "rows n"], last: Float[Array, "3 n"]
 ) -> tuple[Float[Array, "rows n"], Float[Array, "2 n"]]:
-    """The state for a step whose order is one more or one less than that of ``before``."""
+    """Returns the state for a step whose order is one more or one less than ``before``."""
     rises, rows = order > before, jnp.arange(len(after))[:, None]
     differences = jnp.where(rows == before + 1, last[1][None], after)
     beyond = jnp.where(rises, jnp.stack([last[2], jnp.zeros_like(last[2])]), last[:2])
@@ -333,7 +337,7 @@ def _of_order(
 
 
 def _at(rows, index: Int[Array, ""], dtype: Any) -> Array:
-    """The row with an index, zero if there is none."""
+    """Returns the row with an index, zero if there is none."""
     rows = jnp.asarray(rows, dtype)
     here = (jnp.arange(len(rows)) == index).reshape(-1, *(1,) * (rows.ndim - 1))
     return jnp.sum(jnp.where(here, rows, 0.0), axis=0)

@@ -40,31 +40,31 @@ class StageEquations(eqx.Module):
     f0: Float[Array, " n"] | None = None
 
     def slopes(self, Z: Float[Array, "s n"]) -> Float[Array, "s n"]:
-        """K for given Z."""
+        """Computes K for given Z."""
         return jax.vmap(lambda t, z: self.slope(t, self.x0 + z))(self.times, Z)
 
     def right_side(self, K: Float[Array, "s n"]) -> Float[Array, "s n"]:
-        """A K + known: Z for given K where there is no mass matrix."""
+        """Computes A K + known: Z for given K where there is no mass matrix."""
         return self.with_known(combine(self.tableau.A, K))
 
     def with_known(self, AK: Float[Array, "s n"]) -> Float[Array, "s n"]:
-        """``AK`` plus ``known``."""
+        """Returns ``AK`` plus ``known``."""
         return AK if self.known is None else AK + self.known
 
     def without_known(self, Z: Float[Array, "s n"]) -> Float[Array, "s n"]:
-        """``Z`` minus ``known``."""
+        """Returns ``Z`` minus ``known``."""
         return Z if self.known is None else Z - self.known
 
     def mass_times(self, Z: Float[Array, "s n"]) -> Float[Array, "s n"]:
-        """M Z of all stages."""
+        """Computes M Z of all stages."""
         return Z if self.mass is None else self.mass.times(Z)
 
     def mass_matrix(self) -> Float[Array, "n n"]:
-        """M."""
+        """Returns the mass matrix M."""
         return jnp.eye(self.x0.size, dtype=self.x0.dtype) if self.mass is None else self.mass.matrix
 
     def residual(self, Z: Float[Array, "s n"]) -> Float[Array, "s n"]:
-        """M Z − A K(Z) − known, which is zero at the solution."""
+        """Computes M Z − A K(Z) − known, which is zero at the solution."""
         return self.mass_times(Z) - self.right_side(self.slopes(Z))
 
 
@@ -116,30 +116,32 @@ class AbstractStageIteration(eqx.Module):
 
     @abc.abstractmethod
     def start(self, tableau: Tableau, x0: Float[Array, " n"]) -> Memory:
-        """The memory before the first step."""
+        """Returns the memory before the first step."""
 
     @abc.abstractmethod
     def iterate(self, equations: StageEquations, guess: Float[Array, "s n"], memory: Memory) -> Stages:
-        """The stages, from a ``guess`` of the slopes K and what the step before left."""
+        """Computes the stages, from a ``guess`` of the slopes K and the memory that the step before left."""
 
     @abc.abstractmethod
     def tangents(
         self, equations: StageEquations, stages: Stages, changes: StageEquations
     ) -> tuple[Float[Array, "s n"], Float[Array, "s n"]]:
-        """The changes of Z and K, to first order, when the equations change."""
+        """Computes the changes of Z and K, to first order, when the equations change."""
 
     def solve(self, equations: StageEquations, guess: Float[Array, "s n"], memory: Memory) -> Stages:
-        """:meth:`iterate`, whose derivatives come from the implicit function theorem."""
+        """Solves by :meth:`iterate`, whose derivatives come from the implicit function theorem."""
         return _solve(self, equations, guess, memory)
 
     def size(self, equations: StageEquations, change: Float[Array, "s n"]) -> Float[Array, ""]:
-        """The norm of changes of the stages, in units of the tolerance: the root mean square of those of each stage."""
+        """Computes the norm of changes of the stages, in units of the tolerance: the root mean square of the norms of
+        each stage.
+        """
         weight = 1 / (self.atol + self.rtol * jnp.abs(equations.x0))  # which is the same in all iterations
         sizes = jax.vmap(lambda row: self.norm(equations.unravel(row * weight)))(change)
         return optx.rms_norm(sizes) if len(change) > 1 else sizes[0]
 
     def rounding(self, equations: StageEquations) -> Float[Array, ""]:
-        """The norm of changes by rounding, in units of the tolerance."""
+        """Computes the norm of changes by rounding, in units of the tolerance."""
         x0 = equations.x0
         return self.size(equations, 4 * jnp.finfo(x0.dtype).eps * x0[None])
 
@@ -159,7 +161,9 @@ def _solve_jvp(primals, tangents):
 
 
 def combine(matrix: np.ndarray, X: Float[Array, "s n"]) -> Float[Array, "m n"]:
-    """``matrix @ X``, as a sum: within a loop on a CPU, a library call costs more than a product this small."""
+    """Computes ``matrix @ X``, as a sum: within a loop on a CPU, a library call costs more than a product
+    this small.
+    """
     return jnp.sum(jnp.asarray(matrix, dtype=X.dtype)[:, :, None] * X[None], axis=1)
 
 
@@ -202,23 +206,25 @@ def iterate(
     # The remaining error over the change, where there is only a guess.
     share = guessed / jnp.maximum(1 - guessed, 1e-3)
 
-    def body(at: Iterate) -> Iterate:
-        x, change = update(at.x)
-        first = at.passes == 0
-        rate = jnp.where(first, guessed, change / at.change)
-        left = max_steps - 1 - at.passes
-        remaining = change * jnp.where(first, share, change / jnp.maximum(at.change - change, 1e-3 * at.change))
+    def body(state: Iterate) -> Iterate:
+        x, change = update(state.x)
+        first = state.passes == 0
+        rate = jnp.where(first, guessed, change / state.change)
+        left = max_steps - 1 - state.passes
+        remaining = change * jnp.where(first, share, change / jnp.maximum(state.change - change, 1e-3 * state.change))
         converged = (remaining <= limit) & (rate < 1) | (change <= floor)
         too_slow = (rate >= 1) | (remaining * _power(rate, left, max_steps) > limit)
         hopeless = ~converged & (~jnp.isfinite(change) | ~first & too_slow | (left == 0))
-        return Iterate(x, change, rate, at.passes + 1, converged, hopeless)
+        return Iterate(x, change, rate, state.passes + 1, converged, hopeless)
 
     start = Iterate(start, jnp.ones_like(floor), rate, jnp.asarray(0), jnp.asarray(False), jnp.asarray(False))
-    return jax.lax.while_loop(lambda at: ~at.converged & ~at.hopeless, body, start)
+    return jax.lax.while_loop(lambda state: ~state.converged & ~state.hopeless, body, start)
 
 
 def _power(base: Float[Array, ""], exponent: Int[Array, ""], largest: int) -> Float[Array, ""]:
-    """``base`` to a whole number from 0 to ``largest``, by products: a library's power costs more than a small step."""
+    """Computes ``base`` to a whole number from 0 to ``largest``, by products: a library's power costs more than a small
+    step.
+    """
     power, square = jnp.ones_like(base), base
     for bit in range(largest.bit_length()):
         power = jnp.where((exponent >> bit) & 1 == 1, power * square, power)
@@ -270,7 +276,7 @@ class FixedPoint(AbstractStageIteration):
         return Stages(Z, end.x, end.converged, jnp.asarray(False), Memory(end.rate))
 
     def tangents(self, equations, stages, changes):
-        """The tangents of the iteration's limit, K = slopes(A K), by the same iteration, to rounding."""
+        """Computes the tangents of the iteration's limit, K = slopes(A K), by the same iteration, to rounding."""
         _, change = eqx.filter_jvp(lambda e: e.slopes(e.right_side(stages.K)), (equations,), (changes,))
         _, slopes = jax.linearize(equations.slopes, stages.Z)
         A = equations.tableau.A
@@ -340,14 +346,14 @@ class SimplifiedNewton(AbstractStageIteration):
 
     def iterate(self, equations: StageEquations, guess: Float[Array, "s n"], memory: Memory) -> Stages:
         tableau, modes = equations.tableau, equations.tableau.modes
-        made = self._matrices(equations, memory)
+        matrices = self._matrices(equations, memory)
 
         def update(Z):
             right = combine(modes.weighted, -equations.residual(Z))
-            change = solutions(made.inverses, right)
-            if made.imaginary is not None:
+            change = solutions(matrices.inverses, right)
+            if matrices.imaginary is not None:
                 partners = jnp.stack([right[place] for place in modes.partner.tolist()])
-                change = change + solutions(made.imaginary, partners)
+                change = change + solutions(matrices.imaginary, partners)
             change = combine(modes.to_stages, change)
             return Z + change, self.size(equations, change)
 
@@ -360,12 +366,12 @@ class SimplifiedNewton(AbstractStageIteration):
             max_steps=self.max_steps,
         )
         K = combine(tableau.A_inverse, equations.without_known(end.x))
-        smooth = made.inverses[0] if tableau.eigenvalues[0].imag == 0 else None
-        memory = Memory(end.rate, made.inverses, made.imaginary, made.control)
-        return Stages(end.x, K, end.converged, made.singular, memory, smooth, made.f0)
+        smooth = matrices.inverses[0] if tableau.eigenvalues[0].imag == 0 else None
+        memory = Memory(end.rate, matrices.inverses, matrices.imaginary, matrices.control)
+        return Stages(end.x, K, end.converged, matrices.singular, memory, smooth, matrices.f0)
 
     def _matrices(self, equations: StageEquations, memory: Memory) -> "_Matrices":
-        """The matrices of the step before, if these are good enough, or new ones."""
+        """Returns the matrices of the step before, if these are good enough, or new ones."""
         tableau, x0 = equations.tableau, equations.x0
         control, remembered, made_for = equations.control.astype(x0.dtype), memory.inverses, memory.control
         imaginary, eigenvalues = memory.imaginary, tableau.modes.eigenvalues
@@ -395,7 +401,7 @@ class SimplifiedNewton(AbstractStageIteration):
         return jax.lax.cond(near & (memory.rate < self.slowest), keep, renew)
 
     def tangents(self, equations, stages, changes):
-        """One linear system of s·n equations with a separate Jacobian for each stage, solved exactly."""
+        """Solves one linear system of s·n equations with a separate Jacobian for each stage exactly."""
         tableau, (s, n) = equations.tableau, stages.Z.shape
         _, residual = eqx.filter_jvp(lambda e: e.residual(stages.Z), (equations,), (changes,))
         J = jax.vmap(lambda t, x: value_and_jacobian(lambda x: equations.slope(t, x), x)[1])(
@@ -419,6 +425,6 @@ class _Matrices(NamedTuple):
 
 
 def value_and_jacobian(f: Callable, x: Float[Array, " n"]) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
-    """f(x) and ∂f/∂x by forward mode, with what does not depend on the direction computed once."""
+    """Computes f(x) and ∂f/∂x by forward mode; parts that do not depend on the direction are computed once."""
     value, tangent = jax.linearize(f, x)
     return value, fill_vectors(tangent, jnp.eye(x.size, dtype=x.dtype)).T

@@ -71,13 +71,13 @@ class Modes:
 
 @functools.cache
 def gauss(stages: int) -> Tableau:
-    """The method of order 2s on the roots of P̃ₛ."""
+    """Returns the method of order 2s on the roots of P̃ₛ."""
     return _collocation(_roots(np.eye(stages + 1)[stages]))
 
 
 @functools.cache
 def radau_right(stages: int) -> Tableau:
-    """Radau IIA, the method of order 2s − 1 on the roots of P̃ₛ − P̃ₛ₋₁, of which the last is 1."""
+    """Returns Radau IIA, the method of order 2s − 1 on the roots of P̃ₛ − P̃ₛ₋₁, of which the last is 1."""
     difference = np.zeros(stages + 1)
     difference[stages - 1 :] = -1.0, 1.0
     c = _roots(difference)
@@ -86,7 +86,7 @@ def radau_right(stages: int) -> Tableau:
 
 
 def integrals(x: np.ndarray, count: int) -> np.ndarray:
-    """∫₀ˣ P̃ₖ for k = 0 … count − 1, the last axis."""
+    """Computes ∫₀ˣ P̃ₖ for k = 0 … count − 1, the last axis."""
     P = legendre.legvander(2 * np.asarray(x) - 1, count)
     k = np.arange(1, count)
     higher = (P[..., 2:] - P[..., :-2]) / (2 * (2 * k + 1))
@@ -94,7 +94,7 @@ def integrals(x: np.ndarray, count: int) -> np.ndarray:
 
 
 def _roots(series: np.ndarray) -> np.ndarray:
-    """The roots of a Legendre series on [0, 1], increasing, polished by Newton's iteration."""
+    """Computes the roots of a Legendre series on [0, 1], increasing, polished by Newton's iteration."""
     x = np.sort(np.real(legendre.legroots(series)))
     slope = legendre.legder(series)
     for _ in range(3):
@@ -125,7 +125,7 @@ def _collocation(c: np.ndarray) -> Tableau:
 
 
 def _differentiation(c: np.ndarray) -> np.ndarray:
-    """A⁻¹: the slopes at the nodes of the polynomial with given values there and the value 0 at 0."""
+    """Computes A⁻¹: the slopes at the nodes of the polynomial with given values there and the value 0 at 0."""
     x = np.concatenate([[0.0], c])
     gaps = x[:, None] - x
     np.fill_diagonal(gaps, 1.0)

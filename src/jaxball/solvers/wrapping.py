@@ -78,7 +78,7 @@ class Projected(AbstractWrappingSolver):
         return self.projecting(self.solver.interpolation_cls)
 
     def projecting(self, interpolation: Callable[..., diffrax.AbstractLocalInterpolation]) -> Any:
-        """An interpolation, projected."""
+        """Makes an interpolation projected."""
         return _ProjectedInterpolation(interpolation, self.project)
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):

@@ -37,7 +37,7 @@ def floquet_chart(
     workers: int | None = None,
     progress: Callable[[int, int], Any] | None = None,
 ) -> "xarray.Dataset":
-    """The stability of a periodic motion at each pair of values of two parameters.
+    """Computes the stability of a periodic motion at each pair of values of two parameters.
 
     **Arguments:**
 
@@ -111,7 +111,9 @@ def _solve(make: Make, search: Search, cell: Float[Array, "2"]) -> Shot:
 
 
 def _equations(make: Make, cells: Float[np.ndarray, "cells 2"], t: float) -> tuple[bool, tuple[bool, ...]]:
-    """Whether the equations depend on time, and which components are angles, judged by the first cell and the last."""
+    """Finds whether the equations depend on time, and which components are angles, judged by the first cell and the
+    last.
+    """
     kinds = []
     for cell in cells[[0, -1]]:
         system, state, period = make(*to_array(cell))

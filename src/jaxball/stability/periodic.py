@@ -83,7 +83,7 @@ def periodic_motion(
     iterations: int = 20,
     max_steps: int = 4096,
 ) -> PeriodicMotion:
-    """The periodic motion near a state, and its Floquet multipliers.
+    """Finds the periodic motion near a state, and its Floquet multipliers.
 
     Newton's method finds the state that returns after a period, up to whole turns of angles; position and heading need
     not return where nothing depends on them. The derivative of the return map, the monodromy matrix, comes from the
@@ -141,7 +141,7 @@ _shoot = programs.filter_jit(shoot)
 def equations_of(
     system: AbstractSystem, state: AbstractState, t: float, period: float
 ) -> tuple[bool, tuple[bool, ...]]:
-    """Whether the equations depend on time, and which components of a state are angles.
+    """Finds whether the equations depend on time, and which components of a state are angles.
 
     They are compared at the state and at one near it, because at a steady state the forcing may not show.
 
@@ -167,7 +167,7 @@ def equations_of(
 
 
 def _counts(turns: Numbers, state: AbstractState, angles: tuple[bool, ...]) -> Float[np.ndarray, " size"]:
-    """``turns`` of all components of a state."""
+    """Returns ``turns`` of all components of a state."""
     chosen, candidates = to_numpy(turns, "turns"), countable(state)
     if chosen.shape != (np.sum(candidates),) or np.any(chosen != np.round(chosen)):
         raise ValueError(
@@ -188,7 +188,7 @@ def _counts(turns: Numbers, state: AbstractState, angles: tuple[bool, ...]) -> F
 def multipliers_of(
     shot: Shot, system: AbstractSystem, forced: bool
 ) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
-    """The multipliers of a closed motion, the largest first, and its exponents."""
+    """Computes the multipliers of a closed motion, the largest first, and its exponents."""
     state, returned, period = shot.state, shot.returned, float(shot.period)
     x, back, normal = to_array(ravel_pytree(state)[0]), returning(system, state), normal_of(state)
     apart = [] if normal is None else [np.asarray(normal(x))[back]]

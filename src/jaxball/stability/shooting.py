@@ -90,7 +90,7 @@ def shoot(
     period: Float[Array, ""],
     turns: Float[Array, " size"] | None,
 ) -> Shot:
-    """The motion near ``state`` that returns after about ``period``; traceable.
+    """Finds the motion near ``state`` that returns after about ``period``; traceable.
 
     ``turns`` are the whole turns that components gain; by default the nearest to the result of the first solve.
     """
@@ -115,11 +115,11 @@ def shoot(
         bold = jnp.max(jnp.abs(change)) / (BOLDEST * (1 + jnp.max(jnp.abs(x))))
         share = 1 / jnp.maximum(jnp.maximum(bold, jnp.abs(longer) / (BOLDEST * period)), 1.0)
         state, period = unravel(x + share * change).projected(), period + share * longer
-        known = (count > 0) | (turns is not None)
+        has_turns = (count > 0) | (turns is not None)
         return (
             ravel_pytree(state)[0],
             period,
-            _follow_period(search, system, state, period, returned.turns, known),
+            _follow_period(search, system, state, period, returned.turns, has_turns),
             count + 1,
         )
 
@@ -143,7 +143,7 @@ def shoot(
 def _newton(
     returned: Return, held: Float[Array, "held size"], forced: bool
 ) -> tuple[Float[Array, " size"], Float[Array, ""]]:
-    """The changes of the state and of the period.
+    """Computes the changes of the state and of the period.
 
     With M the derivative of the return P(x), they are to solve (M − 1) δx + ẋ δT = x − P(x), with δx orthogonal to the
     rows that are ``held``. Where the motion belongs to a family, or the system has an integral, this is singular at the
@@ -162,9 +162,9 @@ def _newton(
 
 
 def _follow_period(
-    search: Search, system: AbstractSystem, state: AbstractState, period: Float[Array, ""], turns, known
+    search: Search, system: AbstractSystem, state: AbstractState, period: Float[Array, ""], turns, has_turns
 ) -> Return:
-    """Follows the motion from ``state`` over a period; whole turns are counted unless they are ``known``."""
+    """Follows the motion from ``state`` over a period; whole turns are counted unless they are ``has_turns``."""
     prepared, (x, unravel) = system.prepare(), ravel_pytree(state)
     packing, end = Packing.of(prepared, state), search.t + period
 
@@ -188,7 +188,7 @@ def _follow_period(
     sign = jnp.where(spinor & (jnp.sum(jnp.where(spinor, x * arrived, 0.0)) < 0), -1.0, 1.0)
     arrived, after, monodromy = sign * arrived, sign * after, sign[:, None] * monodromy
     counted = jnp.where(jnp.asarray(search.angles), jnp.round((arrived - x) / TURN), 0.0)
-    turns = jnp.where(known, turns, counted)
+    turns = jnp.where(has_turns, turns, counted)
 
     back = jnp.asarray(returning(system, state))
     return Return(
@@ -204,7 +204,7 @@ def _follow_period(
 
 
 def returning(system: AbstractSystem, state: AbstractState) -> Bool[np.ndarray, " size"]:
-    """Which components of ``state`` must return: all except the position, where nothing depends on it."""
+    """Returns which components of ``state`` must return: all except the position, where nothing depends on it."""
     ground = getattr(system, "ground", None)
     placed = isinstance(state, BallState | DiskState) and (
         ground is None or (isinstance(ground, Ground) and ground.turntable is None)
@@ -213,7 +213,7 @@ def returning(system: AbstractSystem, state: AbstractState) -> Bool[np.ndarray, 
 
 
 def countable(state: AbstractState) -> Bool[np.ndarray, " size"]:
-    """Which components of ``state`` may be angles that gain whole turns: φ of a disk, and the coordinates θ."""
+    """Returns which components of ``state`` may be angles that gain whole turns: φ of a disk, and the coordinates θ."""
     return (
         _mark_components(state, ".phi", ".theta") if isinstance(state, AbstractBodyState) else ~_mark_components(state)
     )
@@ -230,7 +230,7 @@ def _mark_components(state: AbstractState, *names: str) -> Bool[np.ndarray, " si
 def rates_at(
     system: AbstractSystem, state: AbstractState, times: Float[Array, " n"], states: Float[Array, "m size"]
 ) -> Float[Array, "n m size"]:
-    """The rates of ``states``, packed as ``state`` is, at ``times``."""
+    """Computes the rates of ``states``, packed as ``state`` is, at ``times``."""
     prepared, unravel = system.prepare(), ravel_pytree(state)[1]
 
     def rate(t, x):

@@ -67,7 +67,7 @@ class SteadyMotion(Printed):
 
 
 def stability(system: System, state: State, *, turning: float = 0.0, t: Numbers = 0.0) -> SteadyMotion:
-    """The linear stability of a steady motion of ``system``.
+    """Computes the linear stability of a steady motion of ``system``.
 
     The derivative of the reduced equations (``uncon_ball_eqns_explicit``) comes from forward mode, and is restricted to
     δΓ orthogonal to Γ. Spectral stability is necessary for stability; for a motion without dissipation it only means
@@ -144,7 +144,7 @@ def _linearise(system: System, state: State, turning, t):
 
 
 def kind_of(eigenvalues: np.ndarray) -> str:
-    """The kind, see :class:`SteadyMotion`, by eigenvalues in units of about the largest."""
+    """Returns the kind, see :class:`SteadyMotion`, by eigenvalues in units of about the largest."""
     real = np.where(np.abs(eigenvalues) > ZERO_EIGENVALUE, np.real(eigenvalues), 0.0)
     growing, falling = bool(np.any(real > NEUTRAL_EIGENVALUE)), bool(np.any(real < -NEUTRAL_EIGENVALUE))
     turning = bool(np.any((np.abs(real) <= NEUTRAL_EIGENVALUE) & (np.abs(eigenvalues) > ZERO_EIGENVALUE)))
@@ -170,7 +170,7 @@ ROUND = 1e-9
 
 
 def steady_rolling(ball: Ball, inclination: float, precession: float, *, t: Numbers = 0.0) -> SteadyMotion:
-    """The Routh sphere's steady motion: its axis E3 precesses about the vertical at a constant inclination.
+    """Computes the Routh sphere's steady motion: its axis E3 precesses about the vertical at a constant inclination.
 
     With Γ = (sin ϑ, 0, cos ϑ) and Ω = P Γ + σ E3, the balance of angular momentum about the centre of mass, where the
     contact force follows from the centre of mass's own circle, gives the spin σ relative to the plane through E3 and
@@ -206,8 +206,8 @@ def steady_rolling(ball: Ball, inclination: float, precession: float, *, t: Numb
             "Argument `precession` must not be zero, because the ball would then rest or roll in a straight line."
         )
     nothing = jnp.zeros((0,))
-    at = moments(ball.prepare(), to_array(t), (nothing, nothing, nothing))
-    p, J, M = np.asarray(at.p), np.asarray(at.J), float(at.M)
+    body_moments = moments(ball.prepare(), to_array(t), (nothing, nothing, nothing))
+    p, J, M = np.asarray(body_moments.p), np.asarray(body_moments.J), float(body_moments.M)
     across = np.abs(np.concatenate([p[:2], J[np.triu_indices(3, 1)], [J[0, 0] - J[1, 1]]]))
     if np.max(across) > ROUND * max(float(np.max(np.abs(J))), M * float(ball.radius)):
         raise ValueError(
@@ -232,7 +232,7 @@ SAME_MOTION = 1e-6
 def permanent_rotations(
     ball: Ball, rate: float = 0.0, *, guess: Numbers | None = None, t: Numbers = 0.0
 ) -> tuple[SteadyMotion, ...]:
-    """The directions Γ about which ``ball`` can rotate forever at ``rate`` with its contact point at rest.
+    """Finds the directions Γ about which ``ball`` can rotate forever at ``rate`` with its contact point at rest.
 
     For these, Ω = ω Γ, so that Γ̇ = 0, and Ω̇ = 0 is solved for Γ by Newton's method from many points of the sphere at
     once. With ``rate`` zero these are the equilibria, where the centre of mass is above or below the geometric centre.
@@ -288,7 +288,7 @@ def _search(ball: Ball, rate, t, starts) -> Float[Array, "n 3"]:
 
 
 def _sphere() -> np.ndarray:
-    """Points that cover the sphere evenly, on a golden spiral."""
+    """Returns points that cover the sphere evenly, on a golden spiral."""
     height = 1 - (2 * np.arange(STARTS_OF_SEARCH) + 1) / STARTS_OF_SEARCH
     azimuth = np.pi * (3 - np.sqrt(5)) * np.arange(STARTS_OF_SEARCH)
     radius = np.sqrt(1 - height**2)

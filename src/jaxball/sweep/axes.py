@@ -19,7 +19,7 @@ Design = Callable[[Int[np.ndarray, " points"], int, int, int], Float[np.ndarray,
 
 
 def random(indices: Int[np.ndarray, " points"], count: int, dimension: int, seed: int) -> np.ndarray:
-    """Independent uniform numbers, computed for each point from its index alone by a counter-based generator."""
+    """Draws independent uniform numbers, computed for each point from its index alone by a counter-based generator."""
     blocks = -(-dimension // 4)  # of four numbers for a step of the counter
     different, places = np.unique(indices, return_inverse=True)
     runs = np.split(different, np.flatnonzero(np.diff(different) > 1) + 1)
@@ -29,12 +29,14 @@ def random(indices: Int[np.ndarray, " points"], count: int, dimension: int, seed
 
 
 def latin_hypercube(indices: Int[np.ndarray, " points"], count: int, dimension: int, seed: int) -> np.ndarray:
-    """A Latin hypercube of ``count`` points: in each dimension, one point in each of ``count`` equal intervals."""
+    """Draws a Latin hypercube of ``count`` points: in each dimension, one point in each of ``count`` equal
+    intervals.
+    """
     return _cube("LatinHypercube", count, dimension, seed)[indices]
 
 
 def sobol(indices: Int[np.ndarray, " points"], count: int, dimension: int, seed: int) -> np.ndarray:
-    """The first ``count`` points, a power of two, of Sobol's sequence, scrambled."""
+    """Returns the first ``count`` points, a power of two, of Sobol's sequence, scrambled."""
     return _cube("Sobol", count, dimension, seed)[indices]
 
 
@@ -86,12 +88,12 @@ class Distribution:
     second: float
 
     def inverse(self, u: np.ndarray) -> np.ndarray:
-        """The quantiles of the distribution at ``u``, 0 ≤ u < 1."""
+        """Computes the quantiles of the distribution at ``u``, 0 ≤ u < 1."""
         return _INVERSES[self.kind](u, self.first, self.second)
 
 
 def read_distribution(values: Any, path: str) -> Distribution:
-    """The distribution that a table such as ``{ normal = [0.0, 0.1] }`` describes.
+    """Reads the distribution that a table such as ``{ normal = [0.0, 0.1] }`` describes.
 
     **Raises:** :class:`~jaxball.scenario.ScenarioError` for an unknown distribution, and for invalid parameters.
     """
@@ -110,7 +112,7 @@ def read_distribution(values: Any, path: str) -> Distribution:
 
 
 def read_points(path: Path) -> tuple[tuple[str, ...], str, int]:
-    """The names of a file's columns, the SHA-256 of its bytes, and how many rows it has.
+    """Reads the names of a file's columns, the SHA-256 of its bytes, and how many rows it has.
 
     **Raises:** :class:`StudyError` when it cannot be read, or holds something other than numbers.
     """
@@ -125,7 +127,7 @@ def read_points(path: Path) -> tuple[tuple[str, ...], str, int]:
 
 
 def points(path: Path, digest: str, indices: np.ndarray) -> np.ndarray:
-    """The rows ``indices`` of a file, which must be as it was when the study was read."""
+    """Returns the rows ``indices`` of a file, which must be as it was when the study was read."""
     return _table(path, digest)[1][indices]
 
 
@@ -264,7 +266,9 @@ class Zipped:
 
 
 def keys_of_paths(axis: Axis, key: str) -> Iterator[tuple[str, str]]:
-    """Each path of the axis at ``key``, with the key that has it as its value, or that names the file it is in."""
+    """Lists each path of the axis at ``key``, with the key that has it as its value, or that names the file
+    it is in.
+    """
     if isinstance(axis, Zipped):
         for k, member in enumerate(axis.members):
             yield from keys_of_paths(member, f"{key}.zip[{k}]")
@@ -295,7 +299,7 @@ AXES: Mapping[str, Keys] = {
 
 
 def read_axis(values: Any, path: str, folder: Path) -> Axis:
-    """The axis that a table describes; its files are relative to ``folder``.
+    """Reads the axis that a table describes; its files are relative to ``folder``.
 
     **Raises:** :class:`~jaxball.scenario.ScenarioError`, with one sentence that names the key.
     """

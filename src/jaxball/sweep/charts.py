@@ -37,7 +37,7 @@ def scenario_chart(
     interval: float = 10.0,
     progress: Callable[[int, int], Any] | None = None,
 ) -> "xarray.Dataset":
-    """:func:`jaxball.chaos.chart` of a scenario with other numbers at the paths of two ``axes``.
+    """Computes :func:`jaxball.chaos.chart` of a scenario with other numbers at the paths of two ``axes``.
 
     Cells with impossible parameters are IMPOSSIBLE. ``end`` replaces the scenario's; other arguments are the chart's.
 
@@ -68,7 +68,7 @@ def scenario_floquet_chart(
     iterations: int = 20,
     progress: Callable[[int, int], Any] | None = None,
 ) -> "xarray.Dataset":
-    """:func:`jaxball.stability.floquet_chart` of a scenario with other numbers at the paths of two ``axes``.
+    """Computes :func:`jaxball.stability.floquet_chart` of a scenario with other numbers at the paths of two ``axes``.
 
     ``period`` is one number near the period of all motions, or the path of an angular frequency, which may differ
     between cells. Each motion is searched for near the scenario's initial state. Cells with impossible parameters are
@@ -127,11 +127,11 @@ class _Cells:
 
     def start_of(self, up: Float[Array, ""], right: Float[Array, ""]) -> tuple[Any, Any]:
         """Picks the system and the initial state of a cell, by the numbers of its values; traceable."""
-        at = self._places[up.astype(int), right.astype(int)]
-        return jax.tree.map(lambda leaf: leaf[at], self._several)
+        row = self._places[up.astype(int), right.astype(int)]
+        return jax.tree.map(lambda leaf: leaf[row], self._several)
 
     def periods(self, period: float | str) -> Float[Array, "n m"]:
-        """The period of each cell."""
+        """Returns the period of each cell."""
         values = [axis.values(np.arange(axis.size))[:, 0] for axis in self.axes]
         named = dict(zip((axis.path for axis in self.axes), np.meshgrid(*values, indexing="ij"), strict=True))
         shape = tuple(axis.size for axis in self.axes)

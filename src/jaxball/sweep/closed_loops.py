@@ -73,7 +73,7 @@ class Common(NamedTuple):
 
 
 def loop_variables(template: Scenario) -> dict[str, Variable]:
-    """The variables of a closed loop in the store of a study."""
+    """Returns the variables of a closed loop in the store of a study."""
     return LOOP | (OF_ESTIMATOR if template.estimator is not None else {})
 
 
@@ -87,17 +87,20 @@ def solve_loops(
     readings: bool,
     threads: int,
 ) -> dict[str, np.ndarray]:
-    """The results of rows, by the names of variables; ``numbers`` and ``sensors`` have the rows as leading axis.
+    """Computes the results of rows, by the names of variables; ``numbers`` and ``sensors`` have the rows as leading
+    axis.
 
     - ``changes``: which of the ``numbers`` differ from row to row.
     """
-    own, shared = eqx.partition(numbers, changes)
+    row_numbers, shared = eqx.partition(numbers, changes)
     shared = jax.tree.map(lambda leaf: leaf[0], shared)
     sought = Sought(template.times.size - 1, int(np.max(numbers.delay)), tuple(reductions.items()), readings)
     common = _common(template, numbers, changes, within, sought.samples)
     with in_threads(threads):
-        found = jax.vmap(functools.partial(_row, sought, common, shared))((own, sensors if readings else None))
-    return jax.tree.map(np.asarray, found)
+        results = jax.vmap(functools.partial(_row, sought, common, shared))(
+            (row_numbers, sensors if readings else None)
+        )
+    return jax.tree.map(np.asarray, results)
 
 
 def _common(template: Scenario, numbers: LoopNumbers, changes: Any, within: float, samples: int) -> Common:
@@ -119,13 +122,15 @@ def _feedback(numbers: LoopNumbers, sample: Array, t0: Array, samples: int) -> A
 
 @programs.filter_jit
 def _row(sought: Sought, common: Common, shared: Any, row: Any) -> dict[str, Array]:
-    """The closed loop of one row."""
-    own, sensors = row
-    numbers: LoopNumbers = eqx.combine(own, shared)
-    known = numbers.feedback(common.sample, common.t0, sought.samples) if common.feedback is None else common.feedback
-    feedback, plant, first = numbers.around(known)
-    found = run_loop(feedback, plant, first, sought.samples, numbers.delay, None, sought.longest)
-    times, states, u, du, xi, memory = found
+    """Runs the closed loop of one row."""
+    row_numbers, sensors = row
+    numbers: LoopNumbers = eqx.combine(row_numbers, shared)
+    controller = (
+        numbers.feedback(common.sample, common.t0, sought.samples) if common.feedback is None else common.feedback
+    )
+    feedback, plant, first = numbers.around(controller)
+    outcome = run_loop(feedback, plant, first, sought.samples, numbers.delay, None, sought.longest)
+    times, states, u, du, xi, memory = outcome
     loop = ClosedLoop(times, states, u, du, xi, feedback, plant, memory)
     reached = jnp.sum(jnp.all(jnp.isfinite(loop.xi), axis=1)) - 1
     results = {
@@ -160,16 +165,16 @@ def _of_estimate(loop: ClosedLoop, common: Common) -> dict[str, Array]:
         return {}
     before = jax.tree.map(lambda leaf: leaf[:-1], loop.states)
     now = jax.tree.map(lambda leaf: leaf[:-1], estimate)
-    known, dtype = now.read > 0, loop.xi.dtype
+    mask, dtype = now.read > 0, loop.xi.dtype
     return {
-        "nis_per_reading": jnp.sum(jnp.where(known, now.nis, 0.0)) / jnp.sum(now.read).astype(dtype),
+        "nis_per_reading": jnp.sum(jnp.where(mask, now.nis, 0.0)) / jnp.sum(now.read).astype(dtype),
         "nees_per_direction": jnp.sum(now.nees(before)) / jnp.sum(now.uncertain).astype(dtype),
         "largest_estimation_error": jnp.max(_size(now.errors(before), common)),
     }
 
 
 def _size(xi: Float[Array, "T n"], common: Common) -> Float[Array, " T"]:
-    """The deviations √(ξ·Q ξ / tr Q)."""
+    """Computes the deviations √(ξ·Q ξ / tr Q)."""
     squared = jnp.sum((xi @ common.measure) * xi, axis=1)
     return jnp.sqrt(jnp.maximum(squared, 0.0))
 
@@ -181,16 +186,16 @@ def _reduce(loop: ClosedLoop, reductions: tuple[tuple[str, AbstractReduction], .
     quantities = tuple(dict.fromkeys(item.quantity for _, item in reductions))
     u = jnp.concatenate([loop.u, loop.u[-1:]])
 
-    def quantities_at(at: Any) -> Array:
-        t, state, u = at
+    def quantities_at(sample: Any) -> Array:
+        t, state, u = sample
         return values(quantities, loop.plant.hold(u).prepare(), t, state)
 
     every, reports = jax.lax.map(quantities_at, (loop.times, loop.states, u)), {}
     for name, item in reductions:
-        own = every[:, quantities.index(item.quantity)]
-        places = [jnp.argmax(sign * own) for sign in item.signs]
-        extremes, times = tuple(own[k] for k in places), tuple(loop.times[k] for k in places)
-        area = jnp.sum(0.5 * (own[1:] + own[:-1]) * jnp.diff(loop.times))
-        observed = Observed(own[0], extremes, times, area)
+        series = every[:, quantities.index(item.quantity)]
+        places = [jnp.argmax(sign * series) for sign in item.signs]
+        extremes, times = tuple(series[k] for k in places), tuple(loop.times[k] for k in places)
+        area = jnp.sum(0.5 * (series[1:] + series[:-1]) * jnp.diff(loop.times))
+        observed = Observed(series[0], extremes, times, area)
         reports |= {name + end: value for end, value in item.result(observed).items()}
     return reports

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def open_dataset(folder: str | Path) -> "xarray.Dataset":
-    """The rows of a store, done or not, as ``xarray.open_zarr`` opens them; data are read only when used.
+    """Opens the rows of a store, done or not, as ``xarray.open_zarr`` does; data are read only when used.
 
     Joints have their names as labels, ``data["theta"].sel(driven="mechanisms[0].joints[1]")``. In the store these are
     an attribute, ``names``, because not every library reads strings from Zarr.
@@ -42,7 +42,8 @@ def open_dataset(folder: str | Path) -> "xarray.Dataset":
 
 
 def open_grid(folder: str | Path) -> "xarray.Dataset":
-    """The rows of the store at ``folder`` along its study's axes: ``grid.sel({"body.mass": 1.0})`` selects by value.
+    """Opens the rows of the store at ``folder`` along its study's axes: ``grid.sel({"body.mass": 1.0})`` selects by
+    value.
 
     The first dimensions are the axes, in the study's order. An axis of a single number has its path as name and its
     values as coordinate. An axis of several numbers, such as a design, is called ``axes[k]``, counted from 0, and its
@@ -64,7 +65,7 @@ def open_grid(folder: str | Path) -> "xarray.Dataset":
 
 
 def row_events(folder: str | Path) -> dict[str, AbstractEvent]:
-    """The events that may have ended the runs of the store at ``folder``, by name, for :func:`row_scenarios`.
+    """Returns the events that may have ended the runs of the store at ``folder``, by name, for :func:`row_scenarios`.
 
     **Raises:** :class:`StoreError` as :func:`open_dataset`.
     """
@@ -72,7 +73,7 @@ def row_events(folder: str | Path) -> dict[str, AbstractEvent]:
 
 
 def row_scenarios(folder: str | Path, rows: Sequence[int]) -> list[Scenario]:
-    """The scenarios of some ``rows``, from 0, of the store at ``folder``.
+    """Returns the scenarios of some ``rows``, from 0, of the store at ``folder``.
 
     Simulated with :func:`row_events`, they repeat the runs of these rows.
 

@@ -23,7 +23,7 @@ ROWS_OF_CALL, ROWS_OF_CALL_ON_GPU = 2048, 2**17
 
 
 def solve_in_lanes(batch: Batch, request: Request) -> dict[str, np.ndarray]:
-    """The rows by :func:`jaxball.ensemble.simulate_ensemble`; an ``Engine``.
+    """Solves the rows by :func:`jaxball.ensemble.simulate_ensemble`; an ``Engine``.
 
     What is found of runs that an event ends is found of shorter ones, which end there.
 

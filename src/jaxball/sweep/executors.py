@@ -63,7 +63,7 @@ def solve_chunk(task: Task) -> ChunkResult:
 
 
 def solve_chunk_elsewhere(task: Task) -> ChunkResult:
-    """The same in a worker's process, which has JAX settings of its own."""
+    """Solves a chunk like :func:`solve_chunk`, but in a worker's process, which has JAX settings of its own."""
     jax.config.update("jax_enable_x64", True)
     return solve_chunk(task)
 
@@ -76,7 +76,9 @@ def compute(
     engine: Engine,
     threads: int = 1,
 ) -> dict[str, np.ndarray]:
-    """The variables of ``rows``. An impossible row has the status IMPOSSIBLE, and does not affect the others."""
+    """Computes the variables of ``rows``. An impossible row has the status IMPOSSIBLE, and does not affect
+    the others.
+    """
     arrays = {name: output.empty(len(rows)) for name, output in outputs.items()}
     values = study.values(rows)
     arrays["row"][:] = rows
@@ -107,7 +109,7 @@ class InThisProcess(concurrent.futures.Executor):
     """Computes at once, in this process."""
 
     def submit(self, fn, /, *args, **kwargs):
-        """The result of ``fn``, as a future."""
+        """Returns the result of ``fn``, as a future."""
         future = concurrent.futures.Future()
         try:
             future.set_result(fn(*args, **kwargs))
@@ -116,7 +118,7 @@ class InThisProcess(concurrent.futures.Executor):
         return future
 
     def kill(self) -> None:
-        """There is nothing besides this process."""
+        """Does nothing, because there is nothing besides this process."""
 
 
 class Processes(concurrent.futures.ThreadPoolExecutor):
@@ -131,7 +133,7 @@ class Processes(concurrent.futures.ThreadPoolExecutor):
         self._started: list[tuple[Any, Any]] = []
 
     def submit(self, fn, /, *args, **kwargs):
-        """The result of ``fn``, a module-level function, as a future.
+        """Returns the result of ``fn``, a module-level function, as a future.
 
         Its ``result`` raises ``BrokenExecutor`` when the process was killed.
         """
@@ -163,7 +165,7 @@ class Processes(concurrent.futures.ThreadPoolExecutor):
         return result
 
     def _pipe(self) -> Any:
-        """That to the process of this thread."""
+        """Returns the pipe to the process of this thread, which is started if there is none."""
         with self._starting:
             if self._killed:
                 raise concurrent.futures.BrokenExecutor("The processes were ended.")
@@ -183,12 +185,12 @@ class Processes(concurrent.futures.ThreadPoolExecutor):
 
 
 def _settings() -> dict[str, Any]:
-    """Those of JAX, on which results and the names of kept programs depend."""
+    """Returns the settings of JAX, on which results and the names of kept programs depend."""
     return {name: value for name, value in compat.settings().items() if isinstance(value, bool | int | float | str)}
 
 
 def _serve(pipe: Connection, folder: Path | None, settings: dict[str, Any]) -> None:
-    """The loop of a process, until there is nothing more to do, or its parent has ended."""
+    """Runs the loop of a process, until there is nothing more to do, or its parent has ended."""
     interruption.leave_to_parent()
     threading.Thread(target=_end_with_parent, name="end with parent", daemon=True).start()
     for name, value in settings.items():
@@ -216,12 +218,13 @@ def _end_with_parent() -> None:
 
 
 def executor_of(workers: int) -> InThisProcess | Processes:
-    """An executor with ``workers`` processes; this process itself for one worker."""
+    """Makes an executor with ``workers`` processes; this process itself for one worker."""
     return InThisProcess() if workers == 1 else Processes(workers)
 
 
 def solve_all(executor: Any, tasks: Iterable[Task], ahead: int, stop: threading.Event) -> Iterator[ChunkResult]:
-    """The result of each task, in order of completion; at most ``ahead`` are submitted to the executor at a time.
+    """Returns the result of each task, in order of completion; at most ``ahead`` are submitted to the executor at a
+    time.
 
     Once ``stop`` is set, no task begins, and those that have begun are completed. The executor's futures need only
     ``done`` and ``result``.

@@ -94,19 +94,19 @@ def list_chunks(folder: Path) -> list[int]:
 
 
 def with_checksum(content: bytes) -> bytes:
-    """The numbers of a chunk as its file holds them."""
+    """Returns the numbers of a chunk as its file holds them."""
     return content + _checksum(content)
 
 
 def numbers_of(path: Path, size: int) -> bytes | None:
-    """The numbers in a file of ``size`` bytes that ends with their checksum; None if it has been changed."""
+    """Reads the numbers in a file of ``size`` bytes that ends with their checksum; None if it has been changed."""
     content = path.read_bytes() if path.is_file() else b""
     numbers = content[:-BYTES_OF_A_CHECKSUM]
     return numbers if len(numbers) == size and content == with_checksum(numbers) else None
 
 
 def damages(folder: Path, *, numbers: bool = True) -> Iterator[Damage]:
-    """The files of the store at ``folder`` that have been changed from outside, in chunks that were written.
+    """Lists the files of the store at ``folder`` that have been changed from outside, in chunks that were written.
 
     With ``numbers`` all files are read; otherwise only their sizes are checked.
     """
@@ -145,22 +145,22 @@ def change_error(path: Path) -> StoreError:
 
 
 def _nodes(folder: Path) -> Mapping[str, Any]:
-    """The metadata of each array and of each group in the store, by its path."""
+    """Reads the metadata of each array and of each group in the store, by its path."""
     about = json.loads((folder / "zarr.json").read_text(encoding="utf-8"))
     return about.get("consolidated_metadata", {}).get("metadata", {})
 
 
 def _says(path: Path, metadata: Mapping[str, Any]) -> bool:
-    """Whether the metadata file of an array or a group agrees with the store's, which Zarr reads instead."""
+    """Returns whether the metadata file of an array or a group agrees with the store's, which Zarr reads instead."""
     try:
-        own = json.loads(path.read_text(encoding="utf-8"))
+        contents = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return False
-    return own == {name: value for name, value in metadata.items() if name != "consolidated_metadata"}
+    return contents == {name: value for name, value in metadata.items() if name != "consolidated_metadata"}
 
 
 def _size(array: Mapping[str, Any]) -> int | None:
-    """How many bytes the numbers in each file of an array have; None where that depends on their values."""
+    """Returns how many bytes the numbers in each file of an array have; None where that depends on their values."""
     if not {"bytes"} <= set(_codecs(array)) <= {"bytes", CHECKSUM}:
         return None
     kind = array["data_type"]

@@ -46,8 +46,8 @@ _LOGARITHMIC = ("log-uniform", "lognormal")
 
 
 def layout_of(study: Study) -> dict[str, list[Any]]:
-    """For each path, its axis and whether its values are spaced logarithmically; for each axis, whether its points are
-    scattered; the names of the quantities that the study finds.
+    """Returns for each path its axis and whether its values are spaced logarithmically; for each axis, whether its
+    points are scattered; and the names of the quantities that the study finds.
 
     Lists of numbers and strings, which every file format can hold.
     """
@@ -60,7 +60,9 @@ def layout_of(study: Study) -> dict[str, list[Any]]:
 
 
 def dimensions(paths: Sequence[str], path_axis: Sequence[int]) -> list[str]:
-    """The name of each axis as a dimension: the path of its one number, or else its index in the study, ``axes[0]``."""
+    """Returns the name of each axis as a dimension: the path of its one number, or else its index in the study,
+    ``axes[0]``.
+    """
     numbers = Counter(path_axis)
     alone = {axis: path for path, axis in zip(paths, path_axis, strict=True) if numbers[axis] == 1}
     return [alone.get(axis, f"{AXES}[{axis}]") for axis in sorted(numbers)]
@@ -99,43 +101,43 @@ class Output(NamedTuple):
         return np.nan if self.dtype.kind == "f" else NOT_COMPUTED
 
     def empty(self, rows: int) -> np.ndarray:
-        """An array of fill values with ``rows`` rows."""
+        """Makes an array of fill values with ``rows`` rows."""
         return np.full((rows, *self.shape), self.fill, dtype=self.dtype)
 
 
 def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
-    """Every variable of a study's store by name: the row, the numbers that change, and the results."""
+    """Returns every variable of a study's store by name: the row, the numbers that change, and the results."""
     outputs = {"row": Output((), (), np.dtype(np.int64), "", "row of the study", True)}
     dimensions_of_paths = _dimensions_of_paths(study, template)
     for path in study.paths:
         outputs[path] = _number(dimensions_of_paths[path], f"the number {path} of the scenario", coordinate=True)
-    outputs |= {name: _output(known) for name, known in RUN.items()}
+    outputs |= {name: _output(variable) for name, variable in RUN.items()}
     saves = (template.times.size,) if study.save == "times" else ()
     dimensions = ("save",) * len(saves)
     if saves:
         outputs["time"] = Output(dimensions, saves, np.dtype(np.float64), "time", "save time", True)
-    for name, (known, shape) in state_variables(template).items():
-        outputs[name] = _output(known._replace(dimensions=(*dimensions, *known.dimensions)), (*saves, *shape))
+    for name, (variable, shape) in state_variables(template).items():
+        outputs[name] = _output(variable._replace(dimensions=(*dimensions, *variable.dimensions)), (*saves, *shape))
     _, of_run = history_variables(template.system_to_solve)
-    outputs |= {name: _output(known) for name, known in of_run.items()}
+    outputs |= {name: _output(variable) for name, variable in of_run.items()}
     if study.readings:
         outputs |= _of_readings(study, template)
     if template.feedback is not None:
         from .closed_loops import loop_variables  # which other studies do without
 
-        outputs |= {name: _output(known) for name, known in loop_variables(template).items()}
+        outputs |= {name: _output(variable) for name, variable in loop_variables(template).items()}
     if study.contact:
-        outputs |= {name: _output(known) for name, known in EXTREMES.items()}
+        outputs |= {name: _output(variable) for name, variable in EXTREMES.items()}
     if finds_least_normal_force(study, template):
-        outputs |= {name: _output(known) for name, known in LEFT_PLANE.items()}
+        outputs |= {name: _output(variable) for name, variable in LEFT_PLANE.items()}
     for event in template.events:
-        for name, known in variables_of_event(event).items():
+        for name, variable in variables_of_event(event).items():
             if name in outputs:
                 raise StudyError(
                     f"Key `scenario.events` must have names whose variables are not in the store yet, but `{name}` is "
                     "taken; give that event another name."
                 )
-            outputs[name] = _output(known)
+            outputs[name] = _output(variable)
     for find in study.finds:
         for name, end in ((find.name + end, end) for end in find.reduction().ends):
             if find.kind and (name in outputs or name == AXES):
@@ -147,7 +149,7 @@ def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
 
 
 def _dimensions_of_paths(study: Study, template: Scenario) -> dict[str, str]:
-    """The dimension of each number that changes, in words; empty if the scenario states no units."""
+    """Returns the dimension of each number that changes, in words; empty if the scenario states no units."""
     if template.units is None:
         return dict.fromkeys(study.paths, "")
     with kinds_of_numbers() as kinds:
@@ -156,22 +158,28 @@ def _dimensions_of_paths(study: Study, template: Scenario) -> dict[str, str]:
 
 
 def state_variables(template: Scenario) -> dict[str, tuple[Variable, tuple[int, ...]]]:
-    """The variables of the state at a time, with shapes: those of the body and, where it has modes, of its history."""
+    """Returns the variables of the state at a time, with shapes: of the body and, where it has modes, of its
+    history.
+    """
     state = template.state
     body = state.body if isinstance(state, ReleasedState) else state
     if template.feedback is not None:
         none = np.zeros(len(_system_of_rows(template).coordinates))
         body = dataclasses.replace(body, theta=none, thetadot=none)
     shapes = {name: np.shape(leaf) for name, leaf in vars(body).items() if np.size(leaf)}
-    known = {name: (_variable(body, name, shape), shape) for name, shape in shapes.items()}
+    variables = {name: (_variable(body, name, shape), shape) for name, shape in shapes.items()}
     over_time, _ = history_variables(template.system_to_solve)
     sizes = {"axis": 3, "direction": 2}
-    return known | {name: (one, tuple(sizes[axis] for axis in one.dimensions)) for name, one in over_time.items()}
+    return variables | {
+        name: (variable, tuple(sizes[axis] for axis in variable.dimensions)) for name, variable in over_time.items()
+    }
 
 
 @functools.singledispatch
 def history_variables(system: AbstractSystem) -> tuple[dict[str, Variable], dict[str, Variable]]:
-    """The variables of the history of the system that is solved, by name: at a time, and of a run as a whole."""
+    """Returns the variables of the history of the system that is solved, by name: at a time, and of a run as
+    a whole.
+    """
     return {}, {}
 
 
@@ -182,7 +190,9 @@ def _of_plane(system: BodyOnPlane) -> tuple[dict[str, Variable], dict[str, Varia
 
 @functools.singledispatch
 def history_results(history: AbstractHistory) -> dict[str, Array]:
-    """The variables of a history, of one run or of many, by name; those of the contact with a law of contact."""
+    """Returns the variables of a history, of one run or of many, by name; with a law of contact, the contact's
+    variables.
+    """
     return {}
 
 
@@ -197,7 +207,7 @@ def _of_contact(contact: ContactHistory) -> dict[str, Array]:
 
 
 def labels_of(outputs: dict[str, Output], template: Scenario) -> dict[str, np.ndarray]:
-    """The labels along each dimension except ``row``."""
+    """Returns the labels along each dimension except ``row``."""
     sizes = {name: n for item in outputs.values() for name, n in zip(item.dimensions, item.shape, strict=True)}
     return labels(_system_of_rows(template), sizes)
 
@@ -212,7 +222,7 @@ def _system_of_rows(template: Scenario) -> Any:
 
 
 def finds_least_normal_force(study: Study, template: Scenario) -> bool:
-    """Whether the least normal force is found of runs that are valid only as long as it is positive."""
+    """Returns whether the study finds the least normal force of runs that are valid only as long as it is positive."""
     return not template.may_slip and (study.contact or any(find == Find(LEAST_FORCE) for find in study.finds))
 
 
@@ -226,7 +236,7 @@ def flag_departures(status: Int[np.ndarray, " rows"], least: Float[np.ndarray, "
 
 
 def went_on(status: Int[np.ndarray, " rows"], left: Int[np.ndarray, " rows"]) -> int:
-    """How many rows that left the plane did not end there."""
+    """Counts the rows that left the plane but did not end there."""
     return int(np.sum((left == 1) & (status != Status.DETACHED)))
 
 
@@ -234,19 +244,21 @@ EXTREME = {"least": np.nanmin, "largest": np.nanmax}
 
 
 def with_extremes(results: dict[str, np.ndarray], template: Scenario | None) -> dict[str, np.ndarray]:
-    """The results with the extremes over time of the readings of a scenario's sensors; NaN without any."""
+    """Returns the results with the extremes over time of the readings of a scenario's sensors; NaN without any."""
     extremes = {}
     for name in () if template is None else template.sensors:
         read = results[f"measured_{name}"]
         missing = np.all(np.isnan(read), axis=1)
         for word, extreme in EXTREME.items():
-            known = np.where(missing[:, None], 0.0, read)
-            extremes[f"measured_{name}_{word}"] = np.where(missing, np.nan, extreme(known, axis=1))
+            readings = np.where(missing[:, None], 0.0, read)
+            extremes[f"measured_{name}_{word}"] = np.where(missing, np.nan, extreme(readings, axis=1))
     return results | extremes
 
 
 def _of_readings(study: Study, template: Scenario) -> dict[str, Output]:
-    """The variables of sensors' readings: their extremes over the save times, and the readings where they are kept."""
+    """Returns the variables of sensors' readings: their extremes over the save times, and the readings where they are
+    kept.
+    """
     system: Any = template.system
     state: Any = template.state.body if isinstance(template.state, ReleasedState) else template.state
     measurement = Measurement(dict(template.sensors))
@@ -254,19 +266,19 @@ def _of_readings(study: Study, template: Scenario) -> dict[str, Output]:
     outputs = {}
     for name, sensor in template.sensors.items():
         shape = shapes[name].shape
-        own = ("axis",) if shape == (3,) else tuple(f"measured_{name}_{k}" for k in range(len(shape)))
-        known = Variable(own, sensor.units, sensor.meaning)
+        axes = ("axis",) if shape == (3,) else tuple(f"measured_{name}_{k}" for k in range(len(shape)))
+        variable = Variable(axes, sensor.units, sensor.meaning)
         if study.save == "times":
             outputs[f"measured_{name}"] = _output(
-                known._replace(dimensions=("save", *own)), (template.times.size, *shape)
+                variable._replace(dimensions=("save", *axes)), (template.times.size, *shape)
             )
         for word in EXTREME:
-            outputs[f"measured_{name}_{word}"] = _output(known._replace(meaning=f"{word} {known.meaning}"), shape)
+            outputs[f"measured_{name}_{word}"] = _output(variable._replace(meaning=f"{word} {variable.meaning}"), shape)
     return outputs
 
 
-def _output(known: Variable, shape: tuple[int, ...] = ()) -> Output:
-    return Output(known.dimensions, shape, np.dtype(known.dtype), known.units, known.meaning)
+def _output(variable: Variable, shape: tuple[int, ...] = ()) -> Output:
+    return Output(variable.dimensions, shape, np.dtype(variable.dtype), variable.units, variable.meaning)
 
 
 def _number(units: str, meaning: str, coordinate: bool = False) -> Output:
@@ -275,8 +287,8 @@ def _number(units: str, meaning: str, coordinate: bool = False) -> Output:
 
 def _variable(state: Any, name: str, shape: tuple[int, ...]) -> Variable:
     if isinstance(state, BallState | DiskState):
-        known = STATE[name]
-        return known if len(shape) == len(known.dimensions) else known._replace(dimensions=())
+        variable = STATE[name]
+        return variable if len(shape) == len(variable.dimensions) else variable._replace(dimensions=())
     if isinstance(state, LagrangianState) and len(shape) == 1:
         return LAGRANGIAN_STATE[name]
     return of_classical_state(name, len(shape))

@@ -43,7 +43,7 @@ class StatusCounts(NamedTuple):
 
 
 def status_counts(folder: Path) -> StatusCounts:
-    """The outcomes of the rows that are done.
+    """Counts the outcomes of the rows that are done.
 
     **Raises:** :class:`StoreError` when ``folder`` is not the store of a study, and when a file of it has been changed
     from outside; of the numbers, only the statuses and ``left_plane`` are read.
@@ -68,7 +68,7 @@ def status_counts(folder: Path) -> StatusCounts:
 
 
 def column(folder: Path, name: str, chunk: int, rows: int, dtype: np.dtype) -> np.ndarray:
-    """A variable with one number per row, in the ``rows`` of a chunk that is done; the last one has padding.
+    """Reads a variable with one number per row, in the ``rows`` of a chunk that is done; the last one has padding.
 
     **Raises:** :class:`StoreError` when its file has been changed from outside.
     """
@@ -83,8 +83,8 @@ def column(folder: Path, name: str, chunk: int, rows: int, dtype: np.dtype) -> n
 
 
 def describe(folder: str | Path) -> str:
-    """How many rows of a store are done, their statuses, how many left the plane, and what is wrong with the first row
-    that failed.
+    """Describes how many rows of a store are done, their statuses, how many left the plane, and what is wrong with the
+    first row that failed.
 
     **Raises:** :class:`StoreError` when there is nothing at ``folder``, or something other than the store of a study,
     and when a file of it has been changed from outside.
@@ -152,7 +152,9 @@ class Progress:
         parallel: int = 1,
         clock: Callable[[], float] = time.monotonic,
     ):
-        """``rows`` in all, those in the store ``before``, and ``mine`` to be done now by ``parallel`` workers."""
+        """Starts from the ``rows`` in all, the rows in the store ``before``, and ``mine`` to be done now by
+        ``parallel`` workers.
+        """
         self.stream, self.rows, self.mine, self.parallel, self.clock = stream, rows, mine, parallel, clock
         self.done, self.failed, self.left, self.now = before.rows, before.failed, before.left, 0
         self.workers: dict[str, _Worker] = {}
@@ -193,7 +195,7 @@ class Progress:
             self.stream.write("\n")
 
     def line(self) -> str:
-        """The line."""
+        """Returns the line that shows the progress."""
         share = f"{100 * self.done / self.rows:.1f} %"
         left = f"{self.left:,} left the plane, " if self.left else ""
         return f"{self.done:,} of {self.rows:,} rows ({share}), {self.failed:,} failed, {left}{self._pace()}"
@@ -209,7 +211,9 @@ class Progress:
         return f"{rate:,.3g} rows/s, {duration((self.mine - self.now) / rate)} to go"
 
     def _rate(self) -> float | None:
-        """Rows per second of all workers; those that have done one chunk are assumed as fast as the others."""
+        """Computes the rows per second of all workers; a worker that has done only one chunk is assumed as fast as the
+        others.
+        """
         rows = sum(worker.rows for worker in self.workers.values())
         seconds = sum(worker.last - worker.start for worker in self.workers.values())
         if rows and seconds:
@@ -231,7 +235,7 @@ class _Worker(NamedTuple):
 
 
 def duration(seconds: float) -> str:
-    """A duration as text: ``42 s``, ``5 min``, ``3.2 h``."""
+    """Formats a duration as text: ``42 s``, ``5 min``, ``3.2 h``."""
     if seconds < 100:
         return f"{seconds:.2g} s" if seconds < 10 else f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"

@@ -58,7 +58,7 @@ class Batch(NamedTuple):
         return len(self.times)
 
     def take(self, rows: Any) -> "Batch":
-        """Some of the scenarios, by a slice or by indices."""
+        """Returns some of the scenarios, by a slice or by indices."""
         names = ("system", "times", "state", "rtol", "atol", "contact", "events", "sensors", "loop")
         stacked = {name: getattr(self, name) for name in names}
         return self._replace(**jax.tree.map(lambda leaf: leaf[rows], stacked))
@@ -106,7 +106,7 @@ ROWS_OF_BATCH = 1024
 def read_rows(
     study: Study, template: Scenario, rows: Int[np.ndarray, " rows"], values: Float[np.ndarray, "rows numbers"]
 ) -> tuple[Int[np.ndarray, " possible"], Batch | None]:
-    """The indices of the possible ones among ``rows``, and their scenarios; None if there are none.
+    """Returns the indices of the possible ones among ``rows``, and their scenarios; None if there are none.
 
     Numbers in the document have the bits of ``values``; what is computed from them, such as a versor from an axis and
     an angle, agrees with the row's own document to rounding, and so does whether a row is possible.
@@ -170,7 +170,7 @@ def _read_stack(study: Study, values: Float[np.ndarray, "rows numbers"]) -> _Sta
 
 
 def _as_array(leaf: Any) -> np.ndarray:
-    """A leaf in float64, but for arrays of whole numbers."""
+    """Returns a leaf in float64, but leaves arrays of whole numbers unchanged."""
     is_whole = isinstance(leaf, jax.Array | np.ndarray) and leaf.dtype.kind in "iu"
     return np.asarray(leaf) if is_whole else np.asarray(leaf, dtype=float)
 
@@ -193,11 +193,11 @@ def _compile_reader(text: str, paths: tuple[str, ...]) -> tuple[Structure, Calla
 
 
 def _times(stacked: _Stacked, template: Scenario, ends_only: bool) -> Float[np.ndarray, "rows times"]:
-    """The save times of every row, meaningless where it is impossible."""
+    """Returns the save times of every row, meaningless where it is impossible."""
     times = stacked.parts.times
     if not stacked.times_differ:
-        kept = template.times[[0, -1]] if ends_only else template.times
-        return np.broadcast_to(kept, (stacked.possible.size, kept.size))
+        common_times = template.times[[0, -1]] if ends_only else template.times
+        return np.broadcast_to(common_times, (stacked.possible.size, common_times.size))
     if ends_only:
         return np.stack([times.start, times.end], axis=1)
     with np.errstate(all="ignore"):

@@ -88,12 +88,12 @@ def sweep(
     stream = io.StringIO() if stream is None else stream
     stream.write(_describe_repair(study, store.repair()))
     parallel = workers if executor is None else int(getattr(executor, "_max_workers", 0) or 32)
-    before, known = set(store.list_chunks()), status_counts(store.folder)
-    mine = [k for k in range(shard[0] - 1, study.chunks, shard[1]) if k not in before]
-    progress = Progress(stream, study.rows, known, sum(len(study.rows_of(k)) for k in mine), parallel)
+    before, counts = set(store.list_chunks()), status_counts(store.folder)
+    shard_chunks = [k for k in range(shard[0] - 1, study.chunks, shard[1]) if k not in before]
+    progress = Progress(stream, study.rows, counts, sum(len(study.rows_of(k)) for k in shard_chunks), parallel)
     threads = _threads(workers) if executor is None else 1
-    tasks = (Task(study, store.folder, k, engine, threads) for k in mine)
-    with stop_requested(words) as stop, _running(executor, min(workers, max(len(mine), 1))) as pool:
+    tasks = (Task(study, store.folder, k, engine, threads) for k in shard_chunks)
+    with stop_requested(words) as stop, _running(executor, min(workers, max(len(shard_chunks), 1))) as pool:
         try:
             for done in solve_all(pool, tasks, TASKS_PER_WORKER * parallel, stop):
                 progress.add(done)
@@ -129,23 +129,23 @@ def _finish(store: Store, interrupted: bool) -> Outcome:
 
 @contextlib.contextmanager
 def _running(executor: Any, workers: int) -> Iterator[Any]:
-    """The given executor, which is left running, or a new one, which ends with the run."""
+    """Yields the given executor, which is left running, or a new one, which ends with the run."""
     if executor is not None:
         yield executor
         return
-    own = executor_of(workers)
+    pool = executor_of(workers)
     try:
-        with on_interrupt(own.kill):
-            yield own
+        with on_interrupt(pool.kill):
+            yield pool
     except BaseException:
-        own.kill()
+        pool.kill()
         raise
     finally:
-        own.shutdown(wait=True, cancel_futures=True)
+        pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _threads(workers: int) -> int:
-    """The number of cores that each of ``workers`` processes uses."""
+    """Returns the number of cores that each of ``workers`` processes uses."""
     return max(1, cores() // workers)
 
 
@@ -191,7 +191,7 @@ class Estimate(NamedTuple):
     workers: int = 1
 
     def sentence(self) -> str:
-        """The estimate as text."""
+        """Formats the estimate as text."""
         words = f"{number_of(self.rows, 'row')} in {number_of(self.chunks, 'chunk')}, a store of {_bytes(self.size)}"
         if self.compiling is None or self.solving is None:
             return words
@@ -205,7 +205,7 @@ class Estimate(NamedTuple):
 def estimate(
     study: Study, engine: Engine = solve_in_lanes, *, measure: bool = False, workers: int | None = None
 ) -> Estimate:
-    """The size of a study's store, at once.
+    """Estimates the size of a study's store, at once.
 
     **Arguments:**
 
@@ -250,7 +250,9 @@ def _total(estimate: Estimate) -> float:
 
 
 def _alone(task: Task, template: Scenario, outputs: dict[str, Output]) -> dict[str, float]:
-    """How long this process takes to compile, and to solve all rows and write them unless a chunk takes long."""
+    """Measures how long this process takes to compile, and to solve all rows and write them unless a chunk
+    takes long.
+    """
     study, chunk = task.study, task.study.rows_of(task.chunk)
     tried = np.unique(np.linspace(0, study.rows - 1, min(TRIED, study.chunk)).astype(int))
 
@@ -265,12 +267,12 @@ def _alone(task: Task, template: Scenario, outputs: dict[str, Output]) -> dict[s
 
 
 def _together(task: Task, workers: int) -> dict[str, float]:
-    """How long ``workers`` processes take to start, and to solve and write all chunks, one each at a time."""
+    """Measures how long ``workers`` processes take to start, and to solve and write all chunks, one each at a time."""
     tasks = [task._replace(chunk=chunk) for chunk in range(workers)]
     with _running(None, workers) as pool:
 
         def solve_all_of_them() -> None:
-            for future in [pool.submit(solve_chunk_elsewhere, one) for one in tasks]:
+            for future in [pool.submit(solve_chunk_elsewhere, chunk_task) for chunk_task in tasks]:
                 future.result()
 
         first, again = _seconds(solve_all_of_them), _seconds(solve_all_of_them)

@@ -44,12 +44,12 @@ LAYOUT = "5"  # increased when the layout of stores changes
 
 
 def identity_of(study: Study) -> dict[str, str]:
-    """Everything that the numbers in a store depend on, as attributes."""
+    """Returns everything that the numbers in a store depend on, as attributes."""
     return {**study.identity(), **versions(), "layout": LAYOUT}
 
 
 def read_attributes(folder: Path) -> dict[str, Any]:
-    """The attributes of a store.
+    """Reads the attributes of a store.
 
     **Raises:** :class:`StoreError` when there is nothing at ``folder``, or something other than the store of a study.
     """
@@ -65,9 +65,11 @@ def read_attributes(folder: Path) -> dict[str, Any]:
 
 
 def versions() -> dict[str, str]:
-    """The version of each package, and the git commit of a working copy of jaxball, empty where there is none."""
-    known = {f"{name}_version": importlib.metadata.version(name) for name in PACKAGES}
-    return known | {"commit": _commit()}
+    """Returns the version of each package, and the git commit of a working copy of jaxball, empty where there
+    is none.
+    """
+    package_versions = {f"{name}_version": importlib.metadata.version(name) for name in PACKAGES}
+    return package_versions | {"commit": _commit()}
 
 
 def _commit() -> str:
@@ -130,7 +132,7 @@ class Store:
         return list_chunks(self.folder)
 
     def read(self, name: str, chunk: int) -> np.ndarray:
-        """A variable in the rows of a chunk that is done.
+        """Reads a variable in the rows of a chunk that is done.
 
         **Raises:** :class:`StoreError` when its file has been changed from outside.
         """
@@ -160,10 +162,10 @@ class Store:
                 self._mark(damage.chunk).unlink(missing_ok=True)
         lost = [damage.path for damage in damaged if damage.chunk is None]
         if lost:
-            with _make_store(self, identity_of(self.study)) as made:
+            with _make_store(self, identity_of(self.study)) as blank_store:
                 for path in lost:
                     path.parent.mkdir(parents=True, exist_ok=True)
-                    (made / path.relative_to(self.folder)).replace(path)
+                    (blank_store / path.relative_to(self.folder)).replace(path)
         return damaged
 
     def _file(self, name: str, chunk: int) -> Path:
@@ -175,7 +177,7 @@ class Store:
 
 
 def open_store(folder: Path, study: Study, outputs: dict[str, Output]) -> Store:
-    """The store of ``study`` at ``folder``, created if it does not exist.
+    """Opens the store of ``study`` at ``folder``, created if it does not exist.
 
     **Raises:** :class:`StoreError` when there is something else at that path, including the store of another study or
     of other versions, and when it cannot be created. Existing files are not changed.
@@ -232,10 +234,10 @@ def _make_store(store: Store, attributes: dict[str, Any]) -> Iterator[Path]:
             tempfile.TemporaryDirectory(prefix=part_prefix(), dir=folder.parent) as beside,
             interruption.on_interrupt(lambda: shutil.rmtree(beside)),
         ):
-            made = Path(beside) / "store"
-            _write_metadata(made, store.study, store.outputs, attributes)
-            (made / MARKS).mkdir()
-            yield made
+            blank_store = Path(beside) / "store"
+            _write_metadata(blank_store, store.study, store.outputs, attributes)
+            (blank_store / MARKS).mkdir()
+            yield blank_store
         flush_to_disk(folder.parent)
     except OSError as error:
         raise StoreError(
@@ -245,9 +247,9 @@ def _make_store(store: Store, attributes: dict[str, Any]) -> Iterator[Path]:
 
 
 def _create(store: Store, attributes: dict[str, Any]) -> None:
-    with _make_store(store, attributes) as made:
+    with _make_store(store, attributes) as blank_store:
         try:
-            made.rename(store.folder)
+            blank_store.rename(store.folder)
         except OSError:
             if not (store.folder / "zarr.json").exists():  # unless another shard was faster
                 raise
@@ -302,7 +304,7 @@ def _write_metadata(folder: Path, study: Study, outputs: dict[str, Output], attr
 
 
 def _write_points(group: Any, study: Study, names: list[str]) -> None:
-    """The values along each axis, which the finished rows may not cover yet."""
+    """Writes the values along each axis, which the finished rows may not cover yet."""
     from zarr.codecs import Crc32cCodec
 
     for name, axis in zip(names, study.axes, strict=True):
@@ -368,13 +370,13 @@ def write_table(store: Store) -> None:
 
 
 def _unit_of(store: Store, name: str) -> dict[str, str] | None:
-    """The metadata of a column: its unit, if the scenario states units."""
+    """Returns the metadata of a column: its unit, if the scenario states units."""
     units = store.outputs[name].units
     return {"units": units} if units and "units" in store.study.document else None
 
 
 def _columns(outputs: dict[str, Output]) -> Iterator[tuple[str, tuple[str, tuple[Any, ...]]]]:
-    """The name of each column, with its variable and the index in it."""
+    """Lists the name of each column, with its variable and the index in it."""
     for name, output in outputs.items():
         if name == "time":
             continue

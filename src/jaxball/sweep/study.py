@@ -45,7 +45,7 @@ class Find:
     function: str = ""
 
     def reduction(self) -> AbstractReduction:
-        """The reduction itself.
+        """Returns the reduction itself.
 
         **Raises:** :class:`~jaxball.ScenarioError` when there is no such function or class.
         """
@@ -59,7 +59,7 @@ class Find:
 
 
 def read_finds(values: Any, template: Scenario) -> tuple[Find, ...]:
-    """The reductions that the key `find` lists.
+    """Reads the reductions that the key `find` lists.
 
     **Raises:** :class:`~jaxball.scenario.ScenarioError`, with one sentence, for a result that cannot be found for this
     scenario.
@@ -77,12 +77,12 @@ def read_finds(values: Any, template: Scenario) -> tuple[Find, ...]:
 
 def _read_find(value: Any, path: str, template: Scenario) -> Find:
     if isinstance(value, str):
-        known = reductions_of(template.system)
-        if value not in known:
-            hint = f"the names are {', '.join(known)}" if known else "there are none for this system"
+        reductions = reductions_of(template.system)
+        if value not in reductions:
+            hint = f"the names are {', '.join(reductions)}" if reductions else "there are none for this system"
             raise StudyError(
                 f"Key `{path}` must be a table or a name that is known, but it is {describe(value)}"
-                f"{did_you_mean(value, known, hint)}"
+                f"{did_you_mean(value, reductions, hint)}"
             )
         return Find(value)
     kind, table = read_one_of(value, path, FINDS)
@@ -167,16 +167,16 @@ class Study:
         return tuple(path for axis in self.axes for path in axis.paths)
 
     def rows_of(self, chunk: int) -> Int[np.ndarray, " rows"]:
-        """The rows of a chunk."""
+        """Returns the rows of a chunk."""
         return np.arange(chunk * self.chunk, min((chunk + 1) * self.chunk, self.rows))
 
     def values(self, rows: Int[np.ndarray, " rows"]) -> Float[np.ndarray, "rows numbers"]:
-        """The numbers that change, in the order of ``paths``, for each of ``rows``."""
+        """Returns the numbers that change, in the order of ``paths``, for each of ``rows``."""
         indices = np.unravel_index(rows, self.shape)
         return np.concatenate([axis.values(k) for axis, k in zip(self.axes, indices, strict=True)], axis=1)
 
     def scenario(self, row: int) -> Scenario:
-        """The scenario of a row.
+        """Returns the scenario of a row.
 
         **Raises:** :class:`StudyError`, which names the row, where its numbers are impossible.
         """
@@ -187,35 +187,39 @@ class Study:
             raise StudyError(f"Row {row}: {error}") from None
 
     def scenario_with(self, values: Float[np.ndarray, " numbers"]) -> Scenario:
-        """The scenario with ``values`` at ``paths``.
+        """Returns the scenario with ``values`` at ``paths``.
 
         **Raises:** :class:`~jaxball.scenario.ScenarioError` where they are impossible.
         """
         return read_document(self.document_with(values))
 
     def document_with(self, values: Float[np.ndarray, " numbers"]) -> dict[str, Any]:
-        """The scenario's document with ``values`` at ``paths``."""
+        """Returns the scenario's document with ``values`` at ``paths``."""
         return with_numbers(self.document, dict(zip(self.paths, values.tolist(), strict=True)))
 
     def template(self) -> Scenario:
-        """The scenario itself, with what all rows have in common."""
+        """Returns the scenario itself, with everything that all rows have in common."""
         return _read(tomli_w.dumps(self.document))
 
     def identity(self) -> dict[str, str]:
-        """Everything that the results depend on, except versions, as text; files are identified by their SHA-256."""
+        """Returns everything that the results depend on, except versions, as text; files are identified by their
+        SHA-256.
+        """
         axes = repr(self.axes)
         names = ("save", "contact", "detachment", "finds", "chunk", "readings", "within")
-        kept = ", ".join(f"{name} = {getattr(self, name)}" for name in names)
-        return {"scenario": tomli_w.dumps(self.document), "axes": axes, "settings": kept}
+        options = ", ".join(f"{name} = {getattr(self, name)}" for name in names)
+        return {"scenario": tomli_w.dumps(self.document), "axes": axes, "settings": options}
 
 
 def ends_at_detachment(settings: str) -> bool:
-    """Whether the ``settings`` of an identity belong to a study whose runs end where the ball would leave the plane."""
+    """Returns whether the ``settings`` of an identity belong to a study whose runs end where the ball would leave the
+    plane.
+    """
     return settings.partition(", finds = ")[0].endswith(", detachment = True")
 
 
 def load_study(source: str | Path) -> Study:
-    """The study of the file at the path ``source``.
+    """Reads the study of the file at the path ``source``.
 
     **Raises:** :class:`~jaxball.scenario.ScenarioError`, with one sentence, when there is no such file, when it is not
     TOML, when a key of it or of its scenario is misspelt, missing or wrong, and when an axis names no number.
@@ -226,7 +230,7 @@ def load_study(source: str | Path) -> Study:
 
 
 def read_study(text: str, folder: str | Path = ".") -> Study:
-    """The study that the ``text`` of a file describes; files that it names are looked for relative to ``folder``.
+    """Reads the study that the ``text`` of a file describes; files that it names are looked for relative to ``folder``.
 
     **Raises:** as :func:`load_study`.
 
@@ -291,7 +295,7 @@ def _read(document: str) -> Scenario:
 
 
 def _template(value: Any, folder: Path) -> tuple[dict[str, Any], Scenario]:
-    """The document of the scenario that a study contains or names, and its contents."""
+    """Reads the document of the scenario that a study contains or names, and its contents."""
     document = scenario_document(value, folder, StudyError)
     with naming_scenario(value, "study", StudyError):
         return document, read_document(document)
@@ -352,6 +356,8 @@ def _check_of_loop(scenario: dict[str, Any], path: str) -> None:
 
 
 def _chunk_for(rows: int, saves: int) -> int:
-    """Enough chunks to share among workers and to lose little, but not as many as make lanes and files costly."""
+    """Chooses the rows of a chunk: enough chunks to share among workers and to lose little, but not as many as make
+    lanes and files costly.
+    """
     most = min(LARGEST_CHUNK, MOST_NUMBERS_OF_CHUNK // (NUMBERS_OF_A_STATE * saves))
     return max(1, min(max(SMALLEST_CHUNK, 1 << (rows // ENOUGH_CHUNKS).bit_length()), most, rows))

@@ -29,7 +29,7 @@ class Shape(NamedTuple):
 
 
 def parse(text: str) -> ET.Element:
-    """The root of a file.
+    """Parses the root of a file.
 
     **Raises:** :class:`URDFError` for a text that is no XML, that declares entities, that xacro has not expanded yet,
     or that has another root.
@@ -54,7 +54,7 @@ def parse(text: str) -> ET.Element:
 def numbers(
     element: ET.Element, name: str, count: int, owner: ET.Element, default: tuple[float, ...] | None = None
 ) -> Float[np.ndarray, " n"]:
-    """The ``count`` numbers of an attribute of an element that belongs to ``owner``.
+    """Reads the ``count`` numbers of an attribute of an element that belongs to ``owner``.
 
     **Raises:** :class:`URDFError` where they are missing without a default, or something else.
     """
@@ -74,12 +74,12 @@ def numbers(
 
 
 def number(element: ET.Element, name: str, owner: ET.Element, default: float | None = None) -> float:
-    """The number of an attribute; raises as :func:`numbers`."""
+    """Reads the number of an attribute; raises as :func:`numbers`."""
     return float(numbers(element, name, 1, owner, None if default is None else (default,))[0])
 
 
 def origin_of(element: ET.Element, owner: ET.Element) -> Frame:
-    """The frame of an element by its <origin>: turned about fixed axes by roll, pitch and yaw, in this order."""
+    """Reads the frame of an element by its <origin>: turned about fixed axes by roll, pitch and yaw, in this order."""
     origin = element.find("origin")
     if origin is None:
         return Frame(np.eye(3), np.zeros(3))
@@ -89,7 +89,7 @@ def origin_of(element: ET.Element, owner: ET.Element) -> Frame:
 
 
 def inertial_of(link: ET.Element) -> Inertial | None:
-    """The inertia of a link in its own frame; None where it has none, or one of zeros.
+    """Reads the inertia of a link in its own frame; None where it has none, or one of zeros.
 
     **Raises:** :class:`URDFError` for an inertia that no body has.
     """
@@ -117,7 +117,7 @@ def inertial_of(link: ET.Element) -> Inertial | None:
 
 
 def shapes_of(link: ET.Element) -> list[Shape]:
-    """The shapes of a link, those of contacts first.
+    """Lists the shapes of a link, the shapes of contacts first.
 
     **Raises:** :class:`URDFError` for a kind of shape that URDF does not have.
     """
@@ -127,16 +127,16 @@ def shapes_of(link: ET.Element) -> list[Shape]:
             inner = list(element.findall("geometry/*"))
             if len(inner) != 1 or inner[0].tag not in SHAPES:
                 kinds = ", ".join(f"<{kind}>" for kind in SHAPES)
-                given = ", ".join(label(one) for one in inner) or "nothing"
+                labels = ", ".join(label(child) for child in inner) or "nothing"
                 raise URDFError(
-                    f"The <geometry> of <{purpose}> in {label(link)} must be one of {kinds}, but it is {given}."
+                    f"The <geometry> of <{purpose}> in {label(link)} must be one of {kinds}, but it is {labels}."
                 )
             shapes.append(Shape(inner[0], origin_of(element, link), purpose))
     return shapes
 
 
 def reach(shape: Shape, link: ET.Element, centre: Float[np.ndarray, "3"]) -> float:
-    """How far a shape that is no mesh reaches from a point in the frame of its link."""
+    """Computes how far a shape that is no mesh reaches from a point in the frame of its link."""
     c = shape.frame.turn.T @ (centre - shape.frame.shift)
     if shape.element.tag == "box":
         half = numbers(shape.element, "size", 3, link) / 2

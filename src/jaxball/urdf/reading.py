@@ -44,7 +44,7 @@ class Shell(NamedTuple):
 
 
 def from_urdf(text: str, *, shell: str | None = None, times: Numbers = TIMES, gravity: float = GRAVITY) -> Scenario:
-    """The scenario of a ball with mechanisms that a URDF file describes, at rest on a level plane.
+    """Reads the scenario of a ball with mechanisms that a URDF file describes, at rest on a level plane.
 
     The shell is the link with a sphere as its collision, or, where no link has one, as its visual. All other links are
     inside, on joints that are revolute, continuous, prismatic or fixed, to whichever side of the shell the root is.
@@ -99,18 +99,18 @@ def read_urdf(text: str, *, shell: str | None = None, times: Numbers = TIMES, gr
     shapes = {name: shapes_of(link) for name, link in tree.links.items()}
     rolls = _shell(tree, shapes, shell)
     _check_inside(tree, shapes, rolls)
-    own = tree.inertial(rolls.link)
-    if own is None:
+    shell_inertia = tree.inertial(rolls.link)
+    if shell_inertia is None:
         raise URDFError(f"Element {label(tree.links[rolls.link])} must have an <inertial>, but it has none.")
-    ball = Frame(own.axes.turn, tree.frames[rolls.link].of_point(rolls.frame.shift))
+    ball = Frame(shell_inertia.axes.turn, tree.frames[rolls.link].of_point(rolls.frame.shift))
     inside = _Inside(tree, ball)
     inside.read_joints(rolls.link)
     system = Ball(
-        mass=own.mass,
+        mass=shell_inertia.mass,
         radius=rolls.radius,
-        inertia=own.moments,
+        inertia=shell_inertia.moments,
         gravity=gravity,
-        offset=ball.turn.T @ (own.axes.shift - ball.shift),
+        offset=ball.turn.T @ (shell_inertia.axes.shift - ball.shift),
         mechanisms=tuple(inside.mechanisms),
     )
     still = np.array_equal(ball.turn, np.eye(3))
@@ -123,20 +123,20 @@ def read_urdf(text: str, *, shell: str | None = None, times: Numbers = TIMES, gr
 
 def _shell(tree: Tree, shapes: dict[str, list[Shape]], asked: str | None) -> Shell:
     spheres = {
-        purpose: [(name, shape) for name, own in shapes.items() for shape in own if _is_sphere(shape, purpose)]
+        purpose: [(name, shape) for name, entries in shapes.items() for shape in entries if _is_sphere(shape, purpose)]
         for purpose in (CONTACT, LOOK)
     }
     if asked is not None and asked not in tree.links:
         others = did_you_mean(asked, tuple(tree.links), f"its links are {', '.join(tree.links)}")
         raise URDFError(f'Argument `shell` must be a link of the file, but it is "{asked}"{others}')
-    for found in spheres.values():
-        own = [(name, shape) for name, shape in found if asked in (None, name)]
-        if len(own) > 1:
-            which = all_of([label(tree.links[name]) for name, _ in own])
+    for candidates in spheres.values():
+        entries = [(name, shape) for name, shape in candidates if asked in (None, name)]
+        if len(entries) > 1:
+            which = all_of([label(tree.links[name]) for name, _ in entries])
             out = "leave all but one out" if asked else "name the link that rolls, `shell`, which contains the others"
-            raise URDFError(f"There must be one sphere, the shell, but {len(own)} are in {which}; {out}.")
-        if own:
-            ((name, shape),) = own
+            raise URDFError(f"There must be one sphere, the shell, but {len(entries)} are in {which}; {out}.")
+        if entries:
+            ((name, shape),) = entries
             return Shell(name, number(shape.element, "radius", tree.links[name]), shape.frame)
     who = f"Element {label(tree.links[asked])} must have" if asked else "There must be a link with"
     raise URDFError(
@@ -151,14 +151,14 @@ def _is_sphere(shape: Shape, purpose: str) -> bool:
 def _check_inside(tree: Tree, shapes: dict[str, list[Shape]], shell: Shell) -> None:
     """Raises unless nothing but the shell can touch the plane, and for meshes of links that state no inertia."""
     centre = tree.frames[shell.link].of_point(shell.frame.shift)
-    for name, own in shapes.items():
+    for name, link_shapes in shapes.items():
         link, frame = tree.links[name], tree.frames[name]
-        if link.find("inertial") is None and any(shape.element.tag == "mesh" for shape in own):
+        if link.find("inertial") is None and any(shape.element.tag == "mesh" for shape in link_shapes):
             raise URDFError(
                 f"Element {label(link)} must have an <inertial>, because the mass of its mesh is not computed here, "
                 "but it has none; state its mass and its inertia."
             )
-        for shape in own:
+        for shape in link_shapes:
             if shape.purpose == LOOK or shape.element.tag == "mesh":
                 continue
             far = reach(shape, link, frame.turn.T @ (centre - frame.shift))
@@ -191,7 +191,11 @@ class _Inside:
 
     def _joints_on(self, link: str, but: Joint | None) -> list[Joint]:
         together = self.tree.together(link)
-        return [one for one in self.tree.joints if one != but and (one.parent in together or one.child in together)]
+        return [
+            joint
+            for joint in self.tree.joints
+            if joint != but and (joint.parent in together or joint.child in together)
+        ]
 
     def _read_joint(self, joint: Joint, inner: str, on: int | None) -> None:
         """Reads a joint on the link ``inner``, which the joint with the index ``on`` carries, None if it is the shell.
@@ -206,18 +210,18 @@ class _Inside:
         self.joints.append(Hinge(axis, frame.shift, drive, carrier) if hinged else Slider(axis, drive, carrier))
         self.names.append(label(joint.element))
         outer = joint.child if forward else joint.parent
-        own = self.tree.inertial(outer)
-        if own is not None:
-            self.masses += _masses(own._replace(axes=self.into.then(own.axes)), before + 1)
+        inertia = self.tree.inertial(outer)
+        if inertia is not None:
+            self.masses += _masses(inertia._replace(axes=self.into.then(inertia.axes)), before + 1)
         for further in self._joints_on(outer, joint):
             self._read_joint(further, outer, before + 1)
 
 
-def _masses(own: Inertial, joint: int) -> list[CarriedMass]:
-    if not np.any(own.moments):
-        return [CarriedMass(own.mass, own.axes.shift, joint)]
-    axes = MatrixFrame(own.axes.turn)
-    return rigid_body_masses(own.mass, own.moments, centre=own.axes.shift, frame=axes, joint=joint)
+def _masses(inertia: Inertial, joint: int) -> list[CarriedMass]:
+    if not np.any(inertia.moments):
+        return [CarriedMass(inertia.mass, inertia.axes.shift, joint)]
+    axes = MatrixFrame(inertia.axes.turn)
+    return rigid_body_masses(inertia.mass, inertia.moments, centre=inertia.axes.shift, frame=axes, joint=joint)
 
 
 def _axis(joint: Joint) -> np.ndarray:
@@ -229,7 +233,7 @@ def _axis(joint: Joint) -> np.ndarray:
 
 
 def _forces(joint: Joint) -> AbstractJointForce | None:
-    """The damper and the dry friction of a joint."""
+    """Reads the damper and the dry friction of a joint."""
     element = joint.element.find("dynamics")
     if element is None:
         return None
@@ -243,7 +247,7 @@ def _forces(joint: Joint) -> AbstractJointForce | None:
 
 
 def _notes(robot: ET.Element, tree: Tree, shapes: dict[str, list[Shape]]) -> list[str]:
-    """The sentences about what was left out."""
+    """Returns the sentences about the parts of the file that were left out."""
     notes = []
     for joint in tree.joints:
         limit = joint.element.find("limit")
@@ -261,8 +265,8 @@ def _notes(robot: ET.Element, tree: Tree, shapes: dict[str, list[Shape]]) -> lis
         )
     meshes = [
         label(tree.links[name])
-        for name, own in shapes.items()
-        if any(shape.element.tag == "mesh" and shape.purpose == CONTACT for shape in own)
+        for name, link_shapes in shapes.items()
+        if any(shape.element.tag == "mesh" and shape.purpose == CONTACT for shape in link_shapes)
     ]
     if meshes:
         notes.append(f"The meshes of {all_of(meshes)} were not read; they are taken to be inside the shell.")

@@ -46,21 +46,21 @@ class Tree(NamedTuple):
     rigid: dict[str, str]
 
     def together(self, link: str) -> list[str]:
-        """The links that are fixed to a link, itself among them."""
+        """Lists the links that are fixed to a link, itself among them."""
         return [name for name, first in self.rigid.items() if first == self.rigid[link]]
 
     def inertial(self, link: str) -> Inertial | None:
-        """The inertia, in the frame of the root, of the links that are fixed to one; None if they have none."""
+        """Returns the inertia, in the frame of the root, of the links that are fixed to one; None if they have none."""
         parts = []
         for name in self.together(link):
-            own = inertial_of(self.links[name])
-            if own is not None:
-                parts.append(own._replace(axes=self.frames[name].then(own.axes)))
+            inertia = inertial_of(self.links[name])
+            if inertia is not None:
+                parts.append(inertia._replace(axes=self.frames[name].then(inertia.axes)))
         return (parts[0] if len(parts) == 1 else combine(parts)) if parts else None
 
 
 def read_tree(robot: ET.Element) -> Tree:
-    """The links and the joints of a file.
+    """Reads the links and the joints of a file.
 
     **Raises:** :class:`URDFError` for links that are no tree, and for joints of other kinds.
     """
@@ -110,8 +110,8 @@ def _joint(element: ET.Element, links: dict[str, ET.Element]) -> Joint:
         part = element.find(tag)
         name = None if part is None else part.get("link")
         if name is None or name not in links:
-            given = "it has none" if name is None else f'it is "{name}"'
-            raise URDFError(f"The <{tag}> of {label(element)} must be a link of the file, but {given}.")
+            clause = "it has none" if name is None else f'it is "{name}"'
+            raise URDFError(f"The <{tag}> of {label(element)} must be a link of the file, but {clause}.")
         ends.append(name)
     return Joint(element, *ends)
 
@@ -129,7 +129,7 @@ def _root(links: dict[str, ET.Element], above: dict[str, Joint]) -> str:
 
 
 def _is_world(joint: Joint, root: str, links: dict[str, ET.Element], joints: list[Joint]) -> bool:
-    """Whether a joint lets the whole robot move in a world, a link that has nothing of its own."""
+    """Returns whether a joint lets the whole robot move in a world, a link that has nothing of its own."""
     alone = [other for other in joints if other.parent == root] == [joint]
     return joint.parent == root and alone and not list(links[root])
 

@@ -36,7 +36,9 @@ MEANINGLESS = (MASSES_MOVE, PLANAR, NO_VERSOR, NO_TURNTABLE)  # reasons for whic
 
 
 def why_not_chaplygin(system: AbstractBody, at: Moments) -> str:
-    """Why ΛΠ is not constant; empty where it is, for p = 0 at all times and no force or resistance on level ground."""
+    """Says why ΛΠ is not constant; empty where it is, for p = 0 at all times and no force or resistance on level
+    ground.
+    """
     if reason := _what_acts(system):
         return reason
     distance = float(np.max(np.linalg.norm(at.p, axis=-1) / np.asarray(at.M)))
@@ -46,7 +48,7 @@ def why_not_chaplygin(system: AbstractBody, at: Moments) -> str:
 
 
 def why_not_moving_energy(system: AbstractBody) -> str:
-    """Why there is no balance of the moving energy; empty where there is, on a level turntable."""
+    """Says why there is no balance of the moving energy; empty where there is, on a level turntable."""
     if not isinstance(system.ground, Ground) or system.ground.turntable is None:
         return NO_TURNTABLE
     if system.ground.motion is not None or float(system.ground.angle) != 0:
@@ -55,7 +57,7 @@ def why_not_moving_energy(system: AbstractBody) -> str:
 
 
 def why_not_routh(system: AbstractBody, at: Moments, axis: Float[np.ndarray, "steps nodes 3"]) -> str:
-    """Why the integrals of Jellett and Routh are not constant; empty where they are.
+    """Says why the integrals of Jellett and Routh are not constant; empty where they are.
 
     They are constant where no force acts, no mass moves, and the ball with its masses is a body of revolution about the
     axis through the geometric centre and the centre of mass: with d1 = d2 and every mass on E3, or so in other axes.
@@ -75,7 +77,7 @@ def why_not_routh(system: AbstractBody, at: Moments, axis: Float[np.ndarray, "st
 
 
 def _what_acts(system: AbstractBody) -> str:
-    """What acts on a body besides a level plane at rest; empty if nothing does."""
+    """Says what acts on a body besides a level plane at rest; empty if nothing does."""
     if system.force is not None:
         return "a force acts"
     if isinstance(system.ground, AbstractSurface):
@@ -86,7 +88,9 @@ def _what_acts(system: AbstractBody) -> str:
 
 
 def why_no_revolution(J: Float[np.ndarray, "3 3"], axis: Float[np.ndarray, "3"]) -> str:
-    """Why a body with the moments of inertia ``J`` is not a body of revolution about ``axis``; empty where it is."""
+    """Says why a body with the moments of inertia ``J`` is not a body of revolution about ``axis``; empty
+    where it is.
+    """
     scale = float(np.max(np.abs(J)))
     along = J @ axis
     if np.max(np.abs(along - (axis @ along) * axis)) > ZERO_RELATIVE * scale:
@@ -102,7 +106,7 @@ def _text(axis: Float[np.ndarray, "3"]) -> str:
 
 
 def balance(name: str, case: Case) -> Row:
-    """The row of a balance or an integral.
+    """Returns the row of a balance or an integral.
 
     Where the law holds exactly, its residual consists of the solver's errors alone. Each step adds an error of about
     the tolerance, which does not grow, because the law holds along the exact motion through the perturbed state as
@@ -118,7 +122,7 @@ def balance(name: str, case: Case) -> Row:
 
 
 def contact(case: Case) -> Row:
-    """The row of the normal force, as a fraction of the weight, with the friction that rolling needs."""
+    """Returns the row of the normal force, as a fraction of the weight, with the friction that rolling needs."""
     if not always_rolls(case.run):
         return Row("contact", reason=f"the body has {case.run.history.described}")
     extremes = contact_extremes(case.run)
@@ -130,7 +134,7 @@ def contact(case: Case) -> Row:
 
 
 def laws_along(scenario: Scenario) -> dict[str, Callable[[Case], Row]]:
-    """The laws that are checked along a run of this system, by name."""
+    """Returns the laws that are checked along a run of this system, by name."""
     if not isinstance(scenario.system, AbstractBody):
         start = jnp.asarray(scenario.times[0]), scenario.state
         names = eqx.filter_eval_shape(type(scenario.system).laws, scenario.system, *start)._fields
@@ -143,7 +147,9 @@ def laws_along(scenario: Scenario) -> dict[str, Callable[[Case], Row]]:
 
 
 def law_of_contact(case: Case) -> Row:
-    """The row of N ≥ 0 and |f| ≤ μN at the saved times, with the kinetic coefficient of a slip; over the weight."""
+    """Returns the row of N ≥ 0 and |f| ≤ μN at the saved times, with the kinetic coefficient of a slip; over the
+    weight.
+    """
     run, seen, law = case.run, case.run.observables, case.scenario.contact
     assert law is not None
     assert isinstance(run.history, ContactHistory)
@@ -162,7 +168,7 @@ def law_of_contact(case: Case) -> Row:
 
 
 def _of_rolling(name: str, case: Case) -> Row:
-    """The row of a law that is known only for bodies that roll."""
+    """Returns the row of a law that is known only for bodies that roll."""
     return Row(name, reason=f"the body has {case.run.history.described}")
 
 
@@ -188,7 +194,7 @@ def _why_not(name: str, case: Case) -> str:
 
 
 def _why_not_with_contact(name: str, case: Case) -> str:
-    """Why a balance does not apply to a body with a law of contact."""
+    """Says why a balance does not apply to a body with a law of contact."""
     system, history = case.scenario.system, case.run.history
     assert isinstance(system, AbstractBody)
     assert isinstance(history, ContactHistory)

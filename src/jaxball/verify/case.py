@@ -82,7 +82,7 @@ class Case:
         return self.precise(self.state)
 
     def precise(self, state: Any) -> Trajectory[Any, Any]:
-        """The motion from an initial state, as precise as possible."""
+        """Computes the motion from an initial state, as precise as possible."""
         return self.other(diffrax.Dopri8(), state=state, tolerance=self.finest)
 
     def other(
@@ -94,7 +94,9 @@ class Case:
         tolerance: float | None = None,
         dae: bool = False,
     ) -> Trajectory[Any, Any]:
-        """The run with other settings; ``tolerance`` replaces the larger of rtol and atol, the other in proportion."""
+        """Repeats the run with other settings; ``tolerance`` replaces the larger of rtol and atol, the other in
+        proportion.
+        """
         factor = 1.0 if tolerance is None else tolerance / self.tolerance
         solve = partial(
             simulate,
@@ -121,7 +123,8 @@ class Case:
         return (self.scenario.atol + self.scenario.rtol * largest) / self.tolerance
 
     def distance(self, a: AbstractState, b: AbstractState) -> Float[np.ndarray, " T"]:
-        """The distance of two motions at each saved time: the largest difference of a component over its weight.
+        """Computes the distance of two motions at each saved time: the largest difference of a component over its
+        weight.
 
         It is 0 at an impact, where the velocities before it may be compared with those after it.
         """
@@ -179,7 +182,7 @@ def _displace(system: AbstractSystem, t: Float[ArrayLike, ""], state: Any, chang
 
 
 def flat(state: AbstractState) -> Float[np.ndarray, "T size"]:
-    """States along a leading axis as rows."""
+    """Returns states along a leading axis as rows."""
     leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(state)]
     return np.concatenate([leaf.reshape(leaf.shape[0], -1) for leaf in leaves], axis=1)
 
@@ -214,7 +217,7 @@ class Trust:
 
 
 def trust(case: Case) -> Trust | None:
-    """How far ahead the run can be trusted, from its error and the growth of small deviations.
+    """Estimates how far ahead the run can be trusted, from its error and the growth of small deviations.
 
     With their growth G over a run of length T, log(G) / T is the finite-time Lyapunov exponent, and the error is
     extrapolated at that rate. In a regular motion deviations grow linearly in time and the exponent falls as

@@ -36,26 +36,26 @@ SLOW_COMPARISONS = ("estimate", "solvers", "dae", "embedding")  # each compiles 
 
 def compare_saved(case: Case) -> Row:
     """Compares the given trajectory, up to the time that it reached, with the run solved again."""
-    given = case.given
-    if given is None:
+    saved_run = case.given
+    if saved_run is None:
         return Row("saved", reason="a scenario was given, not a run")
-    if not np.array_equal(given.times, case.run.times):
+    if not np.array_equal(saved_run.times, case.run.times):
         return Row("saved", note="its times are not those of its scenario")
-    known = np.isfinite(flat(given.state)).all(axis=1)
-    distances = case.distance(given.state, case.run.state)[known]
-    note = "" if known.all() else f"up to t = {float(given.reached):.6g}, which it reached"
+    mask = np.isfinite(flat(saved_run.state)).all(axis=1)
+    distances = case.distance(saved_run.state, case.run.state)[mask]
+    note = "" if mask.all() else f"up to t = {float(saved_run.reached):.6g}, which it reached"
     return Row("saved", float(np.max(distances, initial=0.0)), 2 * case.expected, note=note)
 
 
 def error(case: Case) -> Row:
-    """The error of the run at the saved times."""
+    """Returns the row of the error of the run at the saved times."""
     if not case.reference.ok:
         return Row("error", note=f"the run at a tolerance of 1e-13 failed: {case.reference.message}")
     return Row("error", float(np.max(case.errors)), case.expected)
 
 
 def convergence(case: Case) -> Row:
-    """The largest ratio of the errors at one tolerance and at a hundred times that tolerance.
+    """Returns the row of the largest ratio of the errors at one tolerance and at a hundred times that tolerance.
 
     A ratio says something where the larger error is small against the motion, and the smaller one is not below what the
     reference resolves. Without any such pair, the law holds if the reference resolves less than the motion and the run
@@ -79,7 +79,8 @@ def convergence(case: Case) -> Row:
 
 
 def estimate(case: Case) -> Row:
-    """The error as it is estimated from saved time to saved time, less the error against the reference.
+    """Returns the row of the error as it is estimated from saved time to saved time, less the error against the
+    reference.
 
     Half of the error is allowed, as the estimate is to first order, and what the reference does not resolve.
     """
@@ -101,14 +102,16 @@ def estimate(case: Case) -> Row:
 
 
 def solvers(case: Case) -> Row:
-    """Dopri8 or Gauss's method of order 16, whichever is of a different family than the scenario's solver."""
+    """Compares with Dopri8 or Gauss's method of order 16, whichever is of a different family than the scenario's
+    solver.
+    """
     explicit = isinstance(SOLVERS[case.scenario.solver](), diffrax.AbstractERK)
     other = Gauss(stages=8) if explicit else diffrax.Dopri8()
     return _agreement("solvers", case, case.other(other), type(other).__name__)
 
 
 def dae(case: Case) -> Row:
-    """The paper's form in which |q|² = 1 determines one component of q, by Radau IIA of order 13."""
+    """Compares with the paper's form in which |q|² = 1 determines one component of q, by Radau IIA of order 13."""
     if not case.scenario.may_slip and case.state.unit_vector is None:
         return Row("dae", reason=f"it is for {WITH_UNIT}, in which a component of a unit vector is algebraic")
     if case.scenario.system.is_hybrid or case.scenario.may_slip:
@@ -117,7 +120,7 @@ def dae(case: Case) -> Row:
 
 
 def embedding(case: Case) -> Row:
-    """The disk as a ball with rails in the plane of E1 and E3 and three equal moments."""
+    """Compares the disk with a ball with rails in the plane of E1 and E3 and three equal moments."""
     system, state = case.scenario.system, case.state
     if not isinstance(system, Disk):
         return Row("embedding", reason="it is for disks")
@@ -137,7 +140,7 @@ def embedding(case: Case) -> Row:
 
 
 def closed_form(case: Case) -> Row:
-    """``eq_part_LdA_x`` of the nonholonomic particle."""
+    """Compares with ``eq_part_LdA_x`` of the nonholonomic particle."""
     system, start = case.scenario.system, case.state
     if not isinstance(system, NonholonomicParticle):
         return Row("closed-form", reason="the motion is not known in closed form")
@@ -159,7 +162,7 @@ CHECKS: dict[str, Callable[[Case], Row]] = {
 
 
 def _agreement(law: str, case: Case, other: Trajectory[Any, Any], name: str) -> Row:
-    """The row of two runs at the same tolerance, each with its own error."""
+    """Returns the row of two runs at the same tolerance, each with its own error."""
     if not other.ok:
         return Row(law, note=f"the run by {name} failed: {other.message}")
     return Row(law, float(np.max(case.distance(case.run.state, other.state))), 2 * case.expected, note=f"with {name}")

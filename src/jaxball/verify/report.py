@@ -73,7 +73,7 @@ class Report:
     times: Float[np.ndarray, " steps"] | None = dataclasses.field(default=None, repr=False, compare=False)
 
     def __getitem__(self, law: str) -> Row:
-        """The row of a law by its name."""
+        """Returns the row of a law by its name."""
         for row in self.rows:
             if row.law == law:
                 return row
@@ -118,7 +118,7 @@ class Report:
         return "\n".join(lines)
 
     def as_dict(self) -> dict[str, Any]:
-        """The report in the types of JSON. Numbers that are not finite are None."""
+        """Returns the report in the types of JSON. Numbers that are not finite are None."""
         rows = [
             {**dataclasses.asdict(row), "applies": row.applies, "ok": row.ok, "verdict": row.verdict}
             for row in self.rows
@@ -131,7 +131,7 @@ class Report:
 
 
 def table(rows: Sequence[Row]) -> list[str]:
-    """The lines of the table of laws, with its heading."""
+    """Returns the lines of the table of laws, with its heading."""
     if not rows:
         return []
     width = max(len(row.law) for row in rows)
@@ -143,7 +143,9 @@ def table(rows: Sequence[Row]) -> list[str]:
 
 
 def _number(row: Row, value: float | None) -> str:
-    """The number in a few digits: a residual with its power of ten, a value that must be large enough without."""
+    """Formats the number in a few digits: a residual with its power of ten, a value that must be large enough
+    without.
+    """
     return "" if value is None else f"{value:.3g}" if row.at_least else f"{value:.1e}"
 
 

@@ -51,18 +51,18 @@ def verify(
     ``TypeError`` for states without a position, and as :func:`jaxball.simulate`.
     """
     require_flags(quick=quick)
-    given = system if isinstance(system, Trajectory) else None
-    case = Case(_scenario(system, times, state, settings), given)
+    saved_run = system if isinstance(system, Trajectory) else None
+    case = Case(_scenario(system, times, state, settings), saved_run)
     _ = case.state  # raises for one with feedback, or with an event that ends it
-    known = {**laws_along(case.scenario), **CHECKS}
+    checks = {**laws_along(case.scenario), **CHECKS}
     chosen = (
-        [name for name in known if not (quick and name in SLOW_COMPARISONS)]
+        [name for name in checks if not (quick and name in SLOW_COMPARISONS)]
         if laws is None
-        else _check_laws(laws, known)
+        else _check_laws(laws, checks)
     )
     if not case.run.ok:
         return Report(case.scenario.title, (), failure=case.run.message)
-    rows = _rows(case, chosen, known)
+    rows = _rows(case, chosen, checks)
     if laws is None:
         rows = tuple(row for row in rows if row.applies or row.law not in UNSAID)
     needs_trust = laws is None or any(name in CHECKS for name in chosen)
@@ -70,15 +70,17 @@ def verify(
     return Report(case.scenario.title, rows, trust(case) if needs_trust else None, times=times)
 
 
-def _rows(case: Case, chosen: Sequence[str], known: Mapping[str, Callable[[Case], Row]]) -> tuple[Row, ...]:
-    """The rows of the chosen laws. One core compiles what they share, the other the programs of single rows."""
-    slow = [name for name in chosen if name in SLOW_COMPARISONS and name in known]
+def _rows(case: Case, chosen: Sequence[str], checks: Mapping[str, Callable[[Case], Row]]) -> tuple[Row, ...]:
+    """Computes the rows of the chosen laws. One core compiles the programs that they share, the other the programs of
+    single rows.
+    """
+    slow = [name for name in chosen if name in SLOW_COMPARISONS and name in checks]
     if slow:
         _ = case.expected  # needed by several, so that two threads do not simulate it
     beside = concurrent.futures.ThreadPoolExecutor(1)
     try:
-        later = {name: beside.submit(known[name], case) for name in slow}
-        rows = {name: known[name](case) for name in chosen if name in known and name not in later}
+        later = {name: beside.submit(checks[name], case) for name in slow}
+        rows = {name: checks[name](case) for name in chosen if name in checks and name not in later}
         rows |= {name: row.result() for name, row in later.items()}
     finally:
         beside.shutdown(wait=False, cancel_futures=True)  # Ctrl-C does not wait for what is being compiled
@@ -112,9 +114,9 @@ def _scenario(
     return Scenario("", system, state, np.asarray(times, dtype=float), **settings)
 
 
-def _check_laws(laws: Sequence[str], known: Mapping[str, Any]) -> list[str]:
-    unknown = [name for name in laws if name not in known and name not in LAWS]
+def _check_laws(laws: Sequence[str], checks: Mapping[str, Any]) -> list[str]:
+    unknown = [name for name in laws if name not in checks and name not in LAWS]
     if unknown:
-        hint = did_you_mean(unknown[0], known, f"the laws here are {', '.join(known)}")
+        hint = did_you_mean(unknown[0], checks, f"the laws here are {', '.join(checks)}")
         raise ValueError(f'Argument `laws` must contain names of laws, but it contains "{unknown[0]}"{hint}')
     return list(dict.fromkeys(laws))

@@ -63,7 +63,7 @@ class Quantities(NamedTuple):
 
 
 def quantities(system: Any, t: Float[Array, ""], state: Any) -> Quantities:
-    """The balances of any system in one state; of a body with joints that stick, those of the body."""
+    """Computes the balances of any system in one state; for a body with joints that stick, the balances of the body."""
     if isinstance(system, BodyOnPlane):
         return _of_contact(system, t, state)
     system, state = system.shown, system.state_to_show(state)
@@ -72,13 +72,13 @@ def quantities(system: Any, t: Float[Array, ""], state: Any) -> Quantities:
         balances = {n: Balance(value, rates[n]) if n in rates else _constant(value) for n, value in laws.items()}
         return Quantities(balances, None, None)
     observables, in_space = observe(system, t, state), state.in_space()
-    found, r = accelerations(system, t, state), system.radius
-    acting = load(system, t, state).with_torque(found.dry)
+    motion, r = accelerations(system, t, state), system.radius
+    acting = load(system, t, state).with_torque(motion.dry)
     Lambda, Omega = in_space.Lambda, in_space.Omega
     Gamma = Lambda[2]
-    at = found.at
-    arguments = at, r, Omega, Gamma
-    axis = axis_of(at)
+    body_moments = motion.at
+    arguments = body_moments, r, Omega, Gamma
+    axis = axis_of(body_moments)
     axial = integrals.routh_integrals(*_about(axis, *arguments))
     momentum = contact_momentum_balance(system, t, state)
     jellett_rate = integrals.jellett_rate(*arguments, acting.force, acting.torque)
@@ -94,11 +94,13 @@ def quantities(system: Any, t: Float[Array, ""], state: Any) -> Quantities:
     }
     if isinstance(system.ground, Ground) and system.ground.turntable is not None:
         balances["moving-energy"] = moving_energy_balance(system, t, in_space, observables)
-    return Quantities(balances, at, axis)
+    return Quantities(balances, body_moments, axis)
 
 
 def _of_contact(plane: BodyOnPlane, t: Float[Array, ""], state: ContactState) -> Quantities:
-    """The balances of a body that may slip and fly: its energy, with all that friction and impacts have dissipated."""
+    """Computes the balances of a body that may slip and fly: its energy, with all that friction and impacts have
+    dissipated.
+    """
     motion = movement(plane, t, state)
     seen, body = compute_observables(plane.body, t, motion), motion.state
     lost = state.friction_loss + state.impact_loss
@@ -112,14 +114,16 @@ def _of_contact(plane: BodyOnPlane, t: Float[Array, ""], state: ContactState) ->
 
 
 def _turning(plane: BodyOnPlane, t: Float[Array, ""], state: ContactState) -> Float[Array, "3"]:
-    """r ω × n, without the velocity of the ground's matter."""
+    """Computes r ω × n, without the velocity of the ground's matter."""
     body = state.body
     normal = apply(body.Lambda, contact_normal(plane.body, t, body))
     return plane.body.radius * cross(apply(body.Lambda, body.Omega), normal)
 
 
 def rolling_balance(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskState) -> Balance:
-    """The position of the geometric centre, on the plane or over a surface, and its velocity by the constraint."""
+    """Returns the position of the geometric centre, on the plane or over a surface, and its velocity by the
+    constraint.
+    """
     under = footing(system, t, state)
     if under is None:
         in_space = state.in_space()
@@ -128,7 +132,7 @@ def rolling_balance(system: AbstractBody, t: Float[Array, ""], state: BallState 
 
 
 def _centre_velocity(system: AbstractBody, t: Float[Array, ""], state: BallState) -> Float[Array, "3"]:
-    """ż = ω × r e3 + u, with u that of a turntable."""
+    """Computes ż = ω × r e3 + u, with u the velocity of a turntable."""
     vertical = jnp.zeros_like(state.Omega).at[2].set(1.0)
     rolling = cross(apply(state.Lambda, state.Omega), system.radius * vertical)
     drift = system.drift(t, state)
@@ -136,7 +140,7 @@ def _centre_velocity(system: AbstractBody, t: Float[Array, ""], state: BallState
 
 
 def contact_momentum_balance(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskState) -> Balance:
-    """The angular momentum about the contact point in space axes, ΛΠ, and its rate, mass by mass.
+    """Computes the angular momentum about the contact point in space axes, ΛΠ, and its rate, mass by mass.
 
     About a point that moves with the velocity ċ, L̇ = Σ s × m(**g** − Ẍ) + r e3 × F + T − ċ × P, with s from the contact
     point to a mass, and here ċ = ω × r e3 + u: Goldstein, Poole & Safko, Classical Mechanics, 3rd edition, section 1.2,
@@ -163,7 +167,7 @@ def contact_momentum_balance(system: AbstractBody, t: Float[Array, ""], state: B
 def moving_energy_balance(
     system: AbstractBody, t: Float[Array, ""], state: BallState, observables: Observables
 ) -> Balance:
-    """The moving energy E − W L on a level turntable at the rate W, and its rate of change.
+    """Computes the moving energy E − W L on a level turntable at the rate W, and its rate of change.
 
     L = e3·(ΛΠ + (z − c) × ΛP) is the angular momentum about the turntable's axis. Forces that do work on E through the
     velocity u of the table do none on E − W L: its rate is Ė minus (f + F)·u, W T₃ and ẆL. It is constant for steady W
@@ -214,7 +218,7 @@ def _in_space(
 
 
 def axis_of(at: Moments) -> Float[Array, "3"]:
-    """The only axis about which the ball can be a body of revolution.
+    """Returns the only axis about which the ball can be a body of revolution.
 
     It passes through the centre of mass; where that is the geometric centre, it is the body axis whose moment differs
     most from the others.
@@ -227,17 +231,20 @@ def axis_of(at: Moments) -> Float[Array, "3"]:
     return jnp.where(centred, coordinate, at.p / jnp.where(centred, 1.0, height))
 
 
-def _about(axis: Float[Array, "3"], at: Moments, r, Omega, Gamma):
-    """The moments and vectors in axes turned so that E3 is ``axis``."""
+def _about(axis: Float[Array, "3"], body_moments: Moments, r, Omega, Gamma):
+    """Returns the moments and vectors in axes turned so that E3 is ``axis``."""
     turn = jnp.stack([*frisvad(axis), axis])
 
     def turn_matrix(matrix):
         half = jnp.sum(turn[:, :, None] * matrix[None], axis=1)
         return jnp.sum(half[:, None, :] * turn[None], axis=2)
 
-    p, pdot, pddot, l, ldot = (apply(turn, v) for v in (at.p, at.pdot, at.pddot, at.l, at.ldot))
-    J, Jdot = turn_matrix(at.J), turn_matrix(at.Jdot)
-    about = Moments(M=at.M, p=p, pdot=pdot, J=J, Jdot=Jdot, l=l, pddot=pddot, ldot=ldot)
+    p, pdot, pddot, l, ldot = (
+        apply(turn, v)
+        for v in (body_moments.p, body_moments.pdot, body_moments.pddot, body_moments.l, body_moments.ldot)
+    )
+    J, Jdot = turn_matrix(body_moments.J), turn_matrix(body_moments.Jdot)
+    about = Moments(M=body_moments.M, p=p, pdot=pdot, J=J, Jdot=Jdot, l=l, pddot=pddot, ldot=ldot)
     return about, r, apply(turn, Omega), apply(turn, Gamma)
 
 
@@ -278,21 +285,21 @@ class Samples:
 
 
 def sample(trajectory: Trajectory[Any, Any], rtol: float, atol: float) -> Samples:
-    """The balances of a trajectory with dense output.
+    """Evaluates the balances of a trajectory with dense output.
 
     A quantity is evaluated where steps end, and its rate is integrated over each step by Gauss–Legendre quadrature on
     the dense output. Steps end at kinks, so the rate is smooth within each.
     """
     interpolant = trajectory.interpolant
     assert interpolant is not None
-    times, vectors, taken = map(np.asarray, _nodes(trajectory, _room_for(trajectory)))
+    times, vectors, valid = map(np.asarray, _nodes(trajectory, _room_for(trajectory)))
     starts, size = vectors[:, 0], vectors.shape[-1]
     change = DISPLACEMENT * (1 + np.abs(starts))
     displaced = starts[:, None] + change[:, None] * np.eye(size)[None]
     t = np.concatenate([times.ravel(), np.repeat(times[:, 0], size)])
     x = np.concatenate([vectors.reshape(-1, size), displaced.reshape(-1, size)])
     evaluated = _evaluate(interpolant.packing, jnp.asarray(t), jnp.asarray(x))
-    count, number = int(taken.sum()), times.size
+    count, number = int(valid.sum()), times.size
     lengths = (times[:, -1] - times[:, 0])[:count]
 
     def along(leaf: Any) -> np.ndarray:
@@ -320,7 +327,9 @@ def sample(trajectory: Trajectory[Any, Any], rtol: float, atol: float) -> Sample
 
 
 def _varies(packing: Packing[Any, Any], x: Float[Array, " size"]) -> Float[Array, " size"]:
-    """1 for each entry of a vector that errors of a solve change, 0 for those that only say which mode it is in."""
+    """Returns 1 for each entry of a vector that errors of a solve change, 0 for entries that only say which mode it is
+    in.
+    """
     state = jax.tree.map(jnp.ones_like, packing.unravel(x))
     if isinstance(state, ContactState):
         of_mode = [name for name in ("mode", "begun", "near", "rolls", "spin", "rolling") if hasattr(state, name)]
@@ -337,29 +346,31 @@ def drift(
     rate: Float[np.ndarray, "steps nodes k"],
     lengths: Float[np.ndarray, " steps"],
 ) -> Float[np.ndarray, " steps"]:
-    """The largest component of |A(t) − A(t0) − ∫ R dt| at each step's end, from A there and R at Gauss's nodes."""
+    """Computes the largest component of |A(t) − A(t0) − ∫ R dt| at each step's end, from A there and R at Gauss's
+    nodes.
+    """
     integrals = np.cumsum(lengths[:, None] * np.einsum("snk,n->sk", rate, WEIGHTS), axis=0)
     return np.max(np.abs(end - start[:1] - integrals), axis=1)
 
 
 @programs.filter_jit
 def _nodes(trajectory: Trajectory[Any, Any], room: int) -> tuple[Array, Array, Array]:
-    """Times and vectors at the ends and Gauss's nodes of each step, and which steps were taken."""
+    """Returns the times and vectors at the ends and Gauss's nodes of each step, and which steps were taken."""
     interpolant = trajectory.interpolant
     assert isinstance(interpolant, Interpolant)
     steps = Steps.of(interpolant.solution, trajectory.reached, room)
     # The first step replaces those that were not taken, so that all numbers are finite.
-    index, taken = jnp.where(steps.taken, jnp.arange(steps.start.size), 0), steps.taken
+    index, valid = jnp.where(steps.taken, jnp.arange(steps.start.size), 0), steps.taken
     start, end = steps.start[index], steps.end[index]
     if steps.resumed is not None:  # rates jump where a pause ends, so that it is a step of its own
         resumed = steps.resumed[index]
         start, end = jnp.stack([start, resumed], axis=1).ravel(), jnp.stack([resumed, end], axis=1).ravel()
-        index, taken = jnp.repeat(index, 2), jnp.repeat(taken, 2)
+        index, valid = jnp.repeat(index, 2), jnp.repeat(valid, 2)
     fractions = jnp.asarray(FRACTIONS, start.dtype)
     times = start[:, None] + (end - start)[:, None] * fractions[None]
     nodes = jnp.repeat(index, fractions.size), times.reshape(-1)
     states = jax.lax.map(lambda node: steps.state(*node), nodes)
-    return times, states.reshape(*times.shape, -1), taken
+    return times, states.reshape(*times.shape, -1), valid
 
 
 @programs.filter_jit
@@ -369,7 +380,7 @@ def _evaluate(packing: Packing[Any, Any], times: Float[Array, " rows"], vectors:
 
 
 def _room_for(trajectory: Trajectory[Any, Any]) -> int:
-    """How many steps to examine: those that were taken, and a few more."""
+    """Returns how many steps to examine: the steps that were taken, and a few more."""
     interpolant: Any = trajectory.interpolant
     largest = interpolant.solution.interpolation.ts.shape[-1] - 1
     accepted = int(np.asarray(trajectory.steps) - np.asarray(trajectory.rejected))

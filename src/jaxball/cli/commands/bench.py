@@ -88,7 +88,7 @@ def _check_gradients(options: argparse.Namespace) -> None:
 
 
 def _engines(options: argparse.Namespace) -> int:
-    """Robots in general engines, beside the exact solution."""
+    """Runs robots in general engines, beside the exact solution."""
     for name in ("tolerances", "budget", "limit"):
         if getattr(options, name) is not None:
             raise BadInputError(f"Argument `--{name}` must be left out after `engines`, whose time steps are given.")

@@ -16,16 +16,16 @@ def run(options: argparse.Namespace) -> int:
     if options.clear:
         print(f"{_amount(clear())} removed")
         return 0
-    kept = contents()
-    print(f"Compiled programs in {kept.folder}")
-    print(f"  {_amount(kept)} of at most {_megabytes(kept.limit)}")
-    print(f"  {number_of(kept.native + kept.xla, 'program')}: {kept.native} compiled natively, {kept.xla} by XLA")
-    print(f"  not in use: {kept.objection}" if kept.objection else "  in use")
+    cache = contents()
+    print(f"Compiled programs in {cache.folder}")
+    print(f"  {_amount(cache)} of at most {_megabytes(cache.limit)}")
+    print(f"  {number_of(cache.native + cache.xla, 'program')}: {cache.native} compiled natively, {cache.xla} by XLA")
+    print(f"  not in use: {cache.objection}" if cache.objection else "  in use")
     return 0
 
 
-def _amount(kept: Contents) -> str:
-    return f"{number_of(kept.files, 'file')}, {_megabytes(kept.size)}"
+def _amount(programs: Contents) -> str:
+    return f"{number_of(programs.files, 'file')}, {_megabytes(programs.size)}"
 
 
 def _megabytes(size: int) -> str:

@@ -142,11 +142,11 @@ def _poincare(options: argparse.Namespace) -> int:
     scenario = scenario_of(document, options.scenario)
     state = rolling_state(scenario, "a Poincaré map is")
     state = phase_point(scenario.system, state)
-    known = _components(state)
-    path = _check_component(path, known)
-    others = [name for name in known if name != path]
-    across, up = (_check_component(name, known) for name in options.axes or (others * 2)[:2])
-    name, index = known[path]
+    components = _components(state)
+    path = _check_component(path, components)
+    others = [name for name in components if name != path]
+    across, up = (_check_component(name, components) for name in options.axes or (others * 2)[:2])
+    name, index = components[path]
 
     def section(system, t, x):
         return getattr(x, name)[index] - value
@@ -164,7 +164,9 @@ def _poincare(options: argparse.Namespace) -> int:
             atol=scenario.atol,
         )
     state = crossings.state
-    columns = {"time": crossings.times} | {name: getattr(state, leaf)[:, *at] for name, (leaf, at) in known.items()}
+    columns = {"time": crossings.times} | {
+        name: getattr(state, leaf)[:, *indices] for name, (leaf, indices) in components.items()
+    }
     title = {"title": scenario.title} if scenario.title else {}
     return report(
         options,
@@ -236,7 +238,7 @@ def _content(scenario: "Scenario", spectrum: "LyapunovSpectrum") -> dict[str, An
 
 
 def _save_means(spectrum: "LyapunovSpectrum", path: Path) -> None:
-    """The running means of the exponents, one row for each interval."""
+    """Saves the running means of the exponents, one row for each interval."""
     import numpy as np
 
     from ..files import write_csv
@@ -258,7 +260,7 @@ def _save_crossings(columns: dict[str, Any], path: Path) -> None:
 
 
 def _components(state: Any) -> dict[str, tuple[str, tuple[int, ...]]]:
-    """The numbers of a state by their paths, counted from 0."""
+    """Returns the numbers of a state by their paths, counted from 0."""
     import numpy as np
 
     return {
@@ -268,7 +270,7 @@ def _components(state: Any) -> dict[str, tuple[str, tuple[int, ...]]]:
     }
 
 
-def _check_component(name: str, known: dict[str, Any]) -> str:
-    if name not in known:
-        raise BadInputError(f'The component must be one of {", ".join(known)}, but it is "{name}".')
+def _check_component(name: str, components: dict[str, Any]) -> str:
+    if name not in components:
+        raise BadInputError(f'The component must be one of {", ".join(components)}, but it is "{name}".')
     return name

@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _progress(options: argparse.Namespace, line: Line) -> Callable[[str], None]:
-    """The function that takes lines of progress."""
+    """Returns the function that takes lines of progress."""
     return lambda text: None if options.quiet else line.print(text, sys.stderr)
 
 

@@ -73,6 +73,6 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _is_urdf(text: str) -> bool:
-    """Whether the first element of a text is that of a URDF file."""
+    """Returns whether the first element of a text shows it to be a URDF file."""
     first = re.search(r"<([A-Za-z_][\w:.-]*)", re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL))
     return first is not None and first[1] == "robot"

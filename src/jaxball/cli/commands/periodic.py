@@ -97,7 +97,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _period(options: argparse.Namespace, document: dict[str, Any]) -> float | str:
-    """The period, or the path of an angular frequency that the document has."""
+    """Returns the period, or the path of an angular frequency that the document has."""
     if options.period is not None:
         return options.period
     if isinstance(options.frequency, str):
@@ -215,7 +215,7 @@ def _summary(motion: "PeriodicMotion") -> list[str]:
 
 
 def _angles(state: "AbstractState") -> list[str]:
-    """The names of the components that may gain whole turns."""
+    """Lists the names of the components that may gain whole turns."""
     import numpy as np
 
     from ...stability.shooting import countable

@@ -94,17 +94,17 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _scenario(options: argparse.Namespace, document: dict[str, Any]) -> "Scenario":
-    """The scenario of a document with the solver and the tolerances of the options, which errors name as such."""
-    given = {name: getattr(options, name) for name in SETTINGS if getattr(options, name) is not None}
+    """Reads the scenario of a document with the solver and the tolerances of the options, which errors name as such."""
+    settings = {name: getattr(options, name) for name in SETTINGS if getattr(options, name) is not None}
     solve = document.get("solve", {})
-    if given and isinstance(solve, dict):  # else its reader refuses it
-        document = document | {"solve": solve | given}
+    if settings and isinstance(solve, dict):  # else its reader refuses it
+        document = document | {"solve": solve | settings}
     try:
         return scenario_of(document, options.scenario)
     except ScenarioError as error:
-        if not given:
+        if not settings:
             raise
-        key = rf"^{re.escape(source_name(options.scenario))}: Key `solve\.({'|'.join(given)})`"
+        key = rf"^{re.escape(source_name(options.scenario))}: Key `solve\.({'|'.join(settings)})`"
         raise ScenarioError(re.sub(key, r"Argument `--\1`", str(error), flags=re.MULTILINE)) from None
 
 
@@ -176,7 +176,7 @@ def _draw(options: argparse.Namespace, scenario: "Scenario", trajectory: "Trajec
 
 
 def _content(scenario: "Scenario", trajectory: "Trajectory[Any, Any]") -> dict[str, Any]:
-    """The summary as JSON: the attributes of a result file, and the state at the end."""
+    """Returns the summary as JSON: the attributes of a result file, and the state at the end."""
     import numpy as np
 
     from ...physics.body import AbstractBody
@@ -194,7 +194,7 @@ def _content(scenario: "Scenario", trajectory: "Trajectory[Any, Any]") -> dict[s
 
 
 def _summary(seen: "Occurrences") -> dict[str, Any]:
-    """How often an event happened, and when, as far as there was room."""
+    """Describes how often an event happened, and when, as far as there was room."""
     return {
         "count": int(seen.count),
         "times": seen.times[: int(seen.count)].tolist(),
@@ -225,7 +225,9 @@ def _events(options: argparse.Namespace, scenario: "Scenario") -> "dict[str, Abs
 
 
 def _checks(trajectory: "Trajectory[Any, Any]") -> list[str]:
-    """The lines about events, the contact of a body with its plane, and conserved quantities of other systems."""
+    """Returns the lines about events, the contact of a body with its plane, and conserved quantities of other
+    systems.
+    """
     from ...physics.body import AbstractBody
     from ...simulation.extremes import contact_extremes
     from ...simulation.trajectory import always_rolls
@@ -241,7 +243,9 @@ def _checks(trajectory: "Trajectory[Any, Any]") -> list[str]:
 
 
 def _law_changes(trajectory: "Trajectory[Any, Any]") -> dict[str, float]:
-    """The largest change of each conserved quantity since the start; balances, which change at a rate, are left out."""
+    """Computes the largest change of each conserved quantity since the start; balances, which change at a rate, are
+    left out.
+    """
     import equinox as eqx
     import jax
     import jax.numpy as jnp
@@ -256,7 +260,8 @@ def _law_changes(trajectory: "Trajectory[Any, Any]") -> dict[str, float]:
 
 
 def _with_contact(document: dict[str, Any], law: str | None) -> dict[str, Any]:
-    """The document with its law replaced by that of ``--contact``, a kinetic coefficient or keys with values.
+    """Returns the document with its contact law replaced by the one of ``--contact``, a kinetic coefficient or keys
+    with values.
 
     **Raises:** :class:`~jaxball.ScenarioError` for a system that is no ball or disk.
     """
@@ -292,7 +297,7 @@ def check_memory(options: argparse.Namespace, times: int) -> None:
 
 
 def free_memory() -> float:
-    """The bytes that can be had without swapping; infinite where the system does not say."""
+    """Returns the number of bytes that can be had without swapping; infinite where the system does not say."""
     try:
         lines = Path("/proc/meminfo").read_text().splitlines()
     except OSError:

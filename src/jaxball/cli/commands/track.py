@@ -108,21 +108,21 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _with_feedback(options: argparse.Namespace, document: dict[str, Any]) -> dict[str, Any]:
-    """The document with the table [feedback] that the options ask for."""
-    given = document.get("feedback", {"kind": "tvlqr", "Q": 1.0, "R": 1.0})
-    if not isinstance(given, dict):
+    """Returns the document with the table [feedback] that the options ask for."""
+    table = document.get("feedback", {"kind": "tvlqr", "Q": 1.0, "R": 1.0})
+    if not isinstance(table, dict):
         return document  # which its reader refuses
-    if given.get("kind") == "feedforward":
+    if table.get("kind") == "feedforward":
         raise ScenarioError(
             'Key `feedback.kind` must be "tvlqr" or "mpc" to hold a motion, but it is "feedforward"; change it with '
             "--set feedback.kind=tvlqr, --Q and --R."
         )
     changes = {name: getattr(options, name) for name in ("Q", "R", "delay", "limits")}
-    feedback = given | {name: value for name, value in changes.items() if value is not None}
+    feedback = table | {name: value for name, value in changes.items() if value is not None}
     times = document.get("time")
     if options.sample is not None and isinstance(times, dict):
-        at = times.get("at")
-        ends = {"start": at[0], "end": at[-1]} if isinstance(at, list) and at else times
+        instants = times.get("at")
+        ends = {"start": instants[0], "end": instants[-1]} if isinstance(instants, list) and instants else times
         times = {name: ends[name] for name in ("start", "end") if name in ends} | {"step": options.sample}
     return document | {"feedback": feedback} | ({} if times is None else {"time": times})
 
@@ -141,7 +141,7 @@ def _track(options: argparse.Namespace, scenario: "Scenario", axes: tuple[ChartA
         return FAILED_SOLVE
     with working(options, "linearising along the motion"):
         feedback = feedback_along(scenario, motion)
-    held = [_simulate_loops(options, one, feedback) for one in disturbed]
+    held = [_simulate_loops(options, entry, feedback) for entry in disturbed]
     basins = {} if axes is None else _basins(options, scenario, feedback, axes)
     written = []
     if options.out is not None:
@@ -153,9 +153,9 @@ def _track(options: argparse.Namespace, scenario: "Scenario", axes: tuple[ChartA
             written.append(_draw(options, scenario, feedback, held, basins))
     deviations = _Deviations.of(scenario, feedback)
     write_json(options, _content(scenario, deviations, held, basins))
-    lines = [_track_of(feedback), *_table(deviations, held), *(_basin_line(*one) for one in basins.items())]
+    lines = [_track_of(feedback), *_table(deviations, held), *(_basin_line(*entry) for entry in basins.items())]
     say(options, scenario.title, *lines, name_files(written))
-    return 0 if all(loop.ok for one in held for loop in one.loops.values()) else FAILED_SOLVE
+    return 0 if all(loop.ok for entry in held for loop in entry.loops.values()) else FAILED_SOLVE
 
 
 def _disturb(options: argparse.Namespace, scenario: "Scenario") -> "list[Scenario]":
@@ -196,7 +196,7 @@ def _simulate_loops(options: argparse.Namespace, scenario: "Scenario", feedback:
 def _basins(
     options: argparse.Namespace, scenario: "Scenario", feedback: "AbstractFeedback", axes: tuple[ChartAxis, ChartAxis]
 ) -> "dict[str, Basin]":
-    """Which starts of the grid come back, by feedback of the state and, with an estimator, from sensors."""
+    """Finds which starts of the grid come back, by feedback of the state and, with an estimator, from sensors."""
     import numpy as np
 
     from ...control import basin
@@ -208,10 +208,10 @@ def _basins(
     kinds = {HELD: feedback}
     if scenario.estimator is not None:
         kinds[SEEING] = with_estimator(scenario, feedback)
-    found = {}
+    basins = {}
     for name, kind in kinds.items():
         with working(options, f"simulating {axes[0][3] * axes[1][3]:,} starts {name}"), in_keys():
-            found[name] = basin(
+            basins[name] = basin(
                 kind,
                 starts,
                 Q=settings.Q,
@@ -220,7 +220,7 @@ def _basins(
                 limits=settings.limits,
                 delay=settings.delay,
             )
-    return found
+    return basins
 
 
 def _regulator(scenario: "Scenario") -> "RegulatorSettings":
@@ -231,7 +231,7 @@ def _regulator(scenario: "Scenario") -> "RegulatorSettings":
 
 
 def _track_of(feedback: "AbstractFeedback") -> "Track":
-    """The regulator, also of predictive control."""
+    """Returns the regulator, also of predictive control."""
     from ...control import PredictiveControl, Track
 
     track = feedback.track if isinstance(feedback, PredictiveControl) else feedback
@@ -280,9 +280,9 @@ def _table(deviations: _Deviations, held: list[Held]) -> list[str]:
     width = len(WITHOUT) + 10
     columns = ("at first", "largest", "at last", "input", "|f| / N")
     lines = [f"{'deviation, weighted by Q':<{width}}" + "".join(f"{name:>10}" for name in columns)]
-    for one in held:
-        lines.append(f"from {one.start}" if one.start else "from the motion")
-        for name, loop in one.loops.items():
+    for entry in held:
+        lines.append(f"from {entry.start}" if entry.start else "from the motion")
+        for name, loop in entry.loops.items():
             numbers = _numbers(deviations, loop)
             lines.append(f"  {name:<{width - 2}}" + "".join(f"{value:>10.4g}" for value in numbers.values()))
     return lines
@@ -290,18 +290,18 @@ def _table(deviations: _Deviations, held: list[Held]) -> list[str]:
 
 def _basin_line(name: str, basin: "Basin") -> str:
     assert basin.grid is not None
-    found, over = str(basin).removeprefix("Basin: "), " and ".join(basin.grid.names)
-    return f"{name}, {found}, to within {basin.within:g}, over {over}"
+    summary, over = str(basin).removeprefix("Basin: "), " and ".join(basin.grid.names)
+    return f"{name}, {summary}, to within {basin.within:g}, over {over}"
 
 
 def _content(
     scenario: "Scenario", deviations: _Deviations, held: list[Held], basins: "dict[str, Basin]"
 ) -> dict[str, Any]:
-    """The summary as JSON."""
+    """Returns the summary as JSON."""
     content: dict[str, Any] = {"title": scenario.title, "starts": []}
-    for one in held:
-        loops = {name: _numbers(deviations, loop) | {"ok": loop.ok} for name, loop in one.loops.items()}
-        content["starts"].append({"start": one.start, "loops": loops})
+    for entry in held:
+        loops = {name: _numbers(deviations, loop) | {"ok": loop.ok} for name, loop in entry.loops.items()}
+        content["starts"].append({"start": entry.start, "loops": loops})
     for kind, basin in basins.items():
         data = basin.dataset()
         axes = {str(name): data[name].values for name in data["returned"].dims}
@@ -367,17 +367,17 @@ def _parse_start(text: str) -> float | dict[str, float]:
 
 
 def _deviation(text: str) -> dict[str, float]:
-    """Numbers by name."""
-    found = {}
+    """Parses numbers by name."""
+    deviation = {}
     for part in text.split(","):
         name, equals, value = part.rpartition("=")
         try:
-            found[name.strip()] = float(value)
+            deviation[name.strip()] = float(value)
         except ValueError:
             equals = ""
         if not equals:
             raise argparse.ArgumentTypeError(f"it must be NAME=NUMBER,..., as in z=0.1,Omega[0]=0.3, but it is {text}")
-    return found
+    return deviation
 
 
 def _not_negative(text: str) -> int:

@@ -61,7 +61,9 @@ def _document(source: str) -> dict[str, Any]:
 
 
 def _reader(document: dict[str, Any]) -> Callable[[dict[str, Any], Path], str]:
-    """The function that reads a document, chosen by its kind; by default, a document is taken for a scenario."""
+    """Returns the function that reads a document, chosen by its kind; by default, a document is taken for a
+    scenario.
+    """
     readers = {SCENARIO: _scenario, STUDY: _study, CONTROL: _control, PROBLEM: _problem}
     return readers[kind_of_document(document) or SCENARIO]
 

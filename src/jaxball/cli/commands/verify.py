@@ -83,8 +83,8 @@ def _verify(options: argparse.Namespace, documents: Mapping[str, dict[str, Any]]
         try:
             with working(options, f"checking {name}"), compile_for(scenario):
                 run = load_run(name) if is_run(name) else None
-                known = scenario if run is None or run.scenario is None else run
-                reports[name] = verify(known, laws=options.laws, quick=options.quick)
+                subject = scenario if run is None or run.scenario is None else run
+                reports[name] = verify(subject, laws=options.laws, quick=options.quick)
         except ValueError as error:
             raise BadInputError(str(error)) from None
         say(options, f"{name}: {reports[name]}", _draw(options, scenario, reports[name]))

@@ -57,7 +57,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _kind(path: Path) -> str:
-    """What there is to show: the name of the file that identifies a folder, empty for a file."""
+    """Returns what there is to show: the name of the file that identifies a folder, empty for a file."""
     if not path.is_dir():
         refuse_document(path)
         check_saved(path)

@@ -29,12 +29,12 @@ from .problem import AbstractControlProblem, Path
 
 
 def slack(s: Float[Array, " k"], barrier: Float[Array, ""]) -> Float[Array, " k"]:
-    """(√(s² + 4 µ) + s) / 2."""
+    """Computes (√(s² + 4 µ) + s) / 2."""
     return (jnp.sqrt(s**2 + 4 * barrier) + s) / 2
 
 
 def multiplier(s: Float[Array, " k"], barrier: Float[Array, ""]) -> Float[Array, " k"]:
-    """(√(s² + 4 µ) − s) / 2."""
+    """Computes (√(s² + 4 µ) − s) / 2."""
     return slack(-s, barrier)
 
 
@@ -64,15 +64,15 @@ class NodeTerm(NamedTuple):
     by_multiplier: np.ndarray
 
     def whole(self, shape: "Sizes") -> Term:
-        """The terms with derivatives by all unknowns of each node: x, u, the costate and s."""
+        """Returns the terms with derivatives by all unknowns of each node: x, u, the costate and s."""
         moving, free = shape.states + shape.controls, 2 * shape.states + shape.controls
-        given = self.term.jacobian
-        jacobian = np.zeros((*given.shape[:2], given.shape[1]))
-        jacobian[:, :, :moving] = given
-        jacobian[:, :moving, moving:free] = np.swapaxes(given[:, moving:free], 1, 2)
+        derivatives = self.term.jacobian
+        jacobian = np.zeros((*derivatives.shape[:2], derivatives.shape[1]))
+        jacobian[:, :, :moving] = derivatives
+        jacobian[:, :moving, moving:free] = np.swapaxes(derivatives[:, moving:free], 1, 2)
         # Row s has −w g, the others −w σ g.
-        jacobian[:, :moving, free:] = np.swapaxes(self.by_multiplier[:, :, None] * given[:, free:], 1, 2)
-        slacks = np.arange(free, given.shape[1])
+        jacobian[:, :moving, free:] = np.swapaxes(self.by_multiplier[:, :, None] * derivatives[:, free:], 1, 2)
+        slacks = np.arange(free, derivatives.shape[1])
         jacobian[:, slacks, slacks] = self.by_slack
         return self.term._replace(jacobian=jacobian)
 
@@ -87,18 +87,23 @@ class Sizes(NamedTuple):
 
 
 def sizes(vary: Vary, problem: Any) -> Sizes:
-    """Of vary(problem, λ)."""
+    """Returns the sizes of vary(problem, λ)."""
 
     def parts(problem):
-        at = vary(problem, jnp.zeros(()))
-        u = jnp.zeros_like(at.initial, shape=(at.controls,))
-        return at.initial, u, at.conditions(at.initial), at.inequalities(at.start, at.initial, u)
+        variant = vary(problem, jnp.zeros(()))
+        u = jnp.zeros_like(variant.initial, shape=(variant.controls,))
+        return (
+            variant.initial,
+            u,
+            variant.conditions(variant.initial),
+            variant.inequalities(variant.start, variant.initial, u),
+        )
 
     return Sizes(*(part.size for part in jax.eval_shape(parts, problem)))
 
 
 def at_nodes(vary: Vary, shape: Sizes, problem: Any, parameter, barrier, times, weights, steps, local) -> NodeTerm:
-    """The derivatives of the Lagrangian by x, u and the costate of each node, and its complementarity.
+    """Computes the derivatives of the Lagrangian by x, u and the costate of each node, and its complementarity.
 
     The Lagrangian of a node is w (cost − σ·g) + h λ·rate, with the inequalities g ≥ 0 and their multipliers σ, which
     are functions of the node's last unknowns s; these are found from w (slack(s) − g) = 0.
@@ -109,13 +114,13 @@ def at_nodes(vary: Vary, shape: Sizes, problem: Any, parameter, barrier, times, 
         s = local[free:]
 
         def equations(moved, parameter):
-            at = vary(problem, parameter)
+            variant = vary(problem, parameter)
 
             def lagrangian(local):
                 x, u, costate = local[:n], local[n:-n], local[-n:]
-                cost, g = weight * at.cost(t, x, u), at.inequalities(t, x, u)
+                cost, g = weight * variant.cost(t, x, u), variant.inequalities(t, x, u)
                 pushed = weight * jnp.sum(multiplier(s, barrier) * g)
-                return cost - pushed + h * jnp.sum(costate * at.rate(t, x, u)), (cost, g)
+                return cost - pushed + h * jnp.sum(costate * variant.rate(t, x, u)), (cost, g)
 
             rows = jnp.concatenate([moved, local[moving:free]])
             gradient, (cost, g) = jax.grad(lagrangian, has_aux=True)(rows)
@@ -128,13 +133,13 @@ def at_nodes(vary: Vary, shape: Sizes, problem: Any, parameter, barrier, times, 
 
 
 def at_end(vary: Vary, shape: Sizes, problem: Any, parameter, local) -> Term:
-    """The derivatives of the end conditions' term of the Lagrangian by x and the multipliers at the end."""
+    """Computes the derivatives of the end conditions' term of the Lagrangian by x and the multipliers at the end."""
     n = shape.states
 
     def equations(local, parameter):
         def lagrangian(local):
-            at, x, multipliers = vary(problem, parameter), local[:n], local[n:]
-            return jnp.sum(multipliers * at.conditions(x)) - at.softness * jnp.sum(multipliers**2) / 2
+            variant, x, multipliers = vary(problem, parameter), local[:n], local[n:]
+            return jnp.sum(multipliers * variant.conditions(x)) - variant.softness * jnp.sum(multipliers**2) / 2
 
         return jax.grad(lagrangian)(local), jnp.zeros_like(parameter)
 
@@ -142,7 +147,7 @@ def at_end(vary: Vary, shape: Sizes, problem: Any, parameter, local) -> Term:
 
 
 def initial(vary: Vary, problem: Any, parameter: Float[Array, ""]):
-    """The initial state, and its derivative with respect to λ."""
+    """Returns the initial state, and its derivative with respect to λ."""
     return jax.jvp(lambda parameter: vary(problem, parameter).initial, (parameter,), (jnp.ones_like(parameter),))
 
 
@@ -168,7 +173,7 @@ BARRIER, SHARP = 1e-2, 1e-8
 
 
 def as_it_is(problem: AbstractControlProblem, parameter: Float[Array, ""]) -> AbstractControlProblem:
-    """A problem that does not depend on λ."""
+    """Returns the problem, which does not depend on λ."""
     return problem
 
 
@@ -221,7 +226,7 @@ class Collocation(AbstractEquations):
         shapes: list[Any] = [(N + 1, n), (N, s, n), (N, s, m), (n,), (N, s, n), (N, n), (c,), (N, s, i)]
         self.shapes = Unknowns(*shapes)
         places = np.split(np.arange(self.size), np.cumsum([np.prod(shape) for shape in self.shapes])[:-1])
-        self.places = Unknowns(*(at.reshape(shape) for at, shape in zip(places, self.shapes, strict=True)))
+        self.places = Unknowns(*(indices.reshape(shape) for indices, shape in zip(places, self.shapes, strict=True)))
 
     def with_changes(
         self, mesh: Float[np.ndarray, " N_plus_one"] | None = None, barrier: float | None = None
@@ -256,8 +261,8 @@ class Collocation(AbstractEquations):
         return self.mesh[:-1, None] + self.steps[:, None] * self.tableau.c
 
     def parts(self, y: Float[np.ndarray, " size"]) -> Unknowns:
-        """The parts of y."""
-        return Unknowns(*(y[at] for at in self.places))
+        """Returns the parts of y."""
+        return Unknowns(*(y[indices] for indices in self.places))
 
     def join(self, parts: Unknowns) -> Float[np.ndarray, " size"]:
         """Inverts :meth:`parts`."""
@@ -281,12 +286,19 @@ class Collocation(AbstractEquations):
     @functools.cached_property
     def order(self):
         """Interval by interval, the unknowns of nodes before what they determine."""
-        at = self.places
-        intervals = [at.knots[:-1, None], at.excess, at.nodes, at.controls, at.at_nodes, at.at_knots[:, None]]
-        return np.concatenate([in_time(*intervals, first=at.at_start), at.knots[-1], at.at_end])
+        places = self.places
+        intervals = [
+            places.knots[:-1, None],
+            places.excess,
+            places.nodes,
+            places.controls,
+            places.at_nodes,
+            places.at_knots[:, None],
+        ]
+        return np.concatenate([in_time(*intervals, first=places.at_start), places.knots[-1], places.at_end])
 
     def sizes(self, y):
-        """1 + |y|, without multipliers that are sensitive to rounding.
+        """Returns 1 + |y|, without multipliers that are sensitive to rounding.
 
         These are all of them if there are inequalities, near a boundary, and those of the end if its conditions are
         soft, because some conditions may follow from others.
@@ -322,16 +334,18 @@ class Collocation(AbstractEquations):
         return self.linear + at_nodes + at_end, by_parameter
 
     def cost(self, y: Float[np.ndarray, " size"], parameter: float) -> float:
-        """The mean of the running cost, by the weights of Gauss."""
+        """Computes the mean of the running cost, by the weights of Gauss."""
         return float(np.sum(self._terms(y, parameter)[0].cost))
 
     def along(self, path: Path, name: str, times: Float[np.ndarray, " k"], parameter: float) -> Any:
-        """A function of (t, x, u) that the problem has under this name, such as ``rate``, at times along a path."""
+        """Evaluates a function of (t, x, u) that the problem has under this name, such as ``rate``, at times along a
+        path.
+        """
         function = functools.partial(_compile_partial(_along, name, self.vary), self.problem, jnp.asarray(parameter))
         return _over_nodes(function, times, path.states(times), path.inputs(times))
 
     def problem_at(self, parameter: float) -> Any:
-        """The problem at a λ."""
+        """Returns the problem at a λ."""
         return _compile_partial(_vary, self.vary)(self.problem, jnp.asarray(parameter))
 
     @functools.cached_property
@@ -368,7 +382,9 @@ class Collocation(AbstractEquations):
         return np.concatenate([self.places.knots[-1], self.places.at_end])
 
     def _terms(self, y: np.ndarray, parameter: float) -> tuple[Term, Term]:
-        """The terms of the nodes and of the end; cached, because residual and Jacobian are needed at the same point."""
+        """Returns the terms of the nodes and of the end; cached, because residual and Jacobian are needed at the same
+        point.
+        """
         if self._last is None or self._last[1] != parameter or not np.array_equal(self._last[0], y):
             parts = self.parts(y)
             self._last = (y.copy(), parameter, self._node(parts, parameter), self._end(parts, parameter))
@@ -376,21 +392,21 @@ class Collocation(AbstractEquations):
 
     def _node(self, parts: Unknowns, parameter: float) -> Term:
         h = np.broadcast_to(self.steps[:, None], self.times.shape)
-        given = (self.problem, jnp.asarray(parameter), jnp.asarray(self.barrier))
+        arguments = (self.problem, jnp.asarray(parameter), jnp.asarray(self.barrier))
         rows = [np.ravel(self.times), np.ravel(self.weights), np.ravel(h), _local(parts)]
-        function = functools.partial(_compile_partial(at_nodes, self.vary, self._sizes), *given)
+        function = functools.partial(_compile_partial(at_nodes, self.vary, self._sizes), *arguments)
         return _over_nodes(function, *rows).whole(self._sizes)
 
     def _end(self, parts: Unknowns, parameter: float) -> Term:
         local = jnp.asarray(np.concatenate([parts.knots[-1], parts.at_end]))
-        found = _compile_partial(at_end, self.vary, self._sizes)(self.problem, jnp.asarray(parameter), local)
-        return jax.tree.map(np.asarray, found)
+        term = _compile_partial(at_end, self.vary, self._sizes)(self.problem, jnp.asarray(parameter), local)
+        return jax.tree.map(np.asarray, term)
 
 
 @functools.lru_cache(maxsize=64)
-def _compile_partial(function: Callable[..., Any], *given: Any) -> programs.Program:
+def _compile_partial(function: Callable[..., Any], *arguments: Any) -> programs.Program:
     """Compiles a function whose first arguments are given."""
-    return programs.jit(functools.partial(function, *given))
+    return programs.jit(functools.partial(function, *arguments))
 
 
 def _over_nodes(function: Callable[..., Any], *rows: np.ndarray) -> Any:
@@ -406,15 +422,15 @@ def _along(name: str, vary: Vary, problem: Any, parameter, times, states, contro
 
 
 def _local(parts: Unknowns) -> np.ndarray:
-    """The entries that belong to each node, a row for each."""
+    """Returns the entries that belong to each node, a row for each."""
     rows = np.concatenate([parts.nodes, parts.controls, parts.at_nodes, parts.excess], axis=2)
     return rows.reshape(-1, rows.shape[-1])
 
 
 def in_time(*places: Int[np.ndarray, "N _ _"], first: Int[np.ndarray, " n"]) -> Int[np.ndarray, " places"]:
-    """Indices in the order of time: ``first``, and then, interval by interval, those of each kind."""
+    """Lists indices in the order of time: ``first``, and then, interval by interval, the indices of each kind."""
     count = len(places[0])
-    return np.concatenate([first, np.ravel(np.concatenate([at.reshape(count, -1) for at in places], axis=1))])
+    return np.concatenate([first, np.ravel(np.concatenate([indices.reshape(count, -1) for indices in places], axis=1))])
 
 
 def _sum_blocks(places: np.ndarray, blocks: np.ndarray, size: int) -> scipy.sparse.csr_array:

@@ -32,7 +32,8 @@ CORRECTIONS, DAMPING = 3, 1e-4
 
 @programs.compile_quickly()
 def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stages: int = 3) -> Path:
-    """A guess with the geometric centre on the desired path, and the masses where gravity turns the ball accordingly.
+    """Makes a guess with the geometric centre on the desired path, and the masses where gravity turns the ball
+    accordingly.
 
     The ball rolls without spin: ω = e3 × ż / r. The centre of mass begins in its initial position, in space axes. Then
     the balance of the momentum about the contact point, γ × Λp = d(ΛΠ)/dt + ż × ΛP − Mr γ × e3, with γ = g e3 on a
@@ -68,14 +69,14 @@ def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stag
 def driving(
     problem: Rolling, times: Float[np.ndarray, " k"], states: Float[np.ndarray, "k n"], rates: Float[np.ndarray, "k n"]
 ) -> Float[np.ndarray, "k m"]:
-    """The controls with which ẋ comes closest to ``rates``."""
+    """Finds the controls with which ẋ comes closest to ``rates``."""
     free, columns = (np.asarray(part) for part in _affine(problem, *map(jnp.asarray, (times, states))))
     return np.einsum("kmn,kn->km", np.linalg.pinv(columns), rates - free)
 
 
 @programs.jit
 def _affine(problem: Rolling, times, states) -> tuple[Float[Array, "k n"], Float[Array, "k n m"]]:
-    """ẋ without controls, and its derivative by them."""
+    """Computes ẋ without controls, and its derivative by them."""
     off = jnp.zeros(problem.controls, states.dtype)
 
     def one(t, x):
@@ -86,7 +87,7 @@ def _affine(problem: Rolling, times, states) -> tuple[Float[Array, "k n"], Float
 
 
 def _target_path(problem: Rolling, times: Float[np.ndarray, " t"]) -> CubicSpline:
-    """z(t)."""
+    """Returns z(t)."""
     for objective in problem.objectives.values():
         if isinstance(objective, FollowTrajectory):
             return CubicSpline(times, objective.targets(jnp.asarray(times)))
@@ -96,10 +97,10 @@ def _target_path(problem: Rolling, times: Float[np.ndarray, " t"]) -> CubicSplin
     )
 
 
-def _rolling_states(problem: Rolling, wanted: CubicSpline) -> BallState | DiskState:
-    """The states along the desired path, the masses as at the start; between times the ball rolls straight."""
-    times, start, r = wanted.x, problem.state, problem.system.radius
-    z, rate = wanted(times), wanted(times, 1)
+def _rolling_states(problem: Rolling, path: CubicSpline) -> BallState | DiskState:
+    """Returns the states along the desired path, the masses as at the start; between times the ball rolls straight."""
+    times, start, r = path.x, problem.state, problem.system.radius
+    z, rate = path(times), path(times, 1)
     still = [np.tile(np.asarray(angles), (len(times), 1)) for angles in (start.theta, start.thetadot)]
     if isinstance(start, DiskState):
         return DiskState(start.phi - (z[:, 0] - start.z) / r, -rate[:, 0] / r, z[:, 0], *still)
@@ -113,7 +114,7 @@ def _rolling_states(problem: Rolling, wanted: CubicSpline) -> BallState | DiskSt
 def _orientations(
     q: Float[Array, "4"], steps: Float[Array, "t_minus_one 4"], omega: Float[Array, "t 3"]
 ) -> tuple[Float[Array, "t 4"], Float[Array, "t 3"]]:
-    """Versors after successive rotations in space, and Ω = Λ⁻¹ω."""
+    """Computes the versors after successive rotations in space, and Ω = Λ⁻¹ω."""
 
     def turn(q, step):
         q = versor.product(step, q)
@@ -124,12 +125,12 @@ def _orientations(
 
 
 def _cross_e3(v: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 3"]:
-    """e3 × v."""
+    """Computes e3 × v."""
     return np.stack([-v[:, 1], v[:, 0], np.zeros(len(v))], axis=1)
 
 
 def _moment_with_torque(problem: Rolling, hanging, moment) -> Float[np.ndarray, "t 3"]:
-    """Λp with its length unchanged, moved sideways so that gravity has the given ``moment``."""
+    """Computes Λp with its length unchanged, moved sideways so that gravity has the given ``moment``."""
     weight = np.asarray(_weight(problem))
     up = weight / np.linalg.norm(weight)
     moved = hanging + np.cross(moment, weight) / np.sum(weight**2)
@@ -148,55 +149,55 @@ def _moment_with_torque(problem: Rolling, hanging, moment) -> Float[np.ndarray, 
 
 
 def _with_masses_for(problem: Rolling, times, state, p: Float[np.ndarray, "t 3"]) -> BallState | DiskState:
-    """The states with masses positioned to give Λp."""
+    """Returns the states with masses positioned to give Λp."""
     theta = _angles(problem, jnp.asarray(times), state, jnp.asarray(p))
     return dataclasses.replace(state, theta=theta, thetadot=CubicSpline(times, theta)(times, 1))
 
 
 def _moment(problem: Rolling, t: Float[Array, ""], theta: Float[Array, " m"]) -> Float[Array, "3"]:
-    """p = Σ m χ."""
+    """Computes p = Σ m χ."""
     return velocity_moments(problem.packing.system, t, (theta, jnp.zeros_like(theta))).p
 
 
 @programs.jit
 def _weight(problem: Rolling) -> Float[Array, "3"]:
-    """γ at the start, space axes."""
+    """Computes γ at the start, in space axes."""
     return imbalance(problem.packing.system, problem.start, problem.state).weight
 
 
 @programs.jit
 def _initial_moment(problem: Rolling) -> Float[Array, "3"]:
-    """Λp at the start."""
+    """Computes Λp at the start."""
     return apply(problem.state.Lambda, _moment(problem, problem.start, problem.state.theta))
 
 
 @programs.jit
 def _angles(problem: Rolling, times, state, p) -> Float[Array, "t m"]:
-    """θ by the smallest changes from one time to the next (Levenberg's method), for given Λp."""
+    """Finds θ by the smallest changes from one time to the next (Levenberg's method), for given Λp."""
 
-    def step(theta, at):
-        t, Lambda, wanted = at
+    def step(theta, sample):
+        t, Lambda, momentum = sample
         moment = functools.partial(_moment, problem, t)
         for _ in range(CORRECTIONS):
             J = jax.jacfwd(moment)(theta)
             square = J @ J.T
             damped = square + DAMPING * jnp.trace(square) * jnp.eye(3)
-            theta = theta + J.T @ jnp.linalg.solve(damped, Lambda.T @ wanted - moment(theta))
+            theta = theta + J.T @ jnp.linalg.solve(damped, Lambda.T @ momentum - moment(theta))
         return theta, theta
 
-    Lambda = jax.vmap(lambda one: one.Lambda)(state)
+    Lambda = jax.vmap(lambda pose: pose.Lambda)(state)
     return jax.lax.scan(step, problem.state.theta, (times, Lambda, p))[1]
 
 
 @programs.jit
 def _momenta(problem: Rolling, times, state) -> tuple[Float[Array, "t 3"], Float[Array, "t 3"]]:
-    """ΛΠ, and its rate by the equations of motion."""
+    """Computes ΛΠ, and its rate by the equations of motion."""
     system = problem.packing.system
 
     def one(t, state):
-        at, Omega, Gamma = velocity_moments(system, t, (state.theta, state.thetadot)), state.Omega, state.Gamma
-        Pi = contact_momentum(at, system.radius, Omega, Gamma)
-        rate = contact_momentum_rate(at, system.radius, load(system, t, state), Pi, Omega)
+        moments, Omega, Gamma = velocity_moments(system, t, (state.theta, state.thetadot)), state.Omega, state.Gamma
+        Pi = contact_momentum(moments, system.radius, Omega, Gamma)
+        rate = contact_momentum_rate(moments, system.radius, load(system, t, state), Pi, Omega)
         return apply(state.Lambda, Pi), apply(state.Lambda, rate + cross(Omega, Pi))
 
     return jax.vmap(one)(times, state)

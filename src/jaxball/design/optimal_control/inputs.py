@@ -33,7 +33,7 @@ class MotorIndex(NamedTuple):
     term: int | None
 
     def in_drive(self, drive: Drive) -> Motor:
-        """The motor, of the drive of its joint."""
+        """Returns the motor, from the drive of its joint."""
         force = drive if self.term is None else drive.terms[self.term]  # pyright: ignore
         assert isinstance(force, Motor)
         return force
@@ -87,7 +87,7 @@ class MotorLimits(AbstractRunningConstraint):
 
 
 def inputs(system: System, start: Numbers, state: State | None) -> Inputs:
-    """The inputs of a system whose free joints are in ``state`` at the start.
+    """Returns the inputs of a system whose free joints are in ``state`` at the start.
 
     **Raises:** :class:`DesignError` where nothing can be controlled, and for a joint with two motors; ``ValueError``
     for a system with a feedback law.
@@ -106,29 +106,29 @@ def inputs(system: System, start: Numbers, state: State | None) -> Inputs:
 
 
 def motor_limits(system: System, motors: Sequence[MotorIndex]) -> dict[str, MotorLimits]:
-    """The limits of motors as a constraint, if there are any."""
+    """Returns the limits of motors as a constraint, if there are any."""
     limits = {place: motor.limit for place, motor in zip(motors, _motors_of(system, motors), strict=True)}
     limited = {place: limit for place, limit in limits.items() if limit is not None}
     return {MOTOR_LIMITS: MotorLimits(jnp.stack(list(limited.values())), tuple(limited))} if limited else {}
 
 
 def with_inputs(prepared: System, motors: Sequence[MotorIndex], u: Float[Array, " m"]) -> System:
-    """The prepared system of :class:`Inputs` with given u; traceable."""
+    """Returns the prepared system of :class:`Inputs` with given u; traceable."""
     accelerations, forces = jnp.split(u, [len(prepared.accelerated)])
     if prepared.accelerated:
         prepared = eqx.tree_at(lambda s: s.law, prepared, GivenAccelerations(accelerations))
     if not motors:
         return prepared
     entries = {place: slot for slot, place in enumerate(motors)}
-    found: list[tuple[int, MotorIndex]] = []
+    pairs: list[tuple[int, MotorIndex]] = []
     values = []
     for index, order in enumerate(prepared.mechanism_order):
         for place in [place for place in motors if place.mechanism == order[0]]:
-            found.append((index, place))
+            pairs.append((index, place))
             values.append(forces[np.asarray([entries[place._replace(mechanism=i)] for i in order])])
 
     def signals(system):
-        drives = [(place, system.mechanism_groups[index].drives[place.joint]) for index, place in found]
+        drives = [(place, system.mechanism_groups[index].drives[place.joint]) for index, place in pairs]
         return [cast(ConstantSignal, place.in_drive(drive).signal).value for place, drive in drives]
 
     return eqx.tree_at(signals, prepared, values)
@@ -140,7 +140,7 @@ def with_schedules(
     schedules: Sequence[AbstractSchedule],
     signals: Sequence[AbstractSignal],
 ) -> System:
-    """The original robot with other schedules of θ and signals of its motors, in the order of u."""
+    """Returns the original robot with other schedules of θ and signals of its motors, in the order of u."""
     following = iter(schedules)
     masses = [item.follow(next(following)) if item.schedule is not None else item for item in system.point_masses]
     mechanisms = [
@@ -155,7 +155,7 @@ def with_schedules(
 
 
 def with_free_joints(system: System, state: BallState | DiskState) -> BallState | DiskState:
-    """The state of a robot with its schedules restored: θ and θ̇ of its free joints only.
+    """Returns the state of a robot with its schedules restored: θ and θ̇ of its free joints only.
 
     ``system`` is that of :class:`Inputs`, and ``state`` its state.
     """

@@ -41,18 +41,20 @@ class AbstractControlProblem(eqx.Module):
 
     @abc.abstractmethod
     def rate(self, t: Float[Array, ""], x: Float[Array, " n"], u: Float[Array, " m"]) -> Float[Array, " n"]:
-        """ẋ."""
+        """Computes ẋ."""
 
     @abc.abstractmethod
     def cost(self, t: Float[Array, ""], x: Float[Array, " n"], u: Float[Array, " m"]) -> Float[Array, ""]:
-        """The running cost at one time."""
+        """Computes the running cost at one time."""
 
     @abc.abstractmethod
     def conditions(self, x: Float[Array, " n"]) -> Float[Array, " k"]:
-        """The conditions that must vanish at the end."""
+        """Returns the conditions that must vanish at the end."""
 
     def inequalities(self, t: Float[Array, ""], x: Float[Array, " n"], u: Float[Array, " m"]) -> Float[Array, " i"]:
-        """Functions that must not be negative at any time, with second derivatives everywhere; by default none."""
+        """Returns the functions that must not be negative at any time, with second derivatives everywhere; by default
+        none.
+        """
         return jnp.zeros_like(t, shape=(0,))
 
 
@@ -72,8 +74,8 @@ class Path(NamedTuple):
     @property
     def state_coefficients(self) -> Float[np.ndarray, "N s_plus_one n"]:
         """The coefficients of the powers of (t − t_k) / h_k, the constant first."""
-        at = np.concatenate([[0.0], gauss(self.nodes.shape[1]).c])
-        return _coefficients(at, np.concatenate([self.knots[:-1, None], self.nodes], axis=1))
+        fractions = np.concatenate([[0.0], gauss(self.nodes.shape[1]).c])
+        return _coefficients(fractions, np.concatenate([self.knots[:-1, None], self.nodes], axis=1))
 
     @property
     def control_coefficients(self) -> Float[np.ndarray, "N s m"]:
@@ -81,34 +83,34 @@ class Path(NamedTuple):
         return _coefficients(gauss(self.nodes.shape[1]).c, self.controls)
 
     def within(self, count: int) -> Float[np.ndarray, "N count"]:
-        """Times spaced evenly in each interval, including both ends."""
+        """Returns times spaced evenly in each interval, including both ends."""
         return self.mesh[:-1, None] + np.diff(self.mesh)[:, None] * np.linspace(0.0, 1.0, count)
 
     def states(self, times: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k n"]:
-        """x(t)."""
+        """Evaluates x(t)."""
         interval, share = self._places(times)
         return _values(self.state_coefficients[interval], share)
 
     def rates(self, times: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k n"]:
-        """ẋ(t)."""
+        """Evaluates ẋ(t)."""
         interval, share = self._places(times)
         coefficients = self.state_coefficients
         slopes = coefficients[:, 1:] * np.arange(1.0, coefficients.shape[1])[:, None]
         return _values(slopes[interval], share) / np.diff(self.mesh)[interval, None]
 
     def inputs(self, times: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k m"]:
-        """u(t)."""
+        """Evaluates u(t)."""
         interval, share = self._places(times)
         return _values(self.control_coefficients[interval], share)
 
     def _places(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The interval of each time, and how far within it the time is, from 0 to 1."""
+        """Finds the interval of each time, and how far within it the time is, from 0 to 1."""
         interval = np.clip(np.searchsorted(self.mesh, times, side="right") - 1, 0, len(self.mesh) - 2)
         return interval, (times - self.mesh[interval]) / np.diff(self.mesh)[interval]
 
 
-def _coefficients(at: Float[np.ndarray, " s"], values: Float[np.ndarray, "N s d"]) -> Float[np.ndarray, "N s d"]:
-    return np.einsum("ij,kjd->kid", np.linalg.inv(np.vander(at, increasing=True)), values)
+def _coefficients(fractions: Float[np.ndarray, " s"], values: Float[np.ndarray, "N s d"]) -> Float[np.ndarray, "N s d"]:
+    return np.einsum("ij,kjd->kid", np.linalg.inv(np.vander(fractions, increasing=True)), values)
 
 
 def _values(coefficients: Float[np.ndarray, "k s d"], share: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k d"]:

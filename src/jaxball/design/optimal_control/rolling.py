@@ -65,7 +65,7 @@ class Rolling(AbstractControlProblem):
         softness: Numbers = 0.0,
         constraints: Mapping[str, AbstractRunningConstraint] | None = None,
     ):
-        """The problem for a robot.
+        """Builds the problem for a robot.
 
         **Arguments:**
 
@@ -103,18 +103,18 @@ class Rolling(AbstractControlProblem):
                 f"{all_of(system.sticking)} {'has' if len(system.sticking) == 1 else 'have'} a JointFriction; give "
                 "that `smoothing`."
             )
-        found = inputs(system, start, state)
-        given = system.state_type() if state is None else state
-        fields = {field.name: getattr(given, field.name) for field in dataclasses.fields(given)}
-        self.robot, self.system, self.motors = system, found.system, found.motors
-        self.state = system.state_type(**fields | {"theta": found.theta, "thetadot": found.thetadot})
+        controls = inputs(system, start, state)
+        start_state = system.state_type() if state is None else state
+        fields = {field.name: getattr(start_state, field.name) for field in dataclasses.fields(start_state)}
+        self.robot, self.system, self.motors = system, controls.system, controls.motors
+        self.state = system.state_type(**fields | {"theta": controls.theta, "thetadot": controls.thetadot})
         self.start, self.end = start, end
-        self.objectives = {name: _in_time(one, start, end) for name, one in objectives.items()}
-        self.constraints = dict(constraints or {}) | motor_limits(system, found.motors)
+        self.objectives = {name: _in_time(objective, start, end) for name, objective in objectives.items()}
+        self.constraints = dict(constraints or {}) | motor_limits(system, controls.motors)
         self.depth = None if depth is None else to_array(depth)
         self.softness = to_array(softness)
         self.place = None if place is None else jnp.atleast_1d(to_array(place))
-        if self.place is not None and self.place.shape != (np.size(given.z),):
+        if self.place is not None and self.place.shape != (np.size(start_state.z),):
             raise DesignError(
                 f"Argument `place` must be {'one number' if system.planar else 'two numbers'}, as that of a "
                 f"{system.title} is, but it is {np.asarray(place).tolist()}."
@@ -140,16 +140,18 @@ class Rolling(AbstractControlProblem):
 
     def cost(self, t, x, u):
         terms = self.terms(t, x, u)
-        return sum((one.weight * terms[name] for name, one in self.objectives.items()), start=jnp.zeros_like(t))
+        return sum(
+            (objective.weight * terms[name] for name, objective in self.objectives.items()), start=jnp.zeros_like(t)
+        )
 
     def terms(self, t: Float[Array, ""], x: Float[Array, " n"], u: Float[Array, " m"]) -> dict[str, Float[Array, ""]]:
-        """The objectives at one time, without their weights."""
+        """Computes the objectives at one time, without their weights."""
         run = self._run(t, x, u)
-        return {name: one.integrand(run)[0] for name, one in self.objectives.items()}
+        return {name: objective.integrand(run)[0] for name, objective in self.objectives.items()}
 
     def inequalities(self, t, x, u):
         run = self._run(t, x, u)
-        parts = [jnp.ravel(one.margins(run)) for one in self.constraints.values()]
+        parts = [jnp.ravel(constraint.margins(run)) for constraint in self.constraints.values()]
         return jnp.concatenate([super().inequalities(t, x, u), *parts])
 
     def conditions(self, x):
@@ -189,11 +191,11 @@ class Rolling(AbstractControlProblem):
     def with_schedules(
         self, schedules: Sequence[AbstractSchedule] = (), signals: Sequence[AbstractSignal] = ()
     ) -> System:
-        """The robot with other schedules of θ, and signals of its motors, in the order of the controls."""
+        """Returns the robot with other schedules of θ, and signals of its motors, in the order of the controls."""
         return with_schedules(self.robot, self.motors, schedules, signals)
 
     def _run(self, t: Float[Array, ""], x: Float[Array, " n"], u: Float[Array, " m"]) -> Run:
-        """A run of one time."""
+        """Builds a run of one time."""
         packing = self._packing_with(u)
         state = jax.tree.map(lambda leaf: leaf[None], packing.unpack(t, x))
         return Run(packing.system, t[None], state, jnp.asarray(Status.SUCCESS))
@@ -204,7 +206,7 @@ class Rolling(AbstractControlProblem):
 
 
 def rolling(problem: AbstractControlProblem) -> Rolling:
-    """The problem itself.
+    """Returns the problem itself.
 
     **Raises:** :class:`DesignError` where it belongs to another kind of problem.
     """
@@ -216,7 +218,8 @@ def rolling(problem: AbstractControlProblem) -> Rolling:
 
 
 def between(ends: tuple[Rolling, Rolling], share: Float[Array, ""]) -> Rolling:
-    """A problem between two ``ends``: all numbers are interpolated linearly, and positive weights geometrically.
+    """Returns a problem between two ``ends``: all numbers are interpolated linearly, and positive weights
+    geometrically.
 
     From the first at ``share`` 0 to the second at 1. Both must be of the same structure.
     """
@@ -234,7 +237,7 @@ def between(ends: tuple[Rolling, Rolling], share: Float[Array, ""]) -> Rolling:
 
 
 def _in_time(objective: AbstractRunningObjective, start, end) -> AbstractRunningObjective:
-    """An objective that knows when the run starts and ends, where that matters."""
+    """Returns an objective that knows when the run starts and ends, where that matters."""
     if not isinstance(objective, FollowTrajectory):
         return objective
     times = [start if objective.start is None else objective.start, end if objective.end is None else objective.end]

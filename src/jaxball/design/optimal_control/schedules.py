@@ -24,7 +24,8 @@ from .solution import POINTS_OF_INTERVAL, Solution
 
 
 def schedules_of(solution: Solution) -> list[PiecewiseAcceleration]:
-    """θ(t) of the accelerated coordinates of a ``solution`` of a :class:`Rolling`, masses first and then joints.
+    """Returns θ(t) of the accelerated coordinates of a ``solution`` of a :class:`Rolling`, masses first and then
+    joints.
 
     θ̈ is the polynomial u on each interval, so that at the knots θ and θ̇ are the solution's.
     """
@@ -39,7 +40,7 @@ def schedules_of(solution: Solution) -> list[PiecewiseAcceleration]:
 
 
 def signals_of(solution: Solution) -> list[PiecewiseSignal]:
-    """Q(t) of each motor in a ``solution`` of a :class:`Rolling`.
+    """Returns Q(t) of each motor in a ``solution`` of a :class:`Rolling`.
 
     It is the polynomial u on each interval, then, for as long again, the values of :func:`holding`.
     """
@@ -53,7 +54,9 @@ def signals_of(solution: Solution) -> list[PiecewiseSignal]:
 
 
 def holding(solution: Solution) -> Float[np.ndarray, " motors"]:
-    """The force or torque of each motor that holds the robot at the end of a ``solution`` of a :class:`Rolling`."""
+    """Computes the force or torque of each motor that holds the robot at the end of a ``solution`` of a
+    :class:`Rolling`.
+    """
     problem = rolling(solution.problem)
     return np.asarray(_holding(problem, jnp.asarray(solution.path.knots[-1])))
 
@@ -64,7 +67,7 @@ def _holding(problem: Rolling, x: Float[Array, " n"]) -> Float[Array, " motors"]
 
 
 def _polynomials(solution: Solution) -> Float[np.ndarray, "m N s"]:
-    """The coefficients of each control, of the powers of the time since the start of each interval."""
+    """Computes the coefficients of each control, for the powers of the time since the start of each interval."""
     path = solution.path
     powers = np.arange(path.controls.shape[1])
     coefficients = path.control_coefficients / np.diff(path.mesh)[:, None, None] ** powers[:, None]
@@ -72,13 +75,13 @@ def _polynomials(solution: Solution) -> Float[np.ndarray, "m N s"]:
 
 
 def system_of(solution: Solution) -> System:
-    """The robot with the motion of a ``solution`` of a :class:`Rolling`."""
+    """Returns the robot with the motion of a ``solution`` of a :class:`Rolling`."""
     return rolling(solution.problem).with_schedules(schedules_of(solution), signals_of(solution))
 
 
 @programs.compile_quickly()
 def scenario_of(solution: Solution, title: str = "", saves: int = 201) -> Scenario:
-    """The scenario with the motion of a solution, for ``jaxball simulate``.
+    """Returns the scenario with the motion of a solution, for ``jaxball simulate``.
 
     **Arguments:**
 
@@ -154,19 +157,19 @@ def resimulate(solution: Solution, solver: str = "gauss16", tolerance: float = 1
 
 @programs.filter_jit
 def _largest(constraints: Mapping[str, Any], run: Run) -> dict[str, Float[Array, ""]]:
-    """The largest violation of each constraint."""
-    return {name: jnp.max(one(run)) for name, one in constraints.items()}
+    """Computes the largest violation of each constraint."""
+    return {name: jnp.max(constraint(run)) for name, constraint in constraints.items()}
 
 
 @programs.filter_jit
 def _off_balance(system: System, t, state) -> tuple[Float[Array, "2"], Float[Array, ""]]:
-    """How far the centre of mass is beside where it could rest, and below the geometric centre."""
+    """Computes how far the centre of mass is beside the place where it could rest, and below the geometric centre."""
     left = imbalance(system.prepare(), t, state)
     return left.beside, left.below
 
 
 def places(solution: Solution, times: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k *d"]:
-    """The position of the geometric centre at ``times``, shape (k,), in a ``solution`` of a :class:`Rolling`.
+    """Computes the position of the geometric centre at ``times``, shape (k,), in a ``solution`` of a :class:`Rolling`.
 
     It is (z1, z2) for a ball, z for a disk.
     """

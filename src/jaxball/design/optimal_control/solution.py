@@ -53,21 +53,21 @@ class Solution(NamedTuple):
 
 
 def path_of(collocation: Collocation, y: Float[np.ndarray, " size"]) -> Path:
-    """The states and controls of y."""
+    """Returns the states and controls of y."""
     return Path(collocation.mesh, *collocation.parts(y)[:3])
 
 
 def margins(
     collocation: Collocation, path: Path, times: Float[np.ndarray, " k"], parameter: float
 ) -> Float[np.ndarray, "k i"]:
-    """The inequalities, at given times of a path."""
+    """Evaluates the inequalities, at given times of a path."""
     if not collocation.inequalities:
         return np.zeros((len(times), 0))
     return collocation.along(path, "inequalities", times, parameter)
 
 
 def violations(collocation: Collocation, path: Path, parameter: float) -> Float[np.ndarray, " N"]:
-    """The largest violation of an inequality in each interval, between the nodes too; 0 where all hold.
+    """Computes the largest violation of an inequality in each interval, between the nodes too; 0 where all hold.
 
     ``path`` has states and controls of ``collocation``, and ``parameter`` is λ.
     """
@@ -77,7 +77,8 @@ def violations(collocation: Collocation, path: Path, parameter: float) -> Float[
 
 
 def means(solution: Solution) -> dict[str, float]:
-    """The mean of each objective's integrand over the run of a ``solution`` of a :class:`Rolling`, without its weight.
+    """Computes the mean of each objective's integrand over the run of a ``solution`` of a :class:`Rolling`, without its
+    weight.
 
     It is that by the weights of Gauss.
     """
@@ -88,7 +89,8 @@ def means(solution: Solution) -> dict[str, float]:
 
 
 def least_curvature(solution: Solution) -> float:
-    """The smallest eigenvalue of the Lagrangian's second derivative of a ``solution`` by controls that keep conditions.
+    """Computes the smallest eigenvalue of the Lagrangian's second derivative of a ``solution`` by controls that keep
+    conditions.
 
     Inequalities count with the curvature of their barrier. Where the barrier is small, only changes along active
     constraints matter, because changes across them are costly.
@@ -122,7 +124,7 @@ def _condense(matrix: scipy.sparse.csr_array, excess: Int[np.ndarray, " i"], cou
 
 
 def unknowns_on(collocation: Collocation, path: Path, parameter: float) -> Float[np.ndarray, " size"]:
-    """Unknowns with the states and controls of a path, on any mesh, and the multipliers that fit them best.
+    """Returns unknowns with the states and controls of a path, on any mesh, and the multipliers that fit them best.
 
     The multipliers are those with which the gradient of the Lagrangian with respect to states and controls is least;
     the unknowns of inequalities follow from their values on the path, whether it fulfils them or not.
@@ -174,7 +176,7 @@ def solve_near(collocation: Collocation, path: Path, parameter: float = 0.0, tol
 def newton_from(
     collocation: Collocation, path: Path, parameter: float
 ) -> tuple[Collocation, Float[np.ndarray, " size"]]:
-    """The solution to which Newton's method converges from a path, with a smaller barrier if necessary.
+    """Finds the solution to which Newton's method converges from a path, with a smaller barrier if necessary.
 
     A path that fulfils its constraints nearly everywhere, and touches them, is far from the solution for a large
     barrier.
@@ -191,7 +193,7 @@ def newton_from(
 
 
 def mesh_errors(collocation: Collocation, y: Float[np.ndarray, " size"], parameter: float) -> Float[np.ndarray, " N"]:
-    """For each interval, the largest ∫ |ẋ − rate(t, x, u)| dt of a component of the state, over 1 + max |x|.
+    """Computes, for each interval, the largest ∫ |ẋ − rate(t, x, u)| dt of a component of the state, over 1 + max |x|.
 
     ``collocation``, ``y`` and ``parameter`` are as in a :class:`Solution`.
     """
@@ -207,7 +209,7 @@ def mesh_errors(collocation: Collocation, y: Float[np.ndarray, " size"], paramet
 def finer_mesh(
     mesh: Float[np.ndarray, " N_plus_one"], errors: Float[np.ndarray, " N"], tolerance: float, order: int
 ) -> Float[np.ndarray, " M_plus_one"]:
-    """The mesh with each interval whose error is too large cut in equal pieces, as many as the order requires.
+    """Returns the mesh with each interval whose error is too large cut in equal pieces, as many as the order requires.
 
     **Arguments:**
 

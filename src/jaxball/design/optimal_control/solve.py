@@ -35,7 +35,7 @@ Guess = Callable[[Rolling, Float[np.ndarray, " N_plus_one"], int], Path]
 
 
 def at_rest(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stages: int = 3) -> Path:
-    """The path on which nothing moves, with the controls that keep the body as close to rest as possible.
+    """Returns the path on which nothing moves, with the controls that keep the body as close to rest as possible.
 
     **Arguments:**
 
@@ -179,7 +179,7 @@ def sharpen(
 def _lower_barrier(
     collocation: Collocation, y: Float[np.ndarray, " size"], parameter: float, barrier: float
 ) -> tuple[Collocation, Float[np.ndarray, " size"]]:
-    """The solution with a smaller barrier, by steps that become shorter where Newton's method fails."""
+    """Finds the solution with a smaller barrier, by steps that become shorter where Newton's method fails."""
     step = STEP
     while collocation.barrier > barrier:
         following = step * collocation.barrier
@@ -301,7 +301,7 @@ def solve_control(
 
     def visit(solution: Solution) -> None:
         objectives = rolling(solution.problem).objectives
-        weights = {name: float(one.weight) for name, one in objectives.items()}
+        weights = {name: float(objective.weight) for name, objective in objectives.items()}
         branch.append(Point(solution.parameter, weights, means(solution)))
         keep(solution)
         say(_line(branch[-1]))
@@ -337,7 +337,7 @@ def solve_control(
 
 
 def _first_solution(file: ControlFile, problem: Rolling, mesh: np.ndarray) -> Solution:
-    """The solution by Newton's method from the guess, or otherwise from the motion without constraints."""
+    """Finds the solution by Newton's method from the guess, or otherwise from the motion without constraints."""
 
     def start(problem: Rolling, guess: Guess) -> Solution:
         return solve_from_guess(problem, mesh, tolerance=file.tolerance, guess=guess, barrier=file.barrier)

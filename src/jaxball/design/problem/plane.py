@@ -26,22 +26,22 @@ Converter = Callable[[Numbers], Float[Array, "..."]]
 
 
 def place(name: str) -> Converter:
-    """The converter of a field ``name`` to a position in the plane; a single number z is (z, 0)."""
+    """Returns the converter of a field ``name`` to a position in the plane; a single number z is (z, 0)."""
     return _converter(name, lambda z: z if z.ndim else jnp.stack([z, jnp.zeros_like(z)]), (2,))
 
 
 def places(name: str) -> Converter:
-    """The converter of a field ``name`` to positions in the plane, a row each; single numbers z are (z, 0)."""
+    """Returns the converter of a field ``name`` to positions in the plane, a row each; single numbers z are (z, 0)."""
     return _converter(name, lambda z: jnp.stack([z, jnp.zeros_like(z)], axis=1) if z.ndim == 1 else z, ("n", 2))
 
 
 def corner(name: str) -> Converter:
-    """The converter of a field ``name`` to a bound of positions: two numbers, or one for a disk."""
+    """Returns the converter of a field ``name`` to a bound of positions: two numbers, or one for a disk."""
     return _converter(name, jnp.atleast_1d, (2,), (1,))
 
 
 def _converter(name: str, changed: Callable[[Array], Array], *shapes: tuple[int | str, ...]) -> Converter:
-    """To one of the ``shapes``, of which errors name the first."""
+    """Makes a converter to one of the ``shapes``, of which errors name the first."""
 
     def convert(x: Numbers) -> Float[Array, "..."]:
         z = changed(to_array(x, name))
@@ -63,10 +63,10 @@ class AbstractCurve(eqx.Module):
 
     @abc.abstractmethod
     def __call__(self, s: Float[Array, ""]) -> Float[Array, "2"]:
-        """The point c(s)."""
+        """Returns the point c(s)."""
 
     def points(self, count: int) -> Float[Array, "count 2"]:
-        """Points at equal steps of s, including both ends."""
+        """Returns points at equal steps of s, including both ends."""
         return along(self, jnp.asarray(np.linspace(0.0, 1.0, count), dtype=to_array(0.0).dtype))
 
     def spanning_vectors(self) -> Float[Array, "k 2"]:
@@ -76,7 +76,7 @@ class AbstractCurve(eqx.Module):
 
 @programs.filter_jit
 def along(curve: AbstractCurve, s: Float[Array, " n"]) -> Float[Array, "n 2"]:
-    """Points of a curve."""
+    """Returns points of a curve."""
     return jax.vmap(curve)(s)
 
 

@@ -58,7 +58,7 @@ class Perturbations:
                 raise DesignError(f"Argument `{name}` must be at least 0 and below 1, but it is {getattr(self, name)}.")
 
     def errors(self, system: System) -> Errors:
-        """The errors of all balls, on a leading axis."""
+        """Draws the errors of all balls, on a leading axis."""
         random, count = np.random.default_rng(self.seed), self.count
         groups = [random.uniform(-1, 1, (count, *group.mass.shape)) for group in system.groups]
         shell, offset = random.uniform(-1, 1, count), random.uniform(-1, 1, (count, 3))
@@ -117,18 +117,18 @@ class ConstraintLayout:
         return self.spread({name: 1 / (size * self.balls) for name, size in self.sizes.items() if size})
 
     def spread(self, values: Mapping[str, float]) -> Float[np.ndarray, " places"]:
-        """A value for each constraint, 0 where none is given, at all its points."""
+        """Returns a value for each constraint, 0 where none is given, at all its points."""
         each = np.asarray([values.get(name, 0.0) for name in self.sizes], dtype=float)
         return np.tile(np.repeat(each, self._lengths), self.balls)
 
     def by_constraint(self, violations: Float[np.ndarray, " places"]) -> dict[str, Float[np.ndarray, " k"]]:
-        """The violations of each constraint, by name; for one ball, or for any number."""
+        """Returns the violations of each constraint, by name; for one ball, or for any number."""
         rows = np.reshape(violations, (len(violations) // max(self._of_ball, 1), self._of_ball))
         parts = np.split(rows, np.cumsum(self._lengths), axis=1)
         return {name: np.ravel(part) for name, part in zip(self.sizes, parts, strict=False)}
 
     def name(self, place: int) -> str:
-        """The constraint at an index; none at −1."""
+        """Names the constraint at an index; none at −1."""
         return str(np.repeat(list(self.sizes), self._lengths)[place % self._of_ball]) if place >= 0 else ""
 
     @property
@@ -200,15 +200,15 @@ class TracedProblem(eqx.Module):
         return ConstraintLayout(dict(zip(self.constraints, self.sizes, strict=True)), self.balls)
 
     def solve(self, adjoint: diffrax.AbstractAdjoint | None = None) -> Solve:
-        """How the scenario is solved, and how that is differentiated."""
+        """Describes how the scenario is solved, and how that is differentiated."""
         return self.method._replace(adjoint=adjoint)
 
     def run(self, y: Float[Array, " n"], adjoint: diffrax.AbstractAdjoint | None = None) -> Run:
-        """The run of a design, by its unknowns."""
+        """Simulates the run of a design, by its unknowns."""
         return run_of(self.space.candidate(y), self.solve(adjoint), RAIL_SAMPLES)
 
     def of_each(self, candidate: Candidate, function: Callable[..., Any], *others: Float[Array, "balls ..."]) -> Any:
-        """``function`` of each ball and of the corresponding other arguments, on a leading axis."""
+        """Evaluates ``function`` for each ball and the corresponding other arguments, on a leading axis."""
         if self.errors is None:
             return jax.tree.map(lambda x: x[None], function(candidate, *(x[0] for x in others)))
         system = candidate.system
@@ -219,20 +219,20 @@ class TracedProblem(eqx.Module):
         return of_rows(one, self.errors, *others)
 
     def evaluate_run(self, run: Run) -> Evaluation:
-        """All objectives and constraints of a run."""
+        """Evaluates all objectives and constraints of a run."""
         return self.evaluate_each(run)[0]
 
     def evaluate_each(self, run: Run) -> tuple[Evaluation, dict[str, Float[Array, " places"]]]:
-        """The same, and the violations of each constraint."""
-        terms = [one(run) for one in self.objectives.values()]
-        violations = {name: jnp.ravel(one(run)) for name, one in self.constraints.items()}
+        """Evaluates all objectives and constraints of a run, and returns the violations of each constraint too."""
+        terms = [requirement(run) for requirement in self.objectives.values()]
+        violations = {name: jnp.ravel(requirement(run)) for name, requirement in self.constraints.items()}
         none = jnp.zeros((0,), dtype=run.times.dtype)
-        at = Evaluation(
+        evaluation = Evaluation(
             jnp.stack(terms) if terms else none,
             jnp.concatenate(list(violations.values())) if violations else none,
             run.status,
         )
-        return at, violations
+        return evaluation, violations
 
     @property
     def _first_constraint(self) -> int:
@@ -297,7 +297,11 @@ class Problem:
         requirements = {**self.objectives}, {**self.constraints}
         return TracedProblem(
             space=self.space.parametrisation,
-            requirements=tuple(one if _is_own(one) else Known(one) for part in requirements for one in part.values()),
+            requirements=tuple(
+                requirement if _is_own(requirement) else Known(requirement)
+                for part in requirements
+                for requirement in part.values()
+            ),
             errors=self.errors,
             names=tuple(name for part in requirements for name in part),
             method=Solve.of(self.space.scenario),
@@ -306,16 +310,18 @@ class Problem:
         )
 
     def run(self, y: Float[Array, " n"], adjoint: diffrax.AbstractAdjoint | None = None) -> Run:
-        """The run of a design, by its unknowns."""
+        """Simulates the run of a design, by its unknowns."""
         return self.pytree.run(y, adjoint)
 
     def evaluate_run(self, run: Run) -> Evaluation:
-        """All objectives and constraints of a run."""
+        """Evaluates all objectives and constraints of a run."""
         return self.pytree.evaluate_run(run)
 
 
 def _is_own(part: Any) -> bool:
-    """Whether all classes of an objective or a constraint are jaxball's own, and it has no function of a user."""
+    """Returns whether all classes of an objective or a constraint are jaxball's own, and it has no function
+    of a user.
+    """
     if not isinstance(part, eqx.Module):
         return True
     return (
@@ -327,10 +333,10 @@ def _is_own(part: Any) -> bool:
 def _sizes(
     constraints: dict[str, AbstractConstraint], system: System, state: BallState | DiskState, times: Float[Array, " T"]
 ) -> dict[str, int]:
-    """At how many points each constraint of a run is evaluated, found without a simulation."""
+    """Counts the points at which each constraint of a run is evaluated, without a simulation."""
     states = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (times.size, *leaf.shape)), state)
     run = Run(system, times, states, jnp.zeros((), dtype=int), RAIL_SAMPLES)
-    shapes = eqx.filter_eval_shape(lambda run: {name: one(run) for name, one in constraints.items()}, run)
+    shapes = eqx.filter_eval_shape(lambda run: {name: constraint(run) for name, constraint in constraints.items()}, run)
     return {name: shape.size for name, shape in shapes.items()}
 
 
@@ -340,6 +346,6 @@ def merge(each: Evaluation) -> Evaluation:
 
 
 def worst(values: Sequence[float] | np.ndarray) -> float:
-    """The largest violation; −∞ without constraints, and NaN where one is NaN."""
+    """Returns the largest violation; −∞ without constraints, and NaN where one is NaN."""
     values = np.asarray(values)
     return float(np.max(values)) if values.size else -np.inf

@@ -18,7 +18,9 @@ class Requirement(eqx.Module):
     """A requirement on a motion: an objective or a constraint."""
 
     def unreachable_by_disk(self) -> str:
-        """What it requires that a disk, which rolls along e1 and turns about e2, cannot do; empty if nothing."""
+        """Names what a requirement asks that a disk, which rolls along e1 and turns about e2, cannot do; empty if
+        nothing.
+        """
         return ""
 
 
@@ -42,10 +44,10 @@ class AbstractObjective(Requirement):
 
     @abc.abstractmethod
     def __call__(self, run: Run) -> Float[Array, ""]:
-        """Its value, without the weight."""
+        """Computes the value of the objective, without the weight."""
 
     def in_units(self, value: float, length: float, time: float) -> str:
-        """A value as text, as the length, the angle or the time that it stands for; empty if it is none of them.
+        """Formats a value as the length, the angle or the time that it stands for; empty if it is none of them.
 
         ``length`` and ``time`` are r and √(r/g) in units of the scenario.
         """
@@ -60,14 +62,14 @@ class AbstractRunningObjective(AbstractObjective):
 
     @abc.abstractmethod
     def integrand(self, run: Run) -> Float[Array, " t"]:
-        """The function at the times of the run."""
+        """Evaluates the integrand at the times of the run."""
 
     def __call__(self, run: Run):
         return mean_in_time(run, self.integrand(run))
 
 
 def mean_in_time(run: Run, values: Float[Array, " t"]) -> Float[Array, ""]:
-    """The mean over the run, by the trapezoidal rule."""
+    """Computes the mean over the run, by the trapezoidal rule."""
     steps = jnp.diff(run.times)
     return jnp.sum(steps * (values[1:] + values[:-1]) / 2) / jnp.sum(steps)
 
@@ -80,14 +82,14 @@ class AbstractConstraint(Requirement):
 
     @abc.abstractmethod
     def __call__(self, run: Run) -> Float[Array, "..."]:
-        """The violation at each point or time at which it is evaluated."""
+        """Computes the violation at each point or time at which it is evaluated."""
 
 
 class AbstractRunningConstraint(AbstractConstraint):
     """A constraint on the state and the actuation at each time, the only kind that optimal control can use."""
 
     def margins(self, run: Run) -> Float[Array, "t ..."]:
-        """A function that is nonnegative where the constraint holds, with second derivatives everywhere.
+        """Evaluates a function that is nonnegative where the constraint holds, with second derivatives everywhere.
 
         Near the boundary it is minus the violation, to first order; by default, everywhere.
         """

@@ -50,7 +50,7 @@ class Solve(NamedTuple):
 
     @classmethod
     def of(cls, scenario: Scenario, adjoint: diffrax.AbstractAdjoint | None = None) -> "Solve":
-        """As the scenario says."""
+        """Returns the solver, the tolerances and the limit of steps that the scenario states."""
         return cls(SOLVERS[scenario.solver](), scenario.rtol, scenario.atol, scenario.max_steps, adjoint)
 
 
@@ -115,7 +115,7 @@ class Run(eqx.Module):
         return jnp.sqrt(self.length / jnp.abs(self.system.gravity))
 
     def _each(self, function: Callable[[System, Any, Any], Any]) -> Any:
-        """A function of the prepared system, a time and the state then, at all times."""
+        """Evaluates a function of the prepared system, a time and the state then, at all times."""
         prepared = self.system.prepare()
         return map_rows(lambda t, x: function(prepared, t, x), self._times, self.state)
 
@@ -135,9 +135,9 @@ class Run(eqx.Module):
         m = point_mass_values(self.system)
 
         def one(system, t, x):
-            found, acting = accelerations(system, t, x), load(system, t, x)
-            masses = kinematics(system, t, found.angles)
-            a = accelerations_of_masses(system.radius, masses, x.Omega, found.Omegadot, acting.Gamma)
+            motion, acting = accelerations(system, t, x), load(system, t, x)
+            masses = kinematics(system, t, motion.angles)
+            a = accelerations_of_masses(system.radius, masses, x.Omega, motion.Omegadot, acting.Gamma)
             return m[:, None] * (a + acting.weight[None])
 
         return self._each(one)
@@ -166,7 +166,7 @@ class Run(eqx.Module):
     @property
     def effort_units(self) -> Float[Array, " joints"]:
         """The units of joint efforts: M g for the force of a slider, M g r for the torque of any other."""
-        slides = [one for mechanism in self.system.mechanisms for one in _slides(mechanism)]
+        slides = [slide for mechanism in self.system.mechanisms for slide in _slides(mechanism)]
         return self.weight * jnp.where(np.asarray(slides, dtype=bool), 1.0, self.length)
 
     @property
@@ -181,7 +181,7 @@ class Run(eqx.Module):
 
 
 def run_of(candidate: Candidate, solve: Solve, rail_samples: int = RAIL_SAMPLES) -> Run:
-    """The run of a candidate; NaN at times that the solve did not reach.
+    """Simulates the run of a candidate; NaN at times that the solve did not reach.
 
     **Arguments:**
 
@@ -196,7 +196,7 @@ def run_of(candidate: Candidate, solve: Solve, rail_samples: int = RAIL_SAMPLES)
 
 
 def _place_over_surface(system: System, t: Float[Array, ""], state: BallState | DiskState) -> Float[Array, "2"]:
-    """The horizontal place of the geometric centre of a body on a surface."""
+    """Computes the horizontal place of the geometric centre of a body on a surface."""
     surface = surface_under(system, t, state)
     assert surface is not None
     return surface.place_of_centre(t, system.radius, state.z)[:2]
@@ -208,7 +208,7 @@ def _on_rails(system: System, t: Float[Array, ""], state: BallState | DiskState)
 
 
 def _slides(mechanism: AbstractMechanism) -> list[bool]:
-    """Whether each joint of a mechanism is a slider."""
+    """Returns whether each joint of a mechanism is a slider."""
     if isinstance(mechanism, Mechanism):
         return [isinstance(joint, Slider) for joint in mechanism.joints]
     return [False] * mechanism.n_joints

@@ -97,8 +97,8 @@ def expand_variable(variable: Variable, document: Mapping[str, Any], key: str = 
     if "*" not in variable.name:
         for index, path in enumerate(variable.paths):
             try:
-                own = f"{key}[{index}]" if variable.paths[1:] else key
-                check_number(document, path, key=own, every=True, has_defaults=True)
+                path_key = f"{key}[{index}]" if variable.paths[1:] else key
+                check_number(document, path, key=path_key, every=True, has_defaults=True)
             except ScenarioError as error:
                 raise DesignError(str(error)) from None  # which is not the scenario's
         return [variable]
@@ -112,7 +112,7 @@ def expand_variable(variable: Variable, document: Mapping[str, Any], key: str = 
 
 
 def default_scale(dimension: Dimension | None, value: float, system: System) -> float:
-    """The scale of a number of this ``dimension``; its own magnitude, or 1, if its key declares none.
+    """Returns the scale of a number of this ``dimension``; its own magnitude, or 1, if its key declares none.
 
     Lengths are measured in radii r of the shell, times in √(r/g), and angles in radians. What has a mass in it, and
     gravity, are scaled as if they declared none.
@@ -150,7 +150,9 @@ class Bounds(NamedTuple):
     scale: Float[Array | np.ndarray, " n"]
 
     def numbers(self, y: Float[Array, " n"]) -> Float[Array, " n"]:
-        """The numbers of unbounded variables: scale y, scale (√(1 + y²) − 1) from one bound, or a sine between two."""
+        """Computes the numbers of unbounded variables: scale y, scale (√(1 + y²) − 1) from one bound, or a sine between
+        two.
+        """
         lower, upper, scale = (jnp.asarray(side, dtype=y.dtype) for side in self)
         below, above = jnp.isfinite(lower), jnp.isfinite(upper)
         low, high = jnp.where(below, lower, 0.0), jnp.where(above, upper, 0.0)
@@ -160,7 +162,7 @@ class Bounds(NamedTuple):
         return jnp.where(below & above, both, jnp.where(below, low + away, jnp.where(above, high - away, scale * y)))
 
     def variables(self, x: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """The unbounded variables of numbers; those on a bound are moved slightly inside."""
+        """Computes the unbounded variables of numbers; numbers on a bound are moved slightly inside."""
         below, above = np.isfinite(self.lower), np.isfinite(self.upper)
         low, high = np.where(below, self.lower, 0.0), np.where(above, self.upper, 0.0)
         half = np.where(below & above, (high - low) / 2, 1.0)
@@ -168,9 +170,9 @@ class Bounds(NamedTuple):
         x = np.where(below, np.maximum(x, low + inside), x)
         x = np.where(above, np.minimum(x, high - inside), x)
         away = np.where(below, x - low, high - x) / self.scale
-        one = np.sqrt((1 + np.where(below ^ above, away, 0.0)) ** 2 - 1)
+        one_sided = np.sqrt((1 + np.where(below ^ above, away, 0.0)) ** 2 - 1)
         both = half / self.scale * np.arcsin(np.clip((x - (low + high) / 2) / half, -1, 1))
-        return np.where(below & above, both, np.where(below ^ above, one, x / self.scale))
+        return np.where(below & above, both, np.where(below ^ above, one_sided, x / self.scale))
 
 
 class Candidate(NamedTuple):
@@ -218,15 +220,15 @@ class Parametrisation(eqx.Module):
         return any(path.startswith("time") for path in self.outline.paths[: sum(self.counts)])
 
     def numbers(self, z: Float[Array, " n"]) -> Float[Array, " n"]:
-        """The values of the variables, within their bounds."""
+        """Computes the values of the variables, within their bounds."""
         return self.bounds.numbers(z)
 
     def candidate(self, z: Float[Array, " n"]) -> Candidate:
-        """The system, the state and the times of z."""
+        """Builds the system, the state and the times of z."""
         return self.candidate_of(self.numbers(z))
 
     def candidate_of(self, x: Float[Array, " n"]) -> Candidate:
-        """The system, the state and the times for values ``x`` of the variables."""
+        """Builds the system, the state and the times for values ``x`` of the variables."""
         column = np.repeat(np.arange(self.size), self.counts)
         parts = self.outline.build(jnp.concatenate([x[column] * self.factors, self.values_of_others]))
         times = parts.times.array(self.times.size) if self.moves_times else self.times
@@ -260,7 +262,7 @@ class DesignSpace:
         self.system, self.state = system, state
         expand = functools.partial(expand_variable, document=self.document)
         places = enumerate(variables)
-        expansions = each_of(*(functools.partial(expand, one, key=f"variables[{k}].path") for k, one in places))
+        expansions = each_of(*(functools.partial(expand, entry, key=f"variables[{k}].path") for k, entry in places))
         self.variables = tuple(itertools.chain.from_iterable(expansions))
         self._paths = tuple(path for variable in self.variables for path in variable.paths)
         _check_paths(self._paths, self.document)
@@ -291,28 +293,28 @@ class DesignSpace:
         return tuple(variable.name for variable in self.variables)
 
     def numbers(self, z: Float[Array, " n"]) -> Float[Array, " n"]:
-        """The values of the variables, within their bounds."""
+        """Computes the values of the variables, within their bounds."""
         return self.bounds.numbers(z)
 
     def values(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """The same of known z, such as ``start``."""
+        """Computes the values of the variables, within their bounds, for known z, such as ``start``."""
         return np.asarray(_numbers(self.bounds, jnp.asarray(z)))
 
     def units(self, x: Float[np.ndarray, " n"]) -> tuple[float, float]:
-        """The radius and the gravity for values ``x`` of the variables."""
+        """Returns the radius and the gravity for values ``x`` of the variables."""
         radius, gravity = _units(self.parametrisation, jnp.asarray(x))
         return float(radius), float(gravity)
 
     def candidate(self, z: Float[Array, " n"]) -> Candidate:
-        """The system, the state and the times of z; traceable."""
+        """Builds the system, the state and the times of z; traceable."""
         return self.parametrisation.candidate(z)
 
     def candidate_of(self, x: Float[Array, " n"]) -> Candidate:
-        """The system, the state and the times for values ``x`` of the variables."""
+        """Builds the system, the state and the times for values ``x`` of the variables."""
         return self.parametrisation.candidate_of(x)
 
     def document_of(self, x: Float[np.ndarray, " n"]) -> dict[str, Any]:
-        """The scenario's document with values ``x`` of the variables."""
+        """Returns the scenario's document with values ``x`` of the variables."""
         values = np.concatenate([value * np.asarray(v.factors) for value, v in zip(x, self.variables, strict=True)])
         document = with_numbers(self.document, dict(zip(self._paths, values.tolist(), strict=True)))
         if self._moves("initial.versor"):
@@ -326,7 +328,7 @@ class DesignSpace:
         return document
 
     def scenario_of(self, x: Float[np.ndarray, " n"]) -> Scenario:
-        """The scenario with values ``x`` of the variables.
+        """Returns the scenario with values ``x`` of the variables.
 
         **Raises:** :class:`~jaxball.ScenarioError` where they are impossible.
         """
@@ -373,7 +375,7 @@ def _units(parametrisation: Parametrisation, x: Float[Array, " n"]) -> tuple[Flo
 
 
 def _outline(document: Mapping[str, Any], paths: tuple[str, ...], kinds: Mapping[str, Numbers]) -> Outline:
-    """The document without the numbers of the variables, and without all others that can be left out.
+    """Returns the document without the numbers of the variables, and without all others that can be left out.
 
     **Raises:** :class:`DesignError` where those of the variables cannot.
     """
@@ -394,14 +396,14 @@ def _outline(document: Mapping[str, Any], paths: tuple[str, ...], kinds: Mapping
 
 
 def _may_be_left_out(path: str, kinds: Mapping[str, Numbers], document: Mapping[str, Any]) -> bool:
-    """Whether a number is one on which the structure of a scenario does not depend."""
+    """Returns whether a number is one on which the structure of a scenario does not depend."""
     if path.startswith("time."):
         return path in ("time.start", "time.end") and "saves" in document["time"]
     return key_of(path) in kinds and not path.startswith("solve.") and ".frame.matrix" not in path
 
 
 def _frames_by_angles(value: Any) -> Iterator[dict[str, Any]]:
-    """The frames of rails anywhere in a document that are given by spherical angles."""
+    """Yields the frames of rails anywhere in a document that are given by spherical angles."""
     if isinstance(value, dict) and "elevation" in value:
         yield value
     elif isinstance(value, dict | list):

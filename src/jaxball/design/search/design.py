@@ -84,7 +84,7 @@ def design(
     identity: str = "",
     say: Callable[[str], None] = lambda line: None,
 ) -> Design:
-    """The best design that a search finds.
+    """Returns the best design that a search finds.
 
     **Arguments:**
 
@@ -159,7 +159,7 @@ def _run_search(
 
 
 def line(phase: str, step: int, merit: Merit, constraint: str) -> str:
-    """A line of progress; ``constraint`` is the one that is violated most, if one is."""
+    """Formats a line of progress; ``constraint`` is the one that is violated most, if one is."""
     violated = f"{max(merit.violation, 0.0):8.2e} {constraint if merit.violation > 0 else ''}"
     return (
         f"{phase:6} {step:4}  objective {merit.objective:12.6g}  gradient {merit.gradient:8.1e}  violation {violated}"
@@ -176,7 +176,7 @@ def save(program: Shooting, progress: Progress, folder: Path, identity: str) -> 
 
 
 def warnings(design: Design) -> list[str]:
-    """A sentence for each shortcoming of a design; none if all is well."""
+    """Writes a sentence for each shortcoming of a design; none if all is well."""
     verified, tolerance = design.verified, design.settings.tolerance
     sentences = []
     if int(verified.finer.status) != 0:

@@ -32,16 +32,16 @@ class Adam(NamedTuple):
 
     @staticmethod
     def none(shape: tuple[int, ...]) -> "Adam":
-        """Before the first gradient."""
+        """Returns the state of Adam before the first gradient."""
         return Adam(np.zeros(shape), np.zeros(shape), np.asarray(0))
 
     def after(self, gradient: Float[np.ndarray, "starts n"]) -> "Adam":
-        """With one gradient more."""
+        """Returns the state of Adam with one gradient more."""
         first = FIRST * self.first + (1 - FIRST) * gradient
         return Adam(first, SECOND * self.second + (1 - SECOND) * gradient**2, self.taken + 1)
 
     def step(self, rate: float) -> Float[np.ndarray, "starts n"]:
-        """The step to take."""
+        """Returns the step to take."""
         first = self.first / (1 - FIRST**self.taken)
         return -rate * first / (np.sqrt(self.second / (1 - SECOND**self.taken)) + ADAM_EPSILON)
 
@@ -61,7 +61,7 @@ class Point(NamedTuple):
     gradient: Float[np.ndarray, "starts n"]
 
     def where(self, which: np.ndarray, other: "Point") -> "Point":
-        """This point in the starts ``which``, and the other elsewhere."""
+        """Returns this point in the starts ``which``, and the other elsewhere."""
         columns = which[:, None]
         return Point(
             np.where(columns, self.y, other.y),
@@ -71,64 +71,64 @@ class Point(NamedTuple):
 
 
 def bfgs(function: Function, y: Float[np.ndarray, "starts n"], evaluations: int, stationary: float) -> Point:
-    """The point that BFGS reached from each start within ``evaluations``, by steps of the weak Wolfe conditions.
+    """Finds the point that BFGS reaches from each start within ``evaluations``, by steps of the weak Wolfe conditions.
 
     It ends where no entry of the gradient is larger than ``stationary``. A trial at which the function is not finite
     counts as too long a step. The bisection of Lewis & Overton (Nonsmooth optimization via quasi-Newton methods, Math.
     Program. 141 (2013) 135, algorithm 2.6) does not need smoothness, which the least of many distances lacks.
     """
     starts, n = y.shape
-    at = Point(y, *function(y)[:2])
+    point = Point(y, *function(y)[:2])
     inverse = np.broadcast_to(np.eye(n), (starts, n, n)).copy()
     fresh = np.ones(starts, dtype=bool)
-    direction = _towards(at, inverse)
+    direction = _towards(point, inverse)
     length = _first(direction)
     low, high = np.zeros(starts), np.full(starts, np.inf)
     for _ in range(evaluations):
-        converged = np.max(np.abs(at.gradient), axis=1) <= stationary
-        if np.all(converged | ~np.isfinite(at.value)):
+        converged = np.max(np.abs(point.gradient), axis=1) <= stationary
+        if np.all(converged | ~np.isfinite(point.value)):
             break
-        trial = at.y + np.where(converged, 0.0, length)[:, None] * direction
+        trial = point.y + np.where(converged, 0.0, length)[:, None] * direction
         there = Point(trial, *function(trial)[:2])
-        slope = np.sum(at.gradient * direction, axis=1)
+        slope = np.sum(point.gradient * direction, axis=1)
         finite = np.isfinite(there.value) & np.all(np.isfinite(there.gradient), axis=1)
-        enough = finite & (there.value <= at.value + DECREASE * length * slope)
+        enough = finite & (there.value <= point.value + DECREASE * length * slope)
         flat = enough & (np.sum(there.gradient * direction, axis=1) >= CURVATURE * slope)
         # Where bisection has reached rounding, any step that decreases the function is taken.
         stuck = (high - low < 1e-10 * np.maximum(high, 1e-10)) | (length > 1e6)
-        taken = ~converged & (flat | (enough & stuck))
-        inverse, fresh = _update_inverses(inverse, fresh, at, there, taken)
+        moves = ~converged & (flat | (enough & stuck))
+        inverse, fresh = _update_inverses(inverse, fresh, point, there, moves)
         high = np.where(enough, high, length)
         low = np.where(enough & ~flat, length, low)
         length = np.where(np.isfinite(high), (low + high) / 2, 2 * length)
-        at = there.where(taken, at)
+        point = there.where(moves, point)
         # A direction without descent is replaced by steepest descent.
-        reset = ~taken & stuck & ~fresh
+        reset = ~moves & stuck & ~fresh
         inverse[reset], fresh[reset] = np.eye(n), True
-        begin = taken | reset
-        direction = np.where(begin[:, None], _towards(at, inverse), direction)
-        length = np.where(taken & ~fresh, 1.0, np.where(begin, _first(direction), length))
+        begin = moves | reset
+        direction = np.where(begin[:, None], _towards(point, inverse), direction)
+        length = np.where(moves & ~fresh, 1.0, np.where(begin, _first(direction), length))
         low, high = np.where(begin, 0.0, low), np.where(begin, np.inf, high)
-    return at
+    return point
 
 
-def _towards(at: Point, inverse: np.ndarray) -> np.ndarray:
-    return -np.einsum("sij,sj->si", inverse, np.where(np.isfinite(at.gradient), at.gradient, 0.0))
+def _towards(point: Point, inverse: np.ndarray) -> np.ndarray:
+    return -np.einsum("sij,sj->si", inverse, np.where(np.isfinite(point.gradient), point.gradient, 0.0))
 
 
 def _first(direction: np.ndarray) -> np.ndarray:
-    """Lengths of first steps that move y by no more than 0.1, a tenth of its scale."""
+    """Returns lengths of first steps that move y by no more than 0.1, a tenth of its scale."""
     return np.minimum(LONGEST_NEWTON_STEP, 0.1 / np.maximum(np.linalg.norm(direction, axis=1), 1e-300))
 
 
 def _update_inverses(
-    inverse: np.ndarray, fresh: np.ndarray, at: Point, there: Point, taken: np.ndarray
+    inverse: np.ndarray, fresh: np.ndarray, point: Point, there: Point, moves: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Updates inverse Hessians after the steps ``taken`` (Nocedal & Wright, eq. 6.17), the first scaled by eq. 6.20."""
-    s, y = there.y - at.y, there.gradient - at.gradient
+    """Updates inverse Hessians after the steps ``moves`` (Nocedal & Wright, eq. 6.17), the first scaled by eq. 6.20."""
+    s, y = there.y - point.y, there.gradient - point.gradient
     product = np.sum(s * y, axis=1)
     sizes = np.linalg.norm(s, axis=1) * np.linalg.norm(y, axis=1)
-    good = taken & (product > 1e-12 * np.where(np.isfinite(sizes), sizes, np.inf))
+    good = moves & (product > 1e-12 * np.where(np.isfinite(sizes), sizes, np.inf))
     for k in np.flatnonzero(good):
         H = inverse[k]
         if fresh[k]:
@@ -146,27 +146,27 @@ LAST = 1e-10
 
 
 def newton(function: Function, y: Float[np.ndarray, "starts n"], evaluations: int, stationary: float) -> Point:
-    """The point that Newton's method reached from each start within ``evaluations``.
+    """Finds the point that Newton's method reaches from each start within ``evaluations``.
 
     It is damped after Levenberg and Marquardt. For a Hessian that is not positive definite, the absolute values of the
     eigenvalues are used, so that every step is a descent (Nocedal & Wright, Numerical Optimization, section 3.4).
     ``function`` returns values, gradients, and Hessians or approximations; otherwise as for :func:`bfgs`.
     """
-    at, H = _evaluate(function, y)
+    point, H = _evaluate(function, y)
     damping, done = np.full(len(y), FIRST_DAMPING), np.zeros(len(y), dtype=bool)
     for _ in range(evaluations):
-        done |= (np.max(np.abs(at.gradient), axis=1) <= stationary) | ~np.isfinite(at.value)
+        done |= (np.max(np.abs(point.gradient), axis=1) <= stationary) | ~np.isfinite(point.value)
         if np.all(done):
             break
-        step, promised = _step(at, H, damping)
-        last = promised <= LAST * np.abs(at.value)
-        there, H_there = _evaluate(function, at.y + np.where(done[:, None], 0.0, step))
-        gain = (at.value - there.value) / np.where(promised > 0, promised, 1.0)
-        taken = ~done & (gain >= ENOUGH) & np.all(np.isfinite(there.gradient), axis=1)
-        damping = np.where(taken, np.where(gain >= GOOD, LESS_DAMPING, 1.0), MORE_DAMPING) * damping
-        at, H = there.where(taken, at), np.where(taken[:, None, None], H_there, H)
+        step, promised = _step(point, H, damping)
+        last = promised <= LAST * np.abs(point.value)
+        there, H_there = _evaluate(function, point.y + np.where(done[:, None], 0.0, step))
+        gain = (point.value - there.value) / np.where(promised > 0, promised, 1.0)
+        moves = ~done & (gain >= ENOUGH) & np.all(np.isfinite(there.gradient), axis=1)
+        damping = np.where(moves, np.where(gain >= GOOD, LESS_DAMPING, 1.0), MORE_DAMPING) * damping
+        point, H = there.where(moves, point), np.where(moves[:, None, None], H_there, H)
         done |= last
-    return at
+    return point
 
 
 def _evaluate(function: Function, y: np.ndarray) -> tuple[Point, np.ndarray]:
@@ -174,12 +174,12 @@ def _evaluate(function: Function, y: np.ndarray) -> tuple[Point, np.ndarray]:
     return Point(y, value, gradient), H
 
 
-def _step(at: Point, H: np.ndarray, damping: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The step, with each eigenvalue raised by this fraction of the largest, and its predicted decrease."""
-    known = np.isfinite(at.value) & np.all(np.isfinite(H), axis=(1, 2))
-    values, vectors = np.linalg.eigh(np.where(known[:, None, None], H, np.eye(H.shape[1])))
+def _step(point: Point, H: np.ndarray, damping: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Computes the step, with each eigenvalue raised by this fraction of the largest, and its predicted decrease."""
+    finite = np.isfinite(point.value) & np.all(np.isfinite(H), axis=(1, 2))
+    values, vectors = np.linalg.eigh(np.where(finite[:, None, None], H, np.eye(H.shape[1])))
     size = np.abs(values)
-    along = np.einsum("sij,si->sj", vectors, np.where(np.isfinite(at.gradient), at.gradient, 0.0))
+    along = np.einsum("sij,si->sj", vectors, np.where(np.isfinite(point.gradient), point.gradient, 0.0))
     moved = along / np.maximum(size + damping[:, None] * np.max(size, axis=1, keepdims=True), 1e-300)
     return -np.einsum("sij,sj->si", vectors, moved), np.sum(moved * (along - size * moved / 2), axis=1)
 
@@ -197,11 +197,13 @@ class Merit(NamedTuple):
     place: float = -1.0
 
     def better_than(self, other: "Merit", tolerance: float) -> bool:
-        """Feasible designs by their objective, and others by their violation."""
+        """Returns whether this merit is better than another: feasible designs by their objective, and others by their
+        violation.
+        """
         if not np.isfinite(self.objective) or np.isnan(self.violation):
             return False
-        mine, theirs = max(self.violation, tolerance), max(other.violation, tolerance)
-        return (mine, self.objective) < (theirs, other.objective)
+        violation, other_violation = max(self.violation, tolerance), max(other.violation, tolerance)
+        return (violation, self.objective) < (other_violation, other.objective)
 
 
 @dataclasses.dataclass
@@ -255,27 +257,27 @@ def save_progress(progress: Progress, path: Path, identity: str) -> None:
 
 
 def load_progress(path: Path, identity: str) -> Progress:
-    """The progress that was written.
+    """Reads the progress that was written.
 
     **Raises:** :class:`DesignError` where it belongs to another problem, or is not such a file.
     """
     try:
         with np.load(path, allow_pickle=False) as file:
-            kept = dict(file)
+            entries = dict(file)
     except (OSError, ValueError) as error:
         raise DesignError(f'File "{path}" must be the progress of a design, but it cannot be read ({error}).') from None
-    if str(kept["identity"]) != identity:
+    if str(entries["identity"]) != identity:
         raise DesignError(f'File "{path}" is the progress of another problem; choose another folder, or remove it.')
-    count = sum(name.startswith("array_") for name in kept)
+    count = sum(name.startswith("array_") for name in entries)
     return Progress(
-        phase=str(kept["phase"]),
-        step=int(kept["step"]),
-        y=kept["z"],
-        arrays=[kept[f"array_{k}"] for k in range(count)],
-        best=kept["best"],
-        merit=Merit(*(float(x) for x in kept["worth"])),
-        history=[tuple(float(x) for x in row) for row in kept["history"]],
-        elapsed=float(kept.get("elapsed", 0.0)),
+        phase=str(entries["phase"]),
+        step=int(entries["step"]),
+        y=entries["z"],
+        arrays=[entries[f"array_{k}"] for k in range(count)],
+        best=entries["best"],
+        merit=Merit(*(float(x) for x in entries["worth"])),
+        history=[tuple(float(x) for x in row) for row in entries["history"]],
+        elapsed=float(entries.get("elapsed", 0.0)),
     )
 
 
@@ -295,7 +297,7 @@ class Optimiser:
         self.program, self.settings = program, settings
 
     def begin(self) -> Progress:
-        """The starts.
+        """Returns the progress at the starts.
 
         **Raises:** :class:`DesignError` when no start can be simulated.
         """
@@ -318,11 +320,11 @@ class Optimiser:
         return progress
 
     def advance(self, progress: Progress) -> Progress:
-        """A few steps of Adam, or a round of the polish."""
+        """Takes a few steps of Adam, or a round of the polish."""
         return self._descend(progress) if progress.phase == "adam" else self._polish(progress)
 
     def tighten(self, progress: Progress, excess: Float[np.ndarray, " places"]) -> Progress:
-        """The polish restarted with the margin of each point increased by ``excess``."""
+        """Restarts the polish with the margin of each point increased by ``excess``."""
         value, penalty, margin, _ = progress.arrays
         progress.phase, progress.step = "polish", 0
         progress.y[0], progress.merit = progress.best, Merit()
@@ -330,7 +332,7 @@ class Optimiser:
         return progress
 
     def evaluate(self, y: Float[np.ndarray, "starts n"], multipliers: Multipliers) -> Lagrangians:
-        """The augmented Lagrangian and its derivatives at any number of points, ``lanes`` at a time."""
+        """Computes the augmented Lagrangian and its derivatives at any number of points, ``lanes`` at a time."""
         function = DERIVATIVES[self.settings.method](self.program)
         return in_batches(lambda rows: function(*rows), (y, multipliers), self.lanes)
 
@@ -349,10 +351,13 @@ class Optimiser:
         moments, multipliers, leader = Adam(*progress.arrays), self.first_multipliers(len(y)), Merit()
         count = min(REPORT_EVERY, self.settings.steps - progress.step)
         for _ in range(count):
-            at = self.evaluate(y, multipliers)
-            leader = self._offer(progress, y, at)
-            good = np.all(np.isfinite(at.gradient), axis=1, keepdims=True) & np.isfinite(at.value)[:, None]
-            moments = moments.after(np.where(good, at.gradient, 0.0))
+            lagrangians = self.evaluate(y, multipliers)
+            leader = self._offer(progress, y, lagrangians)
+            good = (
+                np.all(np.isfinite(lagrangians.gradient), axis=1, keepdims=True)
+                & np.isfinite(lagrangians.value)[:, None]
+            )
+            moments = moments.after(np.where(good, lagrangians.gradient, 0.0))
             onwards = y + moments.step(self.settings.learning_rate)
             # A design that cannot be simulated moves half way back.
             y, before = np.where(good, onwards, (y + before) / 2), np.where(good, y, before)
@@ -365,7 +370,9 @@ class Optimiser:
         return progress
 
     def _choose(self, progress: Progress) -> None:
-        """The most promising are polished: among the starts' current points and the best, which one may have passed."""
+        """Chooses the most promising points for the polish: among the starts' current points and the best, which a
+        start may have passed.
+        """
         y = np.unique([*progress.y, progress.best], axis=0)
         promising = np.argsort(self.evaluate(y, self.first_multipliers(len(y))).value, kind="stable")[: self.lanes]
         progress.y, progress.phase, progress.step = y[promising], "polish", 0
@@ -376,15 +383,15 @@ class Optimiser:
         settings = self.settings
         multipliers, before = Multipliers(*progress.arrays[:3]), progress.arrays[3]
         y = self._minimise(progress.y, multipliers).y
-        at = self.evaluate(y, multipliers)
-        leader = self._offer(progress, y, at)
-        slow = np.isfinite(before) & ~(at.violation <= np.maximum(REDUCED * before, settings.tolerance))
+        lagrangians = self.evaluate(y, multipliers)
+        leader = self._offer(progress, y, lagrangians)
+        slow = np.isfinite(before) & ~(lagrangians.violation <= np.maximum(REDUCED * before, settings.tolerance))
         penalty = np.where(slow, GROWTH * multipliers.penalty, multipliers.penalty)
-        value = np.where(np.isfinite(at.multipliers), at.multipliers, multipliers.value)
+        value = np.where(np.isfinite(lagrangians.multipliers), lagrangians.multipliers, multipliers.value)
         progress.y, progress.step = y, progress.step + 1
-        progress.arrays = [value, penalty, np.asarray(multipliers.margin), at.violation]
+        progress.arrays = [value, penalty, np.asarray(multipliers.margin), lagrangians.violation]
         progress.history.append((1.0, float(progress.step), *leader))
-        if progress.step >= settings.rounds or self._is_solved(at, progress):
+        if progress.step >= settings.rounds or self._is_solved(lagrangians, progress):
             progress.phase = "done"
         return progress
 
@@ -393,26 +400,26 @@ class Optimiser:
         settings = self.settings
 
         def function(y: Float[np.ndarray, "starts n"]):
-            at = self.evaluate(y, multipliers)
-            return at.value, at.gradient, at.hessian
+            lagrangians = self.evaluate(y, multipliers)
+            return lagrangians.value, lagrangians.gradient, lagrangians.hessian
 
         if settings.method == "gauss-newton":
             return newton(function, y, settings.evaluations, CLOSER * settings.stationary)
         return bfgs(function, y, settings.evaluations, settings.stationary)
 
-    def _is_solved(self, at: Lagrangians, progress: Progress) -> bool:
-        """Whether the best design is stationary, and no other start may lead to a better one."""
-        merits, settings = self._merits(at), self.settings
+    def _is_solved(self, lagrangians: Lagrangians, progress: Progress) -> bool:
+        """Returns whether the best design is stationary, and no other start may lead to a better one."""
+        merits, settings = self._merits(lagrangians), self.settings
         done = [m.violation <= settings.tolerance and m.gradient <= 10 * settings.stationary for m in merits]
         hopeless = [not np.isfinite(m.objective) or m.objective > 1.05 * progress.merit.objective for m in merits]
         best = progress.merit.violation <= settings.tolerance
         return any(done) and best and all(a or b for a, b in zip(done, hopeless, strict=True))
 
-    def _offer(self, progress: Progress, y: np.ndarray, at: Lagrangians) -> Merit:
-        return progress.offer(y, self._merits(at), self.settings.tolerance)
+    def _offer(self, progress: Progress, y: np.ndarray, lagrangians: Lagrangians) -> Merit:
+        return progress.offer(y, self._merits(lagrangians), self.settings.tolerance)
 
-    def _merits(self, at: Lagrangians) -> list[Merit]:
-        objective = at.at.terms @ self.program.weights
-        gradient = np.max(np.abs(at.gradient), axis=1, initial=0.0)
-        rows = zip(objective, at.violation, gradient, at.worst, strict=True)
+    def _merits(self, lagrangians: Lagrangians) -> list[Merit]:
+        objective = lagrangians.at.terms @ self.program.weights
+        gradient = np.max(np.abs(lagrangians.gradient), axis=1, initial=0.0)
+        rows = zip(objective, lagrangians.violation, gradient, lagrangians.worst, strict=True)
         return [Merit(*map(float, row)) for row in rows]

@@ -104,18 +104,18 @@ class AbstractTerms(abc.ABC):
 
     @abc.abstractmethod
     def numbers(self, y: Float[Array, " unknowns"]) -> Float[Array, " numbers"]:
-        """What the unknowns stand for: numbers within their bounds."""
+        """Computes the numbers, within their bounds, that the unknowns stand for."""
 
     @abc.abstractmethod
     def simulate(self, numbers: Float[Array, " numbers"], adjoint: diffrax.AbstractAdjoint | None = None) -> Any:
-        """The simulation that terms and constraints depend on; ``adjoint`` is for modes other than reverse."""
+        """Simulates the runs that terms and constraints depend on; ``adjoint`` is for modes other than reverse."""
 
     @abc.abstractmethod
     def assess(self, runs: Any) -> Evaluation:
-        """All terms and constraints of a simulation."""
+        """Evaluates all terms and constraints of a simulation."""
 
     def evaluate(self, y: Float[Array, " unknowns"], adjoint: diffrax.AbstractAdjoint | None = None) -> Evaluation:
-        """All terms and constraints; traceable, differentiable and vectorisable by JAX."""
+        """Evaluates all terms and constraints; traceable, differentiable and vectorisable by JAX."""
         return self.assess(self.simulate(self.numbers(y), adjoint))
 
 
@@ -129,7 +129,7 @@ class AbstractProgram(AbstractTerms):
 
     @abc.abstractmethod
     def starts(self, settings: Settings) -> Float[np.ndarray, "starts unknowns"]:
-        """The starting points; the first is the given design."""
+        """Returns the starting points; the first is the given design."""
 
     @functools.cached_property
     def pytree(self) -> Any:
@@ -177,7 +177,7 @@ class Lagrangians(NamedTuple):
 
 
 def augmented_lagrangian(terms: AbstractTerms, at: Evaluation, multipliers: Multipliers) -> Float[Array, ""]:
-    """f + Σ w (p² − λ²) / 2ρ, where p is the next λ and w the weight of a point in its constraint.
+    """Computes f + Σ w (p² − λ²) / 2ρ, where p is the next λ and w the weight of a point in its constraint.
 
     Nocedal & Wright, Numerical Optimization, section 17.3.
     """
@@ -188,18 +188,19 @@ def augmented_lagrangian(terms: AbstractTerms, at: Evaluation, multipliers: Mult
 
 
 def next_multipliers(terms: AbstractTerms, at: Evaluation, multipliers: Multipliers) -> Float[Array, " places"]:
-    """λ + ρ c of an equality c = 0, and max(0, λ + ρ c) of an inequality c ≤ 0; c = violation + margin."""
+    """Computes λ + ρ c for an equality c = 0, and max(0, λ + ρ c) for an inequality c ≤ 0; c = violation + margin."""
     following = multipliers.value + multipliers.penalty * (at.violations + multipliers.margin)
     return jnp.where(jnp.asarray(terms.equal), following, jnp.maximum(0.0, following))
 
 
 def by_reverse_mode(program: AbstractProgram) -> Callable[..., Lagrangians]:
-    """The augmented Lagrangian and its gradient at many points."""
+    """Returns a function that computes the augmented Lagrangian and its gradient at many points."""
     return functools.partial(_of_points_by_reverse_mode, program.pytree)
 
 
 def by_gauss_newton(program: AbstractProgram) -> Callable[..., Lagrangians]:
-    """The same by forward mode, with the Gauss–Newton Hessian: the run is assumed to be linear in a design's numbers.
+    """Returns a function that computes the augmented Lagrangian, its gradient and the Gauss–Newton Hessian at many
+    points by forward mode: the run is assumed to be linear in a design's numbers.
 
     Terms and constraints as functions of a run enter with all second derivatives, and so do bounds. For a sum of
     squares this is JᵀJ, but no term needs to be written as one.
@@ -219,11 +220,11 @@ def _of_points_by_gauss_newton(terms: AbstractTerms | Known, y: Float[Array, "po
 
 def _by_reverse_mode(terms: AbstractTerms, y: Float[Array, " n"], multipliers: Multipliers) -> Lagrangians:
     def lagrangian(y: Float[Array, " n"]) -> tuple[Float[Array, ""], Evaluation]:
-        at = terms.evaluate(y)
-        return augmented_lagrangian(terms, at, multipliers), at
+        evaluation = terms.evaluate(y)
+        return augmented_lagrangian(terms, evaluation, multipliers), evaluation
 
-    (value, at), gradient = jax.value_and_grad(lagrangian, has_aux=True)(y)
-    return _lagrangians(terms, value, gradient, at, multipliers)
+    (value, evaluation), gradient = jax.value_and_grad(lagrangian, has_aux=True)(y)
+    return _lagrangians(terms, value, gradient, evaluation, multipliers)
 
 
 def _by_gauss_newton(terms: AbstractTerms, y: Float[Array, " n"], multipliers: Multipliers) -> Lagrangians:
@@ -241,23 +242,27 @@ def _by_gauss_newton(terms: AbstractTerms, y: Float[Array, " n"], multipliers: M
     def lagrangian(y: Float[Array, " n"]) -> tuple[Float[Array, ""], Evaluation]:
         change = terms.numbers(y) - x
         moved = jax.tree.map(lambda run, slope: run + jnp.tensordot(change, slope, 1), runs, slopes)
-        at = terms.assess(eqx.combine(moved, rest))
-        return augmented_lagrangian(terms, at, multipliers), at
+        evaluation = terms.assess(eqx.combine(moved, rest))
+        return augmented_lagrangian(terms, evaluation, multipliers), evaluation
 
     def gradient(y: Float[Array, " n"]) -> tuple[Any, Any]:
-        (value, at), slope = jax.value_and_grad(lagrangian, has_aux=True)(y)
-        return slope, (value, slope, at)
+        (value, evaluation), slope = jax.value_and_grad(lagrangian, has_aux=True)(y)
+        return slope, (value, slope, evaluation)
 
-    columns, found = of_rows(lambda v: jax.jvp(gradient, (y,), (v,), has_aux=True)[1:], jnp.eye(y.size, dtype=y.dtype))
-    value, slope, at = jax.tree.map(lambda leaf: leaf[0], found)
-    return _lagrangians(terms, value, slope, at, multipliers)._replace(hessian=columns.T)
+    columns, rows = of_rows(lambda v: jax.jvp(gradient, (y,), (v,), has_aux=True)[1:], jnp.eye(y.size, dtype=y.dtype))
+    value, slope, evaluation = jax.tree.map(lambda leaf: leaf[0], rows)
+    return _lagrangians(terms, value, slope, evaluation, multipliers)._replace(hessian=columns.T)
 
 
-def _lagrangians(terms: AbstractTerms, value, gradient, at: Evaluation, multipliers: Multipliers) -> Lagrangians:
-    """For one point; an inequality is violated by c, and an equality by a thousand times |c|."""
-    c = at.violations + multipliers.margin
+def _lagrangians(
+    terms: AbstractTerms, value, gradient, evaluation: Evaluation, multipliers: Multipliers
+) -> Lagrangians:
+    """Returns the Lagrangian and its parts for one point; an inequality is violated by c, and an equality by a thousand
+    times |c|.
+    """
+    c = evaluation.violations + multipliers.margin
     violations = jnp.where(jnp.asarray(terms.equal), STRICTER * jnp.abs(c), c)
-    return Lagrangians(value, gradient, at, next_multipliers(terms, at, multipliers), violations)
+    return Lagrangians(value, gradient, evaluation, next_multipliers(terms, evaluation, multipliers), violations)
 
 
 CONTINUITY = "continuity"
@@ -270,7 +275,7 @@ class Components(eqx.Module):
 
     @classmethod
     def of(cls, system: System, state: BallState | DiskState) -> "Components":
-        """Those of states such as this one."""
+        """Returns the components of states such as this one."""
         kinds = {name: key.kind for name, key in INITIAL[kind_of(system)].items()}
         scales = []
         for field in dataclasses.fields(state):
@@ -285,17 +290,19 @@ class Components(eqx.Module):
         return self.scale.size
 
     def pack(self, state: Any) -> Float[Array, " components"]:
-        """The components of a state."""
+        """Returns the components of a state."""
         x = ravel_pytree(state)[0]
         return x / self.scale.astype(x.dtype)
 
     def unpack(self, components: Float[Array, " components"], like: Any) -> Any:
-        """The state of the components, of the kind of another, its versor normalised."""
+        """Returns the state of the components, of the kind of another, its versor normalised."""
         return ravel_pytree(like)[1](components * self.scale.astype(components.dtype)).projected()
 
 
 def starting_points(space: DesignSpace, settings: Settings) -> Float[np.ndarray, "starts n"]:
-    """The given design first, then others: normally distributed about it, or uniformly between two bounds."""
+    """Draws starting points: the given design first, then others, normally distributed about it, or uniformly between
+    two bounds.
+    """
     random, bounds = np.random.default_rng(settings.seed), space.bounds
     shape = (settings.starts - 1, space.size)
     both = np.isfinite(bounds.lower) & np.isfinite(bounds.upper)
@@ -345,19 +352,21 @@ class Pieces(eqx.Module, AbstractTerms):
         problem, solve, n = self.problem, self.problem.solve(adjoint), self.problem.space.size
         states = jnp.reshape(numbers[n:], (problem.balls, self.joints, self.components.size))
         candidate = problem.space.candidate_of(numbers[:n])
-        return problem.of_each(candidate, lambda one, states: self.in_pieces(one, states, solve), states)
+        return problem.of_each(candidate, lambda ball, states: self.in_pieces(ball, states, solve), states)
 
     def assess(self, runs):
         def of_ball(run: Run, defects: Float[Array, "joints components"]) -> Evaluation:
-            at = self.problem.evaluate_run(run)
-            return at._replace(violations=jnp.concatenate([at.violations, jnp.ravel(defects)]))
+            evaluation = self.problem.evaluate_run(run)
+            return evaluation._replace(violations=jnp.concatenate([evaluation.violations, jnp.ravel(defects)]))
 
         return merge(jax.vmap(of_ball)(*runs))
 
     def in_pieces(
         self, candidate: Candidate, states: Float[Array, "joints components"], solve: Solve
     ) -> tuple[Run, Float[Array, "joints components"]]:
-        """The run in pieces from ``states``, and the gap between the end of each and the start of the next."""
+        """Simulates the run in pieces from ``states``, and returns the gap between the end of each and the start of the
+        next too.
+        """
 
         def piece(times: Float[Array, " t"], state: BallState | DiskState) -> tuple[Any, Int[Array, ""]]:
             run = run_of(candidate._replace(times=times, state=state), solve)
@@ -372,9 +381,9 @@ class Pieces(eqx.Module, AbstractTerms):
         return Run(candidate.system, candidate.times, whole, jnp.max(status)), pack(ends) - pack(later)
 
     def states_along(self, y: Float[Array, " n"]) -> Float[Array, "balls t components"]:
-        """The components of the states of a design's run, simulated in one piece."""
+        """Computes the components of the states of a design's run, simulated in one piece."""
         problem, pack, solve = self.problem, jax.vmap(self.components.pack), self.problem.solve()
-        return problem.of_each(problem.space.candidate(y), lambda one: pack(run_of(one, solve).state))
+        return problem.of_each(problem.space.candidate(y), lambda ball: pack(run_of(ball, solve).state))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -438,7 +447,7 @@ class Shooting(AbstractProgram):
         return np.concatenate([y, np.reshape(np.take_along_axis(saved, rows[..., None], axis=2), (len(y), -1))], axis=1)
 
     def design(self, y: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " n"]:
-        """The unknowns of the design space among them."""
+        """Returns the unknowns of the design space among all unknowns."""
         return y[: self.problem.space.size]
 
     def numbers(self, y):

@@ -58,7 +58,7 @@ class Verified(NamedTuple):
 
 @compile_quickly()
 def verify(problem: Problem, y: Float[np.ndarray, " n"]) -> Verified:
-    """The design of ``problem`` with the unknowns ``y``, shape (n,), evaluated by other means.
+    """Evaluates the design of ``problem`` with the unknowns ``y``, shape (n,), by other means.
 
     They are a solver of another family and samples ten times as fine.
     """
@@ -77,7 +77,7 @@ def verify(problem: Problem, y: Float[np.ndarray, " n"]) -> Verified:
 
 
 def _other_solve(problem: Problem) -> tuple[Solve, str]:
-    """A solver of another family at a tighter tolerance, and its name."""
+    """Returns a solver of another family at a tighter tolerance, and its name."""
     scenario = problem.space.scenario
     solver = "gauss16" if scenario.solver in EXPLICIT else "dopri8"
     rtol, atol = (max(RECHECK_RATIO * x, TIGHTEST) for x in (scenario.rtol, scenario.atol))
@@ -114,7 +114,7 @@ def _worst(violations: Float[Array, " places"]) -> Float[Array, ""]:
 
 
 def _finer(times: Float[jax.Array, " t"]) -> Float[jax.Array, " fine"]:
-    """The save times with nine more between each two."""
+    """Returns the save times with nine more between each two."""
     share = jnp.asarray(np.arange(FINER) / FINER, dtype=times.dtype)
     between = times[:-1, None] + jnp.diff(times)[:, None] * share[None]
     return jnp.concatenate([jnp.ravel(between), times[-1:]])
@@ -122,7 +122,8 @@ def _finer(times: Float[jax.Array, " t"]) -> Float[jax.Array, " fine"]:
 
 @compile_quickly()
 def perturbed(problem: Problem, y: Float[np.ndarray, " n"], perturbations: Perturbations = AS_BUILT) -> Evaluation:
-    """The design with manufacturing errors: each perturbed ball's objectives and violations, on a leading axis.
+    """Evaluates the design with manufacturing errors: each perturbed ball's objectives and violations, on a leading
+    axis.
 
     **Arguments:**
 
@@ -136,13 +137,13 @@ def perturbed(problem: Problem, y: Float[np.ndarray, " n"], perturbations: Pertu
 
 @programs.filter_jit
 def _each(problem: TracedProblem, y: Float[Array, " n"]) -> Evaluation:
-    """The evaluations of all balls of a robust problem."""
+    """Evaluates all balls of a robust problem."""
     solve = problem.solve()
-    return problem.of_each(problem.space.candidate(y), lambda one: problem.evaluate_run(run_of(one, solve)))
+    return problem.of_each(problem.space.candidate(y), lambda ball: problem.evaluate_run(run_of(ball, solve)))
 
 
 def as_built(problem: Problem) -> Perturbations:
-    """The balls on which a finished design is evaluated: for a robust problem, new random ones."""
+    """Returns the balls on which a finished design is evaluated: for a robust problem, new random ones."""
     usual = problem.perturbations
     return AS_BUILT if usual is None else dataclasses.replace(usual, count=FRESH, seed=usual.seed + 1)
 
@@ -193,7 +194,7 @@ class GradientCheck(NamedTuple):
 
 
 def check_gradient(optimiser: Optimiser, y: Float[np.ndarray, " n"], seed: int = 0) -> GradientCheck:
-    """The derivative, along a random direction at ``y``, of a sum of all objectives and constraints.
+    """Checks the derivative, along a random direction at ``y``, of a sum of all objectives and constraints.
 
     The sum is the augmented Lagrangian with multipliers so large that every point of every constraint counts.
 
@@ -216,14 +217,14 @@ def check_gradient(optimiser: Optimiser, y: Float[np.ndarray, " n"], seed: int =
     shifts = np.asarray([0.0, *(h * k for h in STEPS for k in STENCIL)])
     points = y[None] + shifts[:, None] * direction[None]
     repeated = jax.tree.map(lambda x: np.broadcast_to(x, (len(points), *x.shape)), multipliers)
-    at = optimiser.evaluate(points, repeated)
-    gradient = at.gradient[0]
+    lagrangians = optimiser.evaluate(points, repeated)
+    gradient = lagrangians.gradient[0]
     if not np.all(np.isfinite(gradient)):
         entries = zip(optimiser.program.names, np.isfinite(gradient), strict=True)
         names = dict.fromkeys(name for name, finite in entries if not finite)
         raise DesignError(f"The gradient at the start must be finite, but it is not for {', '.join(names)}.")
     size = float(np.linalg.norm(gradient)) or 1.0
-    differences = at.value[1:].reshape(len(STEPS), 4) @ FIVE_POINTS / np.asarray(STEPS)
+    differences = lagrangians.value[1:].reshape(len(STEPS), 4) @ FIVE_POINTS / np.asarray(STEPS)
     forward = _forward(optimiser, *jax.tree.map(jnp.asarray, (y, direction, multipliers)))
     return GradientCheck(
         float(gradient @ direction) / size, forward / size, STEPS, tuple(float(d) for d in differences / size)
@@ -249,7 +250,7 @@ def _forward(
 
 @programs.filter_jit
 def _slope(terms: AbstractTerms | Known, y, direction, multipliers: Multipliers) -> Float[Array, ""]:
-    """The derivative of the augmented Lagrangian along a direction, in forward mode."""
+    """Computes the derivative of the augmented Lagrangian along a direction, in forward mode."""
     opened = reveal(terms)
 
     def value(y: Float[Array, " n"]) -> Float[Array, ""]:

@@ -131,7 +131,9 @@ def compare_solvers(
     check_names("solvers", solvers, ODE)
     check_names("systems", systems, EXPERIMENTS)
     forms = [form for system in systems for form in _forms(system)]
-    cases = [(form, name, known[name]) for form, known in forms for name in solvers if name in known]
+    cases = [
+        (form, name, counterparts[name]) for form, counterparts in forms for name in solvers if name in counterparts
+    ]
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
 
@@ -147,7 +149,7 @@ def compare_solvers(
 
 
 def _forms(system: str) -> Iterator[tuple[Experiment, Mapping[str, Counterpart]]]:
-    """The experiment in each of its forms, with the solvers that the authors used for it."""
+    """Yields the experiment in each of its forms, with the solvers that the authors used for it."""
     yield EXPERIMENTS[system](), ODE
     if system == "ball":
         yield ball_experiment(dae=True), DAE
@@ -159,7 +161,7 @@ def _compare(experiment: Experiment, name: str, counterpart: Counterpart) -> Com
 
 
 def _conclusion(comparisons: Sequence[Comparison]) -> str:
-    """The largest errors, and if several solvers were measured, which needed the fewest evaluations."""
+    """Describes the largest errors, and if several solvers were measured, says which needed the fewest evaluations."""
     of_systems: dict[str, list[Comparison]] = {}
     for comparison in comparisons:
         of_systems.setdefault(comparison.measurement.system, []).append(comparison)

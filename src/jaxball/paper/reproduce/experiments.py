@@ -52,13 +52,13 @@ class Counter:
         self.count += 1
 
     def read(self) -> int:
-        """The count, once every solve that was started has finished."""
+        """Returns the count, once every solve that was started has finished."""
         jax.effects_barrier()
         return self.count
 
 
 def counting(field: Field, tick: Callable[[], None]) -> Field:
-    """``field``, which calls ``tick`` on the host each time it is evaluated.
+    """Returns ``field``, made to call ``tick`` on the host each time it is evaluated.
 
     Under ``vmap``, as over the stages of a step, it counts each of them, because it passes t and x through. A Jacobian
     is one evaluation: one pass through the field with all its tangents.
@@ -147,7 +147,7 @@ class Experiment:
     dae: bool = False
 
     def solve(self, solver: diffrax.AbstractAdaptiveSolver) -> Trajectory:
-        """The trajectory at the reference's times, at each of which a step ends.
+        """Computes the trajectory at the reference's times, at each of which a step ends.
 
         **Raises:** :class:`~jaxball.SolveError` when the solve fails.
         """
@@ -164,7 +164,7 @@ class Experiment:
         )
 
     def errors(self, trajectory: Trajectory) -> Float[np.ndarray, " T"]:
-        """The largest error of a component of the state at each of the reference's times."""
+        """Returns the largest error of a component of the state at each of the reference's times."""
         computed = np.column_stack([np.asarray(getattr(trajectory.state, symbol)) for symbol in self.symbols])
         exact = np.column_stack([self.reference.columns(symbol) for symbol in self.symbols])
         return np.max(np.abs(computed - exact), axis=1)
@@ -194,12 +194,12 @@ class Measurement:
 
 
 def disk_experiment() -> Experiment:
-    """The disk of section 4 at its tolerance."""
+    """Returns the experiment with the disk of section 4 at its tolerance."""
     return Experiment("disk", paper.disk(), paper.DISK_TOLERANCE, reference.disk(), ("phi", "phidot"))
 
 
 def ball_experiment(dae: bool = False) -> Experiment:
-    """The ball of section 5 at its tolerance.
+    """Returns the experiment with the ball of section 5 at its tolerance.
 
     **Arguments:**
 
@@ -266,7 +266,7 @@ class Column(Generic[Row]):
         return text.ljust(self.width) if self.left else text.rjust(self.width)
 
     def of(self, part: Callable[[Whole], Row]) -> "Column[Whole]":
-        """The same column for rows that contain such a row."""
+        """Returns the same column for rows that contain such a row as a part."""
         return Column(self.heading, lambda whole: self.cell(part(whole)), self.width, self.left)
 
 
@@ -291,11 +291,11 @@ class Table(Generic[Row]):
         """Prints all ``rows``, each as soon as it is available, and returns them."""
         titles = "  ".join(column.align(column.heading) for column in self.columns)
         echo(titles + "\n" + "  ".join("-" * column.width for column in self.columns))
-        taken = []
+        printed_rows = []
         for row in rows:
-            taken.append(row)
+            printed_rows.append(row)
             echo("  ".join(column.align(column.cell(row)) for column in self.columns))
-        return taken
+        return printed_rows
 
     def write(self, folder: Path, rows: Sequence[Row], conclusion: str, **about: Any) -> None:
         """Writes the table with its legend and ``conclusion`` as Markdown, and as JSON the rows with ``about``.
@@ -329,7 +329,7 @@ STEPS: tuple[Column[Measurement], ...] = (
 
 
 def agreement(measurements: Sequence[Measurement], solvers: str = "") -> str:
-    """A sentence with the largest error of all ``solvers``, system by system; by default their names."""
+    """Returns a sentence with the largest error of all ``solvers``, system by system; by default their names."""
     systems = dict.fromkeys(m.system for m in measurements)
     parts = [f"{max(m.error for m in measurements if m.system == system):.1e} for the {system}" for system in systems]
     solvers = solvers or ", ".join(dict.fromkeys(m.solver for m in measurements))

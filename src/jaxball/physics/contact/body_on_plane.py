@@ -106,8 +106,8 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
 
     def field_of_packed(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
         state = self.from_packed(t, packed)
-        found, rolls = self.response(t, state), state.is_in(Mode.ROLLING)
-        body, moved = state.body, self.field(t, state, found)
+        response, rolls = self.response(t, state), state.is_in(Mode.ROLLING)
+        body, moved = state.body, self.field(t, state, response)
         speeds = jnp.concatenate([body.Omega, body.thetadot])
         gains = jnp.concatenate([moved.body.Omega, moved.body.thetadot])
         g, r = self.body.gravity, self.body.radius
@@ -117,17 +117,17 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         # Rounding must not set in motion a body that friction holds; its derivatives are unchanged.
         moved = jax.tree.map(lambda x: x - jnp.where(rests, jax.lax.stop_gradient(x), 0.0), moved)
         # The rate of the slip velocity, without the rounding of a difference.
-        acting = self.interaction(t, state, found)
+        acting = self.interaction(t, state, response)
         slipping = jnp.where(rolls, 0.0, acting.slip_acceleration)
         V = jnp.where(packed.is_in(Mode.FLIGHT), moved.V, slipping)
         return over.with_rates_of_place(self.body, state, eqx.tree_at(lambda x: x.V, moved, V))
 
-    def field(self, t: Float[Array, ""], state: ContactState, found: Response | None = None) -> ContactState:
-        """ẋ; ``found`` is the response, if it is known."""
-        found = self.response(t, state) if found is None else found
-        acting = self.interaction(t, state, found)
+    def field(self, t: Float[Array, ""], state: ContactState, response: Response | None = None) -> ContactState:
+        """Computes ẋ; ``response`` is the response, if it is known."""
+        response = self.response(t, state) if response is None else response
+        acting = self.interaction(t, state, response)
         slip = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip_velocity(self.body, t, state.released))
-        moved = rates(self.body, state.released, found, acting.slip_acceleration, acting.normal)
+        moved = rates(self.body, state.released, response, acting.slip_acceleration, acting.normal)
         rates_of_all = jax.tree.map(jnp.zeros_like, state).move(moved)
         return eqx.tree_at(lambda x: x.friction_loss, rates_of_all, -jnp.sum(acting.R[:2] * slip[:2]))
 
@@ -144,25 +144,27 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
     # The contact.
 
     def response(self, t: Float[Array, ""], state: ContactState) -> Response:
-        """How the body moves under each reaction."""
+        """Computes how the body moves under each reaction."""
         return response(self.moving(state), t, state.released, touching=~state.is_in(Mode.FLIGHT))
 
     def moving(self, state: ContactState) -> AbstractBody:
-        """The body in the mode of its joints."""
+        """Returns the body in the mode of its joints."""
         return self.body
 
     def response_to_impulse(self, t: Float[Array, ""], state: ContactState) -> Response:
-        """How the body moves under each impulse of the ground, by the rates of its response."""
+        """Computes how the body moves under each impulse of the ground, by the rates of its response."""
         return response_on_plane(self, t, state)
 
     def coefficient(self, slip: Float[Array, "3"], share: float = 1.0) -> Float[Array, ""]:
-        """The kinetic friction coefficient at a share of the speed of a slip."""
+        """Returns the kinetic friction coefficient at a share of the speed of a slip."""
         return self.contact.coefficient(share * root(jnp.sum(slip[:2] ** 2)))
 
     def coefficient_and_direction(
         self, t: Float[Array, ""], state: ContactState, slip: Float[Array, "3"]
     ) -> tuple[Float[Array, ""], Float[Array, "2"]]:
-        """μ and σ; where friction has faded with the slip, μ′(0) and v_s, for the derivative of their product."""
+        """Returns μ and σ; where friction has faded with the slip, μ′(0) and v_s, for the derivative of their
+        product.
+        """
         mu, sigma = self.coefficient(slip), state.direction(t, slip)
         if self.contact.friction_law is None:
             return mu, sigma
@@ -175,11 +177,11 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         """Whether a slip ends in a finite time: not on a smooth plane, nor by friction that fades with the slip."""
         return self.contact.friction > 0
 
-    def interaction(self, t: Float[Array, ""], state: ContactState, found: Response) -> friction.Interaction:
-        """The reaction of the plane in the mode that the state is in."""
+    def interaction(self, t: Float[Array, ""], state: ContactState, response: Response) -> friction.Interaction:
+        """Computes the reaction of the plane in the mode that the state is in."""
         slip = slip_velocity(self.body, t, state.released)
-        sliding = friction.sliding(found, *self.coefficient_and_direction(t, state, slip))
-        rolling, flying = friction.rolling(found), friction.flight(found)
+        sliding = friction.sliding(response, *self.coefficient_and_direction(t, state, slip))
+        rolling, flying = friction.rolling(response), friction.flight(response)
 
         def choose(*each: Array) -> Array:
             return jnp.where(state.is_in(Mode.ROLLING), each[0], jnp.where(state.is_in(Mode.SLIDING), *each[1:]))
@@ -187,20 +189,20 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         return jax.tree.map(choose, rolling, sliding, flying)
 
     def plane_reaction(self, t: Float[Array, ""], state: Any) -> Reaction:
-        """The normal force and the friction, in the mode that the state is in."""
+        """Computes the normal force and the friction, in the mode that the state is in."""
         R = self.interaction(t, state, self.response(t, state)).R
         return Reaction(R[2], jnp.sum(R[:2] ** 2))
 
     def dry_torque(
         self, t: Float[Array, ""], state: ContactState, interaction: friction.Interaction, acting: Load
     ) -> Float[Array, "3"] | None:
-        """The torque of dry friction against rolling and spinning, body axes; None without."""
+        """Computes the torque of dry friction against rolling and spinning, body axes; None without."""
         resistance = self.body.resistance
         unit = None if resistance is None else resistance.dry_torque(self.body.radius, acting.resisted, acting.Gamma)
         return None if unit is None else interaction.normal * unit
 
     def step_reference(self, t: Float[Array, ""], state: ContactState, accuracy: Accuracy) -> slips.Heading:
-        """The heading of a slip as a step begins."""
+        """Returns the heading of a slip as a step begins."""
         slip = slip_velocity(self.body, t, state.released)
         sigma = state.direction(t, slip)
         size = self.speed_of(state.released)
@@ -208,29 +210,31 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         return slips.Heading.of(sigma, slip[:2], size, accuracy.atol + accuracy.rtol * size, power)
 
     def guards(self, t: Float[Array, ""], state: ContactState) -> Float[Array, "3"]:
-        """The guards without a solve, in which a slip ends where its velocity vanishes."""
+        """Computes the guards without a solve, in which a slip ends where its velocity vanishes."""
         sigma, zero = state.direction(t, slip_velocity(self.body, t, state.released)), jnp.zeros_like(state.height)
         return self.guards_in_step(t, state, slips.Heading(sigma, zero, zero))
 
     def guards_in_step(self, t: Float[Array, ""], state: ContactState, reference: slips.Heading) -> Float[Array, "3"]:
-        """The three guards; ``CAUSES`` gives the meaning of each. A slip lasts while it goes along its heading."""
-        found = self.response(t, state)
-        return self.guards_of_contact(t, state, reference, found, self.interaction(t, state, found))
+        """Computes the three guards; ``CAUSES`` gives the meaning of each. A slip lasts while it goes along its
+        heading.
+        """
+        response = self.response(t, state)
+        return self.guards_of_contact(t, state, reference, response, self.interaction(t, state, response))
 
     def guards_of_contact(
         self,
         t: Float[Array, ""],
         state: ContactState,
         reference: slips.Heading,
-        found: Response,
+        response: Response,
         acting: friction.Interaction,
     ) -> Float[Array, "3"]:
-        """The same, where the response and the reaction are known."""
-        slack = self.rounding_of_force(state, found)
-        slip, one = slip_velocity(self.body, t, state.released), jnp.ones_like(state.height)
+        """Computes the three guards where the response and the reaction are known."""
+        slack = self.rounding_of_force(state, response)
+        slip, unit = slip_velocity(self.body, t, state.released), jnp.ones_like(state.height)
         spare = friction.margin(acting.R, self.contact.static_friction) + slack
         forward = jnp.sum(slip[:2] * reference.sigma) - reference.least
-        forward = jnp.where(self.slips_end, forward, one)
+        forward = jnp.where(self.slips_end, forward, unit)
         # A body that rises does not land, where rounding takes its height below zero as it lifts.
         above = jnp.maximum(
             state.height + over.rounding_of_height(self.body, t, state),
@@ -241,18 +245,20 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         return jnp.stack(
             [
                 jnp.where(rolls, spare, jnp.where(slides, forward, above)),
-                jnp.where(rolls | slides, acting.R[2] + slack, one),
-                jnp.where(slides, acting.solvability, one),
+                jnp.where(rolls | slides, acting.R[2] + slack, unit),
+                jnp.where(slides, acting.solvability, unit),
             ]
         )
 
     def time_event(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
-        """The end of the window in which the direction of a slip is known beforehand, or of a step in flight."""
+        """Returns the end of the window in which the direction of a slip is known beforehand, or of a step in
+        flight.
+        """
         until = jnp.where(state.is_in(Mode.SLIDING), state.begun.until, jnp.inf)
         return jnp.minimum(until, t + over.longest_flight(self.body, t, state))
 
     def assess(self, step: GuardedStep, accuracy: Accuracy) -> Assessment:
-        """The cause that the guard which is zero stands for, or that a slip has ended although none is.
+        """Finds the cause that the guard which is zero stands for, or that a slip has ended although no guard is zero.
 
         Where friction gives way because the normal force vanishes, the body lifts off. The longest next step is
         infinite, except where a slip slows down.
@@ -276,51 +282,53 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         return Assessment(jnp.where(ends, cause, otherwise), longest)
 
     def is_still(self, slip: Float[Array, "3"], state: ContactState | ReleasedState) -> Bool[Array, ""]:
-        """Whether the slip velocity is zero up to rounding."""
+        """Returns whether the slip velocity is zero up to rounding."""
         least = ROUNDING_OF_VELOCITY * float(jnp.finfo(slip.dtype).eps) * self.speed_of(state)
         return root(jnp.sum(slip[:2] ** 2)) <= least
 
-    def rounding_of_force(self, state: ContactState | ReleasedState, found: Response) -> Float[Array, ""]:
-        """What rounding may make of N and |f|, with which a body still rolls where friction just holds it.
+    def rounding_of_force(self, state: ContactState | ReleasedState, response: Response) -> Float[Array, ""]:
+        """Estimates the rounding of N and |f|, with which a body still rolls where friction just holds it.
 
         Nor does it leave a plane on which nothing presses it. It grows with the weight and with the rotation.
         """
-        R, rest = jax.lax.stop_gradient((found.rolling.reaction, (found.yielding.reaction[2, 2], state.body.Omega)))
+        R, rest = jax.lax.stop_gradient(
+            (response.rolling.reaction, (response.yielding.reaction[2, 2], state.body.Omega))
+        )
         m, Omega = rest
         g, r = jax.lax.stop_gradient((jnp.abs(self.body.gravity), self.body.radius))
         scale, limits = root(jnp.sum(R**2)) + m * (g + r * jnp.sum(Omega**2)), jnp.finfo(R.dtype)
         return FORCES * float(limits.eps) * scale + float(limits.tiny) ** 0.5
 
     def rise(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
-        """The rate at which a body leaves its ground; on a surface 0 where it is rounding."""
+        """Computes the rate at which a body leaves its ground; on a surface 0 where it is rounding."""
         rate = slip_velocity(self.body, t, state.released)[2]
         if not over.has_surface(self.body):
             return rate
         least = ROUNDING_OF_VELOCITY * float(jnp.finfo(rate.dtype).eps) * self.speed_of(state)
         return jnp.where(jnp.abs(rate) > least, rate, 0.0)
 
-    def unit_of_speed(self, found: Response) -> Float[Array, ""]:
-        """√(g r); without gravity, the acceleration by which the body would fall takes the place of g."""
+    def unit_of_speed(self, response: Response) -> Float[Array, ""]:
+        """Computes √(g r); without gravity, the acceleration by which the body would fall takes the place of g."""
         g = jnp.abs(self.body.gravity)
-        return root(jnp.where(g > 0, g, jnp.abs(found.free[2])) * self.body.radius)
+        return root(jnp.where(g > 0, g, jnp.abs(response.free[2])) * self.body.radius)
 
     def speed_of(self, state: ReleasedState | ContactState) -> Float[Array, ""]:
-        """A reference speed for errors of velocities."""
+        """Computes a reference speed for errors of velocities."""
         return root(jnp.sum(state.V**2)) + self.body.radius * root(jnp.sum(state.body.Omega**2))
 
     # How modes begin.
 
     def start(self, t: Float[Array, ""], state: ReleasedState | PlacedState) -> ContactState:
-        """The state with which a solve starts; its mode is decided by the first transition.
+        """Returns the state with which a solve starts; its mode is decided by the first transition.
 
         A rolling state is one without slip. A body that does not slip counts as rolling.
         """
         rolls = not isinstance(state, ReleasedState)
-        given = release(self.body.prepare(), t, state) if rolls else state
-        zero = jnp.zeros_like(given.height)
+        start_state = release(self.body.prepare(), t, state) if rolls else state
+        zero = jnp.zeros_like(start_state.height)
         mode, begun = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT), slips.Beginning.none(zero)
-        near = over.near_to(self.body, given.body.z, zero)
-        return ContactState(given.body, given.V, given.height, zero, zero, mode, begun, near)
+        near = over.near_to(self.body, start_state.body.z, zero)
+        return ContactState(start_state.body, start_state.V, start_state.height, zero, zero, mode, begun, near)
 
     def transition(
         self, t: Float[Array, ""], state: ContactState, event: Int[Array, ""], accuracy: Accuracy
@@ -350,13 +358,15 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         return ContactHistory(law=self.contact, mode=mode, slip=slip, sigma=sigma, switches=switches, **saved)
 
     def slips(self, times: Float[Array, " T"], states: ContactState) -> tuple[Float[Array, "T 3"], Float[Array, "T 2"]]:
-        """The slip velocities, exactly 0 for a body that rolls, and their directions, else 0; ``self`` is prepared."""
+        """Computes the slip velocities, exactly 0 for a body that rolls, and their directions, 0 unless it slides;
+        ``self`` is prepared.
+        """
 
         def slip(t: Float[Array, ""], state: ContactState) -> tuple[Float[Array, "3"], Float[Array, "2"]]:
             velocity = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip_velocity(self.body, t, state.released))
             return velocity, jnp.where(state.is_in(Mode.SLIDING), state.direction(t, velocity), 0.0)
 
-        return jax.lax.map(lambda at: slip(*at), (times, states))
+        return jax.lax.map(lambda arguments: slip(*arguments), (times, states))
 
 
 class ContactHistory(AbstractHistory):
@@ -395,18 +405,18 @@ class ContactHistory(AbstractHistory):
     def lines(self) -> list[str]:
         """How the body moved on its plane, and the energy that this dissipated. For one trajectory, not for a batch."""
         modes = np.asarray(self.mode)
-        known = np.flatnonzero(modes >= 0)
-        if not known.size:
+        indices = np.flatnonzero(modes >= 0)
+        if not indices.size:
             return []
-        last = known[-1]
+        last = indices[-1]
         when = "is {} at the end" if last == modes.size - 1 else "was {} at the last saved time that was reached"
         end = when.format(Mode(int(modes[last])).name.lower())
         changed = f"changed {self.switches.how_often}" if int(self.switches.count) else "never changed"
         friction_loss, impact_loss = (
-            float(np.asarray(taken)[last]) for taken in (self.friction_loss, self.impact_loss)
+            float(np.asarray(dissipation)[last]) for dissipation in (self.friction_loss, self.impact_loss)
         )
-        taken = f"sliding friction dissipated the energy {friction_loss:.10g}, and impacts {impact_loss:.10g}"
-        return [f"{self.changing} {changed}, and {end}", *self.switches.first_lines, taken]
+        dissipation = f"sliding friction dissipated the energy {friction_loss:.10g}, and impacts {impact_loss:.10g}"
+        return [f"{self.changing} {changed}, and {end}", *self.switches.first_lines, dissipation]
 
     @property
     def over_time(self) -> dict[str, Array]:
@@ -421,7 +431,7 @@ class ContactHistory(AbstractHistory):
         return dataclasses.replace(self, **{name: array[rows] for name, array in self.over_time.items()})
 
     def as_solved(self, system: AbstractBody, states: Any) -> tuple[BodyOnPlane, ContactState]:
-        """The body on its plane, with its states, of whose bodies these are the ``states``."""
+        """Returns the body on its plane and its states, in which the body itself has the ``states``."""
         mode, ever = self.mode.astype(self.height.dtype), jnp.full_like(self.height, jnp.finfo(self.height.dtype).max)
         begun = slips.Beginning.along(ever, self.sigma)
         near = over.near_to(system, states.z, self.height)

@@ -31,7 +31,9 @@ class Interaction(NamedTuple):
 
 
 def rolling(found: Response) -> Interaction:
-    """The reaction that keeps v_s constant, whatever friction it needs; without dry rolling friction where N < 0."""
+    """Computes the reaction that keeps v_s constant, whatever friction it needs; without dry rolling friction where N <
+    0.
+    """
     R, still = found.rolling.reaction, jnp.zeros_like(found.free)
     if found.rubbing is None:
         return Interaction(R, still, jnp.maximum(R[2], 0.0), jnp.ones_like(R[2]))
@@ -42,7 +44,8 @@ def rolling(found: Response) -> Interaction:
 
 @jax.jit
 def sliding(found: Response, mu: Float[Array, ""], direction: Float[Array, "2"]) -> Interaction:
-    """R = N (e3 − μσ), with N so that the body stays on the ground; ``direction`` is σ and ``mu`` the coefficient.
+    """Computes R = N (e3 − μσ), with N so that the body stays on the ground; ``direction`` is σ and ``mu`` the
+    coefficient.
 
     N = −v̇_free,3 / (D₃₃ − μ D₃·σ − D₃·ρ), where ρ is the reaction that the dry rolling torque of a unit of N has.
     """
@@ -55,25 +58,30 @@ def sliding(found: Response, mu: Float[Array, ""], direction: Float[Array, "2"])
 
 
 def flight(found: Response) -> Interaction:
-    """No reaction; ``found`` is the response of a body that does not touch the ground."""
+    """Returns the interaction without a reaction; ``found`` is the response of a body that does not touch the
+    ground.
+    """
     none = jnp.zeros_like(found.free[2])
     return Interaction(jnp.zeros_like(found.free), found.free, none, jnp.ones_like(none))
 
 
 def margin(R: Float[Array, "3"], mu: Float[Array, ""]) -> Float[Array, ""]:
-    """μ N − |f|, the friction that is left; negative outside the cone. Its derivative by f is 0 where f is 0."""
+    """Computes μ N − |f|, the friction that is left; negative outside the cone. Its derivative by f is 0
+    where f is 0.
+    """
     return mu * R[2] - root(jnp.sum(R[:2] ** 2))
 
 
 def slip_direction(slip: Float[Array, "3"], otherwise: Float[Array, "2"]) -> Float[Array, "2"]:
-    """σ = v_s/|v_s|; ``otherwise`` where the body does not slip, with no derivative by v_s there."""
+    """Computes σ = v_s/|v_s|; ``otherwise`` where the body does not slip, with no derivative by v_s there."""
     square = jnp.sum(slip[:2] ** 2)
     slips = square > 0
     return jnp.where(slips, slip[:2] / jnp.sqrt(jnp.where(slips, square, 1.0)), otherwise)
 
 
 def first_slip(found: Response, mu: Float[Array, ""]) -> Direction:
-    """The direction in which a body begins to slip when friction cannot hold it: the tangential v̇_s = κσ with κ > 0.
+    """Finds the direction in which a body begins to slip when friction cannot hold it: the tangential v̇_s = κσ with κ
+    > 0.
 
     ``mu`` is the sliding coefficient. Where D is isotropic, σ is opposite to the friction that rolling would need; so
     it is at the brink, |f| = μ N. Where the growth κ is not positive, friction holds the body, or nothing does.
@@ -87,5 +95,5 @@ def first_slip(found: Response, mu: Float[Array, ""]) -> Direction:
 
 
 def push(mu: Float[Array, ""], direction: Float[Array, "2"]) -> Float[Array, "3"]:
-    """e3 − μσ."""
+    """Computes e3 − μσ."""
     return jnp.concatenate([-mu * direction, jnp.ones_like(direction[:1])])

@@ -79,7 +79,7 @@ def impact(
     mu: Float[Array, ""],
     restitution: Float[Array, ""],
 ) -> Impact:
-    """The impact of a body that lands on the ground; nothing if it does not.
+    """Computes the impact of a body that lands on the ground; nothing changes if it does not.
 
     ``found`` is its response just before, ``mu`` the coefficient of friction and ``restitution`` Newton's e.
     """
@@ -92,7 +92,8 @@ def impact(
 def collision(
     D: Float[Array, "3 3"], slip: Float[Array, "3"], mu: Float[Array, ""], restitution: Float[Array, ""]
 ) -> Collision:
-    """An impact at a contact with the matrix D, from the slip velocity before; nothing where ``slip[2]`` ≥ 0.
+    """Computes an impact at a contact with the matrix D, from the slip velocity before; nothing changes where
+    ``slip[2]`` ≥ 0.
 
     In random cases, velocities after the impact had errors of less than 1e-10 of those before, in float64; where D is
     isotropic and does not couple slip and normal velocity, of rounding. NaN where the process does not end.
@@ -108,19 +109,23 @@ def collision(
 def _after(
     D: Float[Array, "3 3"], slip: Float[Array, "3"], mu: Float[Array, ""], restitution: Float[Array, ""]
 ) -> Float[Array, "3"]:
-    """v_s after an impact."""
+    """Computes v_s after an impact."""
     return _after_process(D, slip, mu, restitution, OF_VALUES)
 
 
 @_after.defjvp
 def _after_jvp(primals, tangents):
-    """By forward mode, which a loop of any length has."""
-    return _after(*primals), jax.jvp(lambda *given: _after_process(*given, OF_DERIVATIVES), primals, tangents)[1]
+    """Differentiates v_s after an impact by forward mode, which a loop of any length has."""
+    return _after(*primals), jax.jvp(lambda *arguments: _after_process(*arguments, OF_DERIVATIVES), primals, tangents)[
+        1
+    ]
 
 
 @jax.jit
 def _after_process(D, slip, mu, restitution, care: _Care) -> Float[Array, "3"]:
-    """v_s after the process: by steps while it slips, straight on for what is left of the slip or of the impact."""
+    """Computes v_s after the process: by steps while it slips, straight on for what is left of the slip or of the
+    impact.
+    """
     process, eps = _Process(D, inverse(D), mu, -restitution * slip[2]), float(jnp.finfo(slip.dtype).eps)
     error, still = ERROR_OF_IMPACT * eps * root(jnp.sum(slip**2)), care.still * root(jnp.sum(slip[:2] ** 2))
 
@@ -164,22 +169,22 @@ class _Process(NamedTuple):
     target: Float[Array, ""]
 
     def pull(self, sigma: Float[Array, "2"]) -> Float[Array, "3"]:
-        """dv_s/dI₃ = D (e3 − μσ)."""
+        """Computes dv_s/dI₃ = D (e3 − μσ)."""
         return apply(self.D, push(self.mu, sigma))
 
     def slope(self, x: Float[Array, "4"]) -> Float[Array, "4"]:
-        """dx/dI₃."""
+        """Computes dx/dI₃."""
         return jnp.concatenate([self.pull(_direction(x)), x[2:3]])
 
     def straight(self, x: Float[Array, "4"], h: Float[Array, ""]) -> Float[Array, "4"]:
-        """x after the normal impulse ``h`` if σ stays as it is."""
+        """Computes x after the normal impulse ``h`` if σ stays as it is."""
         pull = self.pull(_direction(x))
         return x + jnp.append(h * pull, h * x[2] + 0.5 * h**2 * pull[2])
 
     def longest(
         self, x: Float[Array, "4"], share: Float[Array, ""] | float, error: Float[Array, ""]
     ) -> Float[Array, ""]:
-        """A step with this error of v_s, which is smaller the less σ turns; at most a fraction of v_s."""
+        """Chooses a step with this error of v_s, which is smaller the less σ turns; at most a fraction of v_s."""
         D, sigma = self.D, _direction(x)
         pull = self.pull(sigma)[:2]
         turning = jnp.abs(sigma[0] * pull[1] - sigma[1] * pull[0])
@@ -193,18 +198,22 @@ class _Process(NamedTuple):
         return jnp.where(moved, length, jnp.inf)
 
     def remaining(self, x: Float[Array, "4"]) -> Float[Array, ""]:
-        """The normal impulse until the end if σ stays as it is; infinite while friction drives the body down."""
+        """Computes the normal impulse until the end if σ stays as it is; infinite while friction drives the
+        body down.
+        """
         rise = self.pull(_direction(x))[2]
         rises = rise > 0
         rise = jnp.where(rises, rise, 1.0)
         return jnp.where(rises, (self.end(x, rise) - x[2]) / rise, jnp.inf)
 
     def end(self, x: Float[Array, "4"], rise: Float[Array, ""]) -> Float[Array, ""]:
-        """v_s3 at the end, where dv_s3/dI₃ stays ``rise``: as restitution has it, or where the work has become 0."""
+        """Computes v_s3 at the end, where dv_s3/dI₃ stays ``rise``: as restitution has it, or where the work has become
+        0.
+        """
         return jnp.minimum(self.target, root(x[2] ** 2 - 2 * rise * x[3]))
 
     def stop(self, x: Float[Array, "4"]) -> Float[Array, ""]:
-        """The normal impulse until the slip ends, if σ stays as it is; infinite where it does not."""
+        """Computes the normal impulse until the slip ends, if σ stays as it is; infinite where it does not."""
         sigma = _direction(x)
         braking = -jnp.sum(sigma * self.pull(sigma)[:2])
         brakes = braking > 0
@@ -216,11 +225,13 @@ class _Process(NamedTuple):
         return jnp.sum(self.S[:2, 2] ** 2) <= (self.mu * self.S[2, 2]) ** 2
 
     def stick(self, x: Float[Array, "4"]) -> Float[Array, "3"]:
-        """v_s at the end of an impact that sticks from x on."""
+        """Computes v_s at the end of an impact that sticks from x on."""
         return jnp.zeros_like(x[:3]).at[2].set(self.end(x, 1 / self.S[2, 2]))
 
     def again(self, x: Float[Array, "4"]) -> Float[Array, "3"]:
-        """v_s at the end of an impact whose slip has ended at x and begins again; NaN if the body never rises."""
+        """Computes v_s at the end of an impact whose slip has ended at x and begins again; NaN if the body
+        never rises.
+        """
 
         def pull(process: _Process, sigma: Float[Array, "2"]) -> tuple[Float[Array, "2"], Float[Array, ""]]:
             return process.pull(sigma)[:2], jnp.ones_like(process.mu)

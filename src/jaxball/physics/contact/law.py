@@ -30,7 +30,7 @@ class AbstractFriction(Printed):
 
     @abc.abstractmethod
     def __call__(self, speed: Float[Array, ""]) -> Float[Array, ""]:
-        """μ(v), dimensionless.
+        """Computes μ(v), dimensionless.
 
         **Arguments:**
 
@@ -38,7 +38,7 @@ class AbstractFriction(Printed):
         """
 
     def conditions(self) -> Iterator[Condition]:
-        """Every condition that its numbers must meet, named ``contact.…``; traceable."""
+        """Yields every condition that its numbers must meet, named ``contact.…``; traceable."""
         yield from ()
 
 
@@ -67,11 +67,11 @@ class SmoothedCoulomb(AbstractFriction):
     smoothing: Float[Array, "*batch"] = eqx.field(converter=numbers("smoothing"))
 
     def __call__(self, speed: Float[Array, ""]) -> Float[Array, "*batch"]:
-        """μ(v)."""
+        """Computes μ(v)."""
         return self.kinetic * speed / (speed + self.smoothing)
 
     def conditions(self) -> Iterator[Condition]:
-        """What its numbers must be; traceable."""
+        """Yields the conditions on its numbers; traceable."""
         finite = namespace_of(self.kinetic).isfinite
         holds = (self.kinetic >= 0) & finite(self.kinetic)
         yield Condition(holds, "contact.friction.kinetic", self.kinetic, "0 or positive")
@@ -135,13 +135,13 @@ class Contact(Printed):
         if capacity < 1:
             raise ValueError(f"Argument `capacity` must be 1 or more, but it is {capacity}.")
         if not any(map(is_traced, jax.tree.leaves(self))):
-            known = jax.tree.map(np.asarray, self)  # NumPy checks its conditions, without compiling anything
-            for condition in known.conditions():
+            law = jax.tree.map(np.asarray, self)  # NumPy checks its conditions, without compiling anything
+            for condition in law.conditions():
                 for problem in condition.problems():
                     raise ValueError(problem.sentence(name=problem.name.removeprefix("contact.")))
 
     def conditions(self) -> Iterator[Condition]:
-        """What the coefficients must be; traceable."""
+        """Yields the conditions on the coefficients; traceable."""
         if self.friction_law is not None:  # first, because what it makes of impossible numbers says nothing
             yield from self.friction_law.conditions()
         finite = namespace_of(self.friction).isfinite
@@ -160,7 +160,7 @@ class Contact(Printed):
         yield Condition(holds, "contact.slowest", self.slowest, "a positive number, or bounces would never end")
 
     def coefficient(self, speed: Float[Array, ""]) -> Float[Array, ""]:
-        """The kinetic friction coefficient for a slip speed, length/time."""
+        """Returns the kinetic friction coefficient for a slip speed, length/time."""
         return self.friction if self.friction_law is None else self.friction_law(speed)
 
     @property

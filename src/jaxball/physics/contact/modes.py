@@ -90,11 +90,11 @@ CAUSES = (
 
 
 def cause_of(mode: Float[Array, ""], guard: Int[Array, ""]) -> Int[Array, ""]:
-    """The cause that a guard of a mode stands for; ``NONE`` for none."""
+    """Returns the cause that a guard of a mode stands for; ``NONE`` for none."""
     cause = jnp.full_like(guard, NONE)
     for of_mode, causes in enumerate(CAUSES):
-        for k, one in enumerate(causes):
-            cause = jnp.where((mode == of_mode) & (guard == k), int(one), cause)
+        for k, switch_cause in enumerate(causes):
+            cause = jnp.where((mode == of_mode) & (guard == k), int(switch_cause), cause)
     return cause
 
 
@@ -135,16 +135,16 @@ class ContactState(AbstractState):
         return ReleasedState(self.body, self.V, self.height)
 
     def move(self, to: ReleasedState) -> "ContactState":
-        """The state with another place and motion of the body."""
+        """Returns the state with another place and motion of the body."""
         return eqx.tree_at(lambda x: (x.body, x.V, x.height), self, (to.body, to.V, to.height))
 
     def direction(self, t: Float[Array, ""], slip: Float[Array, "3"]) -> Float[Array, "2"]:
-        """σ of a body that slips with v_s; 0 without slip."""
+        """Returns σ of a body that slips with v_s; 0 without slip."""
         begins = t <= self.begun.until
         return jnp.where(begins, self.begun.direction(t), slip_direction(slip, jnp.zeros_like(slip[:2])))
 
     def is_in(self, mode: Mode) -> Bool[Array, ""]:
-        """Whether this is the mode."""
+        """Returns whether the state is in this mode."""
         return self.mode == int(mode)
 
 

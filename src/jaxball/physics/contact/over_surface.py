@@ -24,19 +24,21 @@ NEARER = 0.5  # of the distance between the centre and a surface: as far may a s
 
 
 def has_surface(system: AbstractBody) -> bool:
-    """Whether the ground of a body is not a plane."""
+    """Returns whether the ground of a body is not a plane."""
     return isinstance(system.ground, AbstractSurface)
 
 
 def near_to(system: AbstractBody, z: Array, height: Float[Array, "*batch"]) -> Float[Array, "*batch coordinates"]:
-    """``near`` of states of a body that is next to its ground, at ``z``."""
+    """Returns ``near`` for states of a body that is next to its ground, at ``z``."""
     if not has_surface(system):
         return jnp.zeros((*height.shape, 0), height.dtype)
     return z[..., None] if system.planar else z
 
 
 def with_place(system: AbstractBody, t: Float[Array, ""], state: ContactState, packed: ContactState) -> ContactState:
-    """The packed state with the place of the centre, in flight over a surface, instead of ``z`` and the height."""
+    """Returns the packed state with the place of the centre, in flight over a surface, instead of ``z`` and
+    the height.
+    """
     if not has_surface(system):
         return packed
     place = _of_body(system, position(system, t, state.released))
@@ -45,7 +47,9 @@ def with_place(system: AbstractBody, t: Float[Array, ""], state: ContactState, p
 
 
 def with_nearest_piece(system: AbstractBody, t: Float[Array, ""], packed: ContactState) -> ContactState:
-    """The inverse of :func:`with_place`: with the nearest piece of a surface, and the height over it."""
+    """Inverts :func:`with_place`: returns the packed state with the nearest piece of a surface, and the
+    height over it.
+    """
     surface, r = locate_surface(system, t, packed.body), system.radius
     if surface is None:
         return packed
@@ -61,7 +65,9 @@ def with_nearest_piece(system: AbstractBody, t: Float[Array, ""], packed: Contac
 
 
 def with_rates_of_place(system: AbstractBody, state: ContactState, rates: ContactState) -> ContactState:
-    """The rates of a packed state, from those of the ``state``: in flight over a surface, the place moves with V."""
+    """Returns the rates of a packed state, from the rates of the ``state``: in flight over a surface, the place moves
+    with V.
+    """
     if not has_surface(system):
         return rates
     V = _of_body(system, state.V)
@@ -69,7 +75,7 @@ def with_rates_of_place(system: AbstractBody, state: ContactState, rates: Contac
 
 
 def with_piece_remembered(system: AbstractBody, t: Float[Array, ""], packed: ContactState) -> ContactState:
-    """In flight, with the nearest piece as that from which the next ones are sought."""
+    """Returns the packed state, in flight with the nearest piece as the one from which the next ones are sought."""
     nearest = without_derivatives(with_nearest_piece(system, t, packed))
     u = near_to(system, nearest.body.z, nearest.height)
     near = jnp.where(packed.is_in(Mode.FLIGHT) & jnp.all(jnp.isfinite(u)), u, packed.near)
@@ -77,7 +83,7 @@ def with_piece_remembered(system: AbstractBody, t: Float[Array, ""], packed: Con
 
 
 def rounding_of_height(system: AbstractBody, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
-    """What rounding may make of the height over a surface, which is that of a difference of places."""
+    """Estimates the rounding of the height over a surface, which is the rounding of a difference of places."""
     if not has_surface(system):
         return jnp.zeros_like(state.height)
     c, r = jax.lax.stop_gradient((position(system, t, state.released), system.radius))
@@ -87,7 +93,8 @@ def rounding_of_height(system: AbstractBody, t: Float[Array, ""], state: Contact
 def clearance_for_landing(
     system: AbstractBody, t: Float[Array, ""], state: ContactState, above: Float[Array, ""]
 ) -> Float[Array, ""]:
-    """A height from which a body lands, ``above``, or what is positive where it cannot: beyond the edge of a surface.
+    """Returns a height from which a body lands, ``above``, or a positive number where it cannot: beyond the edge of a
+    surface.
 
     Nor does a body land that has passed below the ground, whose centre is on the other side.
     """
@@ -99,7 +106,8 @@ def clearance_for_landing(
 
 
 def longest_flight(system: AbstractBody, t: Float[Array, ""], state: ContactState) -> Float[Array, ""] | Any:
-    """How long a step in flight over a surface may be, so that the body cannot come far nearer to any part of it.
+    """Computes how long a step in flight over a surface may be, so that the body cannot come far nearer to any part of
+    it.
 
     The flight itself is a parabola, which a step of any length has; but one that goes beyond a hill shows nothing of it
     at the few times at which its guards are evaluated. Infinite in other modes, and over a plane.
@@ -115,7 +123,7 @@ def longest_flight(system: AbstractBody, t: Float[Array, ""], state: ContactStat
 
 
 def _of_body(system: AbstractBody, v: Float[Array, "3"]) -> Float[Array, " fields"]:
-    """The components of a vector in space that a body's place has: those in its plane of a disk."""
+    """Returns the components of a vector in space that a body's place has: for a disk, those in its plane."""
     return jnp.stack([v[0], v[2]]) if system.planar else v
 
 

@@ -78,14 +78,16 @@ class ReleasedState(Printed):
 
 
 def release(system: AbstractBody, t: Float[Array, ""], state: PlacedState) -> ReleasedState:
-    """A state of rolling, as that of a body that need not roll."""
+    """Returns a state of rolling as the state of a body that need not roll."""
     return ReleasedState(state, rolling_contact(system, t, state)[0], jnp.zeros_like(system.radius))
 
 
 def rolling_contact(
     system: AbstractBody, t: Float[Array, ""], body: PlacedState
 ) -> tuple[Float[Array, "3"], Float[Array, "3 3"] | None]:
-    """w + r ω × n, which V is without slip, space axes, and the contact axes as rows; None for those of space."""
+    """Computes w + r ω × n, which V is without slip, space axes, and the contact axes as rows, None for the axes of
+    space.
+    """
     r, surface = system.radius, locate_surface(system, t, body)
     if surface is None:
         return in_three(centre_velocity(body.Lambda, body.Omega, r, system.drift(t, body))), None
@@ -94,18 +96,19 @@ def rolling_contact(
 
 
 def in_contact_axes(axes: Float[Array, "3 3"] | None, v: Float[Array, "3"]) -> Float[Array, "3"]:
-    """The components in the contact axes of a vector in space."""
+    """Returns the components in the contact axes of a vector in space."""
     return v if axes is None else apply(axes, v)
 
 
 def in_space(axes: Float[Array, "3 3"] | None, v: Float[Array, "3"]) -> Float[Array, "3"]:
-    """A vector in space, of which ``v`` has the components in the contact axes."""
+    """Returns the vector in space whose components in the contact axes are ``v``."""
     return v if axes is None else apply(axes.T, v)
 
 
 @jax.jit
 def slip_velocity(system: AbstractBody, t: Float[Array, ""], state: ReleasedState) -> Float[Array, "3"]:
-    """v_s = V − w − rω × n, of the body's lowest point relative to the ground, in the contact axes.
+    """Computes v_s = V − w − rω × n, the velocity of the body's lowest point relative to the ground, in the contact
+    axes.
 
     The third component is the rate at which the body leaves the ground.
     """
@@ -118,7 +121,7 @@ def slip_velocity(system: AbstractBody, t: Float[Array, ""], state: ReleasedStat
 def with_rise(
     system: AbstractBody, t: Float[Array, ""], state: ReleasedState, rate: Float[Array, ""]
 ) -> Float[Array, "3"]:
-    """V of a body that leaves its ground at this rate, and slips as before."""
+    """Returns V of a body that leaves its ground at this rate, and slips as before."""
     rolling, axes = rolling_contact(system, t, state.body)
     if axes is None:
         return state.V.at[2].set(rate)
@@ -170,23 +173,25 @@ class Response(NamedTuple):
         return -apply(self.delassus, self.rolling.reaction)
 
     def slip_acceleration(self, R: Float[Array, "3"], N: Float[Array, ""]) -> Float[Array, "3"]:
-        """v̇_s under a reaction, contact axes; ``N`` is the normal force with which dry rolling friction is computed."""
+        """Computes v̇_s under a reaction, contact axes; ``N`` is the normal force with which dry rolling friction is
+        computed.
+        """
         rest = R - self.rolling.reaction
         return apply(self.delassus, rest if self.rubbing is None else rest - N * self.rubbing.reaction)
 
     def reaction(self, slip_acceleration: Float[Array, "3"], N: Float[Array, ""]) -> Float[Array, "3"]:
-        """R with a given v̇_s: the inverse of :meth:`slip_acceleration`."""
+        """Computes R with a given v̇_s: the inverse of :meth:`slip_acceleration`."""
         R = self.rolling.reaction + combine_rows(slip_acceleration, self.yielding.reaction)
         return R if self.rubbing is None else R + N * self.rubbing.reaction
 
     def accelerations(
         self, slip_acceleration: Float[Array, "3"], N: Float[Array, ""]
     ) -> tuple[Float[Array, "3"], Float[Array, " coordinates"]]:
-        """Ω̇ in body axes and θ̈ of all that a state's ``theta`` holds."""
+        """Computes Ω̇ in body axes and θ̈ of all that a state's ``theta`` holds."""
         return self._part("Omegadot", slip_acceleration, N), self._part("thetaddot", slip_acceleration, N)
 
     def holding(self, slip_acceleration: Float[Array, "3"], N: Float[Array, ""]) -> Float[Array, " sticking"]:
-        """The friction in the joints that stick."""
+        """Computes the friction in the joints that stick."""
         return self._part("holding", slip_acceleration, N)
 
     def _part(self, name: str, slip_acceleration: Float[Array, "3"], N: Float[Array, ""]) -> Array:
@@ -198,7 +203,7 @@ class Response(NamedTuple):
 def response(
     system: AbstractBody, t: Float[Array, ""], state: ReleasedState, touching: Bool[Array, ""] | None = None
 ) -> Response:
-    """The response of the body to each reaction of the ground.
+    """Computes the response of the body to each reaction of the ground.
 
     ``touching`` is False in flight, where the ground does not resist the body's turning; True if not given. A disk is
     held upright by a constraint that takes up all forces along e2, none of which belong to the reaction.
@@ -211,9 +216,9 @@ def response(
         Lambda = jnp.sum(under.axes[:, :, None] * body.Lambda[None], axis=1)  # from body axes to contact axes
         turning = apply(body.Lambda, body.Omega)
         convected = under.acceleration + r * cross(turning, under.normal_rate) + cross(under.turning, slip)
-    found = equations(system, t, body, None if under is None else acting.Gamma)
-    lever = found.at.M * r * found.Gamma + found.at.p
-    p = [link.weights for link in found.free]
+    dynamics = equations(system, t, body, None if under is None else acting.Gamma)
+    lever = dynamics.at.M * r * dynamics.Gamma + dynamics.at.p
+    p = [link.weights for link in dynamics.free]
     still = jnp.zeros_like(body.theta)
 
     def motion(
@@ -222,36 +227,36 @@ def response(
         force = apply(Lambda, force)
         if system.planar:
             force, Omegadot = force.at[1].set(0.0), jnp.zeros_like(Omegadot).at[1].set(Omegadot[1])
-        sticks = any(which is not None for which in found.held)
+        sticks = any(which is not None for which in dynamics.held)
         return Motion(Omegadot, thetaddot, force, of_sticking(system, holding) if sticks else None)
 
     def change(torque: Float[Array, "3"], efforts: Joints, force: Float[Array, "3"]) -> Motion:
-        Omegadot, thetaddot = found.matrix.solve(torque, found.without_held(efforts))
+        Omegadot, thetaddot = dynamics.matrix.solve(torque, dynamics.without_held(efforts))
         for weights, rate in zip(p, thetaddot, strict=True):
             force = force + jnp.sum(rate[..., None] * weights, axis=(0, 1))
         force = force + cross(Omegadot, lever)
-        holding = found.lacking(efforts, Omegadot, thetaddot)
-        return motion(Omegadot, join_coordinates(still, found.links, thetaddot), force, holding)
+        holding = dynamics.lacking(efforts, Omegadot, thetaddot)
+        return motion(Omegadot, join_coordinates(still, dynamics.links, thetaddot), force, holding)
 
     def yielding(axis: Float[Array, "3"]) -> Motion:
         efforts = [-jnp.sum(weights * axis[None, None], axis=-1) for weights in p]
-        return change(cross(axis, lever), efforts, found.at.M * axis)
+        return change(cross(axis, lever), efforts, dynamics.at.M * axis)
 
-    Omegadot, thetaddot = found.solve(r, t, body, acting)
-    R = reaction_in_body(found.complete(thetaddot), r, acting, found.Omega, Omegadot)
+    Omegadot, thetaddot = dynamics.solve(r, t, body, acting)
+    R = reaction_in_body(dynamics.complete(thetaddot), r, acting, dynamics.Omega, Omegadot)
     resistance = system.resistance
     is_exact = resistance is not None and resistance.holds
-    dry = None if resistance is None or is_exact else resistance.dry_torque(r, acting.resisted, found.Gamma)
-    idle = [jnp.zeros(link.slots.shape, dtype=Lambda.dtype) for link in found.free]
+    dry = None if resistance is None or is_exact else resistance.dry_torque(r, acting.resisted, dynamics.Gamma)
+    idle = [jnp.zeros(link.slots.shape, dtype=Lambda.dtype) for link in dynamics.free]
     of_slip = jax.vmap(yielding)(Lambda)
     if system.planar:
-        of_slip = of_slip._replace(reaction=of_slip.reaction.at[1, 1].set(found.at.M))
+        of_slip = of_slip._replace(reaction=of_slip.reaction.at[1, 1].set(dynamics.at.M))
     table = table_under(system, t, body, slip)
     if table is not None:
         convected = in_three(table.acceleration)
-    coordinates = join_coordinates(found.angles[2], found.links, thetaddot)
+    coordinates = join_coordinates(dynamics.angles[2], dynamics.links, thetaddot)
     return Response(
-        rolling=motion(Omegadot, coordinates, R, found.holding(t, body, acting, Omegadot, thetaddot)),
+        rolling=motion(Omegadot, coordinates, R, dynamics.holding(t, body, acting, Omegadot, thetaddot)),
         yielding=of_slip,
         delassus=inverse(of_slip.reaction),
         rubbing=None if dry is None else change(dry, idle, jnp.zeros_like(dry)),
@@ -269,7 +274,7 @@ def load_of_released(
     touching: Bool[Array, ""] | None,
     under: Footing | None,
 ) -> tuple[Load, Float[Array, "3"]]:
-    """The load on a body that may slip or fly, and its slip velocity in space axes."""
+    """Computes the load on a body that may slip or fly, and its slip velocity in space axes."""
     slip = slip_velocity(system, t, state) if under is None else state.V - under.centre_velocity
     return load(system, t, state.body, slip, touching, state.height, under), slip
 
@@ -281,7 +286,8 @@ def rates(
     slip_acceleration: Float[Array, "3"],
     N: Float[Array, ""],
 ) -> ReleasedState:
-    """ẋ with the slip acceleration v̇_s in contact axes, where ``N`` is the normal force of dry rolling friction.
+    """Computes ẋ with the slip acceleration v̇_s in contact axes, where ``N`` is the normal force of dry rolling
+    friction.
 
     V̇ = rω̇ × n + v̇_s + ``convected``.
     """
@@ -300,7 +306,7 @@ def with_slip(
     before: Float[Array, "3"],
     after: Float[Array, "3"],
 ) -> ReleasedState:
-    """The state with another slip velocity, after an impulse of the ground; contact axes.
+    """Returns the state with another slip velocity, after an impulse of the ground; contact axes.
 
     ``before`` is the slip velocity that it has, and ``found`` its response.
     """
@@ -313,7 +319,9 @@ def with_slip(
 
 
 def energy_of_released(system: AbstractBody, t: Float[Array, ""], state: ReleasedState) -> Float[Array, ""]:
-    """T + V of the body, mass length²/time², relative to the moving axes; 0 at rest in a centre at the origin."""
+    """Computes T + V of the body, mass length²/time², relative to the moving axes; 0 at rest in a centre at
+    the origin.
+    """
     body, r = state.body, system.radius
     points = kinematics(system, t, (body.theta, body.thetadot, body.thetadot))  # θ̈ is not used
     still = jnp.zeros((1, 3), dtype=state.V.dtype)
@@ -329,26 +337,26 @@ def energy_of_released(system: AbstractBody, t: Float[Array, ""], state: Release
 
 
 def position(system: AbstractBody, t: Float[Array, ""], state: ReleasedState) -> Float[Array, "3"]:
-    """Where the geometric centre is, space axes; a plane is at the height −r."""
+    """Returns the place of the geometric centre, space axes; a plane is at the height −r."""
     body, surface = state.body, locate_surface(system, t, state.body)
     if surface is None:
         return in_three(place(body)).at[2].set(state.height)
     return surface.place_of_centre(t, system.radius + state.height, body.z)
 
 
-def _turning(body: PlacedState, r: Float[Array, ""], Omega: Float[Array, "3"], found: Response) -> Float[Array, "3"]:
-    """r ω × n, space axes, where ``Omega`` is Ω, or a rate or a change of it, body axes."""
-    if found.footing is None:
+def _turning(body: PlacedState, r: Float[Array, ""], Omega: Float[Array, "3"], response: Response) -> Float[Array, "3"]:
+    """Computes r ω × n, space axes, where ``Omega`` is Ω, or a rate or a change of it, body axes."""
+    if response.footing is None:
         return in_three(centre_velocity(body.Lambda, Omega, r, None))
-    return r * cross(apply(body.Lambda, Omega), found.footing.normal)
+    return r * cross(apply(body.Lambda, Omega), response.footing.normal)
 
 
 def combine_rows(amounts: Float[Array, "3"], rows: Float[Array, "3 n"]) -> Float[Array, " n"]:
-    """The sum of rows, each times its amount."""
+    """Computes the sum of rows, each times its amount."""
     return jnp.sum(amounts[:, None] * rows, axis=0)
 
 
 def _place_centre(body: PlacedState, V: Float[Array, "3"], under: Footing | None) -> PlacedState:
-    """The rates of a state with those of its place."""
+    """Returns the rates of a state with the rates of its place put in."""
     place = under.coordinate_rates if under is not None else V[0] if isinstance(body, DiskState) else V[:2]
     return eqx.tree_at(lambda x: x.z, body, place)

@@ -35,7 +35,7 @@ class DryTorque(NamedTuple):
     by_normal: Float[Array, "3"]
 
     def __call__(self, slip_acceleration: Float[Array, "3"], N: Float[Array, ""]) -> Float[Array, "3"]:
-        """T under a slip acceleration and a normal force."""
+        """Computes T under a slip acceleration and a normal force."""
         return self.constant + combine_rows(slip_acceleration, self.by_slip) + N * self.by_normal
 
 
@@ -62,13 +62,13 @@ class Resisting(NamedTuple):
         response: Response,
         carried: Float[Array, "3"] | None = None,
     ) -> "Resisting":
-        """That of a body; ``response`` has no dry torque."""
+        """Describes a body before its mode of turning is known; ``response`` has no dry torque."""
         assert isinstance(body.resistance, Resistance)
         axle = jnp.zeros_like(axes[0]).at[1].set(1.0) if body.planar else None
         return cls(body.resistance, response, axes, body.radius, axle, carried)
 
     def in_space(self, Omegadot: Float[Array, "rows 3"]) -> Float[Array, "rows 3"]:
-        """Rows of Ω̇ in contact axes."""
+        """Returns rows of Ω̇ in contact axes."""
         return jnp.sum(Omegadot[:, None, :] * self.axes[None], axis=-1)
 
     @property
@@ -83,17 +83,17 @@ class Resisting(NamedTuple):
         return Turning(up, self.axle, rate, G, rolling.reaction[2], lift, self.radius)
 
     def turning(self, slides: Bool[Array, ""], mu: Float[Array, ""], sigma: Float[Array, "2"]) -> Turning:
-        """How the body turns while the contact slides in a direction σ, or does not slip."""
-        found, bare = self.response, self.bare
-        assert found.twisting is not None
-        pushed, rho = push(mu, sigma), found.twisting.reaction
-        moved, needed = apply(found.delassus, pushed), -found.free
-        yields = jnp.sum(rho[:, None, :] * found.delassus[None], axis=-1)
-        over = jnp.where(moved[2] == 0, found.delassus[2, 2], moved[2])
+        """Computes how the body turns while the contact slides in a direction σ, or does not slip."""
+        response, bare = self.response, self.bare
+        assert response.twisting is not None
+        pushed, rho = push(mu, sigma), response.twisting.reaction
+        moved, needed = apply(response.delassus, pushed), -response.free
+        yields = jnp.sum(rho[:, None, :] * response.delassus[None], axis=-1)
+        over = jnp.where(moved[2] == 0, response.delassus[2, 2], moved[2])
         N, lift = needed[2] / over, yields[:, 2] / over
         a = jnp.where(slides, N * moved - needed, 0.0).at[2].set(0.0)
         by_torque = jnp.where(slides, lift[:, None] * moved[None] - yields, 0.0).at[:, 2].set(0.0)
-        Y = self.in_space(found.yielding.Omegadot)
+        Y = self.in_space(response.yielding.Omegadot)
         return bare._replace(
             rate=bare.rate + combine_rows(a, Y),
             compliance=bare.compliance + jnp.sum(by_torque[:, :, None] * Y[None], axis=1).T,
@@ -102,23 +102,23 @@ class Resisting(NamedTuple):
         )
 
     def torque(self, mode: TurningMode) -> DryTorque:
-        """T in a mode of turning."""
+        """Computes T in a mode of turning."""
         bare = self.bare
         hold, d = Hold.of(bare, mode), drag(self.resistance, bare, mode)
         by_slip = -jax.vmap(hold)(self.in_space(self.response.yielding.Omegadot))
         return DryTorque(hold(mode.braking - bare.rate), by_slip, d - hold(apply(bare.compliance, d)))
 
     def resist_turning(self, torque: DryTorque) -> Response:
-        """The response of the body with the dry torque."""
-        found, twisting = self.response, self.response.twisting
+        """Computes the response of the body with the dry torque."""
+        response, twisting = self.response, self.response.twisting
         assert twisting is not None
 
         def twist(torque: Float[Array, "3"]) -> Motion:
             return jax.tree.map(lambda rows: combine_rows(torque, rows), twisting)
 
-        rolling = jax.tree.map(jnp.add, found.rolling, twist(torque.constant))
-        yielding = jax.tree.map(jnp.add, found.yielding, jax.vmap(twist)(torque.by_slip))
-        return found._replace(
+        rolling = jax.tree.map(jnp.add, response.rolling, twist(torque.constant))
+        yielding = jax.tree.map(jnp.add, response.yielding, jax.vmap(twist)(torque.by_slip))
+        return response._replace(
             rolling=rolling,
             yielding=yielding,
             delassus=inverse(yielding.reaction),
@@ -126,6 +126,6 @@ class Resisting(NamedTuple):
         )
 
     def spare(self, torque: DryTorque, acting: Interaction) -> Needs:
-        """What dry resistance has to spare where it holds the body."""
+        """Computes what dry resistance has to spare where it holds the body."""
         T = torque(acting.slip_acceleration, acting.normal)
         return needs(self.resistance, self.bare, Resisted(T, T, acting.normal))

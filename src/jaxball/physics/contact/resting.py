@@ -77,9 +77,9 @@ class RestingHistory(ContactHistory):
         mode = jnp.where(self.mode == int(Mode.REST), int(Mode.ROLLING), self.mode).astype(state.mode.dtype)
         rolls = jnp.where(self.rests, 0.0, 1.0).astype(state.mode.dtype)
         rolling = Beginning.along(state.begun.until, self.rolling)
-        given: dict[str, Any] = {field.name: getattr(state, field.name) for field in dataclasses.fields(state)}
-        given["mode"] = mode
-        solved = RestingState(**given, rolls=rolls, spin=self.spin, rolling=rolling)
+        fields: dict[str, Any] = {field.name: getattr(state, field.name) for field in dataclasses.fields(state)}
+        fields["mode"] = mode
+        solved = RestingState(**fields, rolls=rolls, spin=self.spin, rolling=rolling)
         return RestingOnPlane(system, plane.contact), solved
 
 
@@ -110,7 +110,7 @@ class RestingOnPlane(BodyOnPlane):
         return eqx.tree_at(lambda x: x.body, moved, moved.body.with_Omega(self.unless_held(packed, rate)))
 
     def contact_axes(self, t: Float[Array, ""], state: Any) -> ContactAxes:
-        """The axes of the contact at a state, packed or not; in flight those of space, which are at rest."""
+        """Returns the axes of the contact at a state, packed or not; in flight the axes of space, which are at rest."""
         body = state.body
         if not over.has_surface(self.body):
             return ContactAxes(body.Lambda, None)
@@ -122,11 +122,11 @@ class RestingOnPlane(BodyOnPlane):
         return ContactAxes(jnp.where(flies, body.Lambda, touching.rows), jnp.where(flies, 0.0, touching.spin))
 
     def over_ground(self, t: Float[Array, ""], state: Any) -> Float[Array, "3"]:
-        """ω relative to the ground, in contact axes."""
+        """Computes ω relative to the ground, in contact axes."""
         return self.contact_axes(t, state).over_ground(state.body.Omega)
 
     def rate_over_ground(self, t: Float[Array, ""], state: Any, Omegadot: Float[Array, "3"]) -> Float[Array, "3"]:
-        """The rate of ω relative to the ground, in contact axes, from Ω̇."""
+        """Computes the rate of ω relative to the ground, in contact axes, from Ω̇."""
         rate, carried = apply(self.contact_axes(t, state).rows, Omegadot), self.compute_carried_rate(t, state)
         return rate if carried is None else rate + carried
 
@@ -144,12 +144,12 @@ class RestingOnPlane(BodyOnPlane):
         return jnp.where(touching, apply(self.contact_axes(t, state).rows, carried), 0.0)
 
     def unless_held(self, state: RestingState, omega: Float[Array, "3"]) -> Float[Array, "3"]:
-        """ω over the ground, or its rate, in contact axes, with 0 for what friction holds."""
+        """Returns ω over the ground, or its rate, in contact axes, with 0 for the components that friction holds."""
         rests = state.rolls == 0
         return jnp.where(jnp.stack([rests, rests, self.is_held_still(state)]), 0.0, omega)
 
     def is_held_still(self, state: RestingState) -> Bool[Array, ""]:
-        """Whether friction holds the body against spinning."""
+        """Returns whether friction holds the body against spinning."""
         return (state.spin == 0) & self.resists_spinning
 
     @property
@@ -163,30 +163,32 @@ class RestingOnPlane(BodyOnPlane):
     # The plane.
 
     def mode(self, t: Float[Array, ""], state: RestingState, sigma: Float[Array, "2"] | None = None) -> TurningMode:
-        """The mode of turning, in contact axes, of a body that rolls in the direction ``sigma``, if that is known."""
+        """Returns the mode of turning, in contact axes, of a body that rolls in the direction ``sigma``, if that is
+        known.
+        """
         direction = self.direction(t, state) if sigma is None else sigma
         rests = state.rolls == 0
         sigma3 = jnp.where(rests, 0.0, jnp.concatenate([direction, jnp.zeros_like(direction[:1])]))
         return TurningMode(sigma3, state.spin, rests, self.is_held_still(state), jnp.zeros_like(sigma3))
 
     def direction(self, t: Float[Array, ""], state: RestingState) -> Float[Array, "2"]:
-        """The direction of ω_h of a body that rolls, contact axes."""
+        """Returns the direction of ω_h of a body that rolls, contact axes."""
         omega = self.over_ground(t, state)
         begins = t <= state.rolling.until
         return jnp.where(begins, state.rolling.direction(t), unit(omega[:2]))
 
     def resisting(self, t: Float[Array, ""], state: RestingState) -> Resisting:
-        """The body before its mode of turning is known."""
-        found = response(self.body, t, state.released, touching=~state.is_in(Mode.FLIGHT))
-        carried = self.compute_carried_rate(t, state, found.footing)
-        return Resisting.of(self.body, self.contact_axes(t, state).rows, found, carried)
+        """Returns the body before its mode of turning is known."""
+        body_response = response(self.body, t, state.released, touching=~state.is_in(Mode.FLIGHT))
+        carried = self.compute_carried_rate(t, state, body_response.footing)
+        return Resisting.of(self.body, self.contact_axes(t, state).rows, body_response, carried)
 
     def response(self, t: Float[Array, ""], state: Any) -> Response:
         resisting = self.resisting(t, state)
         return resisting.resist_turning(resisting.torque(self.mode(t, state)))
 
     def torque(self, t: Float[Array, ""], state: RestingState) -> tuple[Resisting, DryTorque]:
-        """The body and its dry torque."""
+        """Returns the body and its dry torque."""
         resisting = self.resisting(t, state)
         return resisting, resisting.torque(self.mode(t, state))
 
@@ -199,7 +201,7 @@ class RestingOnPlane(BodyOnPlane):
     # The guards.
 
     def step_reference(self, t: Float[Array, ""], state: Any, accuracy: Accuracy) -> Any:
-        """The headings of a slip and of rolling as a step begins."""
+        """Returns the headings of a slip and of rolling as a step begins."""
         sigma, omega = self.direction(t, state), self.over_ground(t, state)
         errors = accuracy.atol + accuracy.rtol * root(jnp.sum(omega**2))
         heading = Heading.of(sigma, omega[:2], self._unit_of_rate(omega), errors)
@@ -208,30 +210,30 @@ class RestingOnPlane(BodyOnPlane):
         return Headings(super().step_reference(t, state, accuracy), heading)
 
     def guards(self, t: Float[Array, ""], state: Any) -> Float[Array, "5"]:
-        """The guards without a solve, in which a slip and rolling end where their velocities vanish."""
+        """Computes the guards without a solve, in which a slip and rolling end where their velocities vanish."""
         sigma, zero = state.direction(t, slip_velocity(self.body, t, state.released)), jnp.zeros_like(state.height)
         headings = Heading(sigma, zero, zero), Heading(self.direction(t, state), zero, zero)
         return self.guards_in_step(t, state, Headings(*headings))
 
     def guards_in_step(self, t: Float[Array, ""], state: Any, reference: Any) -> Float[Array, "5"]:
-        """Those of the contact, of rolling and of spinning."""
+        """Computes the guards of the contact, of rolling and of spinning."""
         resisting, torque = self.torque(t, state)
-        found = resisting.resist_turning(torque)
-        acting = self.interaction(t, state, found)
-        of_contact = self.guards_of_contact(t, state, reference.slip, found, acting)
+        response = resisting.resist_turning(torque)
+        acting = self.interaction(t, state, response)
+        of_contact = self.guards_of_contact(t, state, reference.slip, response, acting)
         spare, omega = resisting.spare(torque, acting), self.over_ground(t, state)
-        flies, one = state.is_in(Mode.FLIGHT), jnp.ones_like(state.height)
-        rolling = spinning = one
+        flies, unit = state.is_in(Mode.FLIGHT), jnp.ones_like(state.height)
+        rolling = spinning = unit
         if self.resists_rolling:
             forward = jnp.sum(omega[:2] * reference.rolling.sigma) - reference.rolling.least
             rolling = jnp.where(state.rolls == 0, spare.rolling, forward)
         if self.resists_spinning:
             spinning = jnp.where(state.spin == 0, spare.spinning, state.spin * omega[2])
-        turning = jnp.where(flies, one, jnp.stack([rolling, spinning]))
+        turning = jnp.where(flies, unit, jnp.stack([rolling, spinning]))
         return jnp.concatenate([of_contact, turning])
 
     def time_event(self, t: Float[Array, ""], state: Any) -> Float[Array, ""]:
-        """The next end of a window in which the direction of a slip or of rolling is known beforehand."""
+        """Returns the next end of a window in which the direction of a slip or of rolling is known beforehand."""
         slip, rolling = super().time_event(t, state), state.rolling.until
         if self.body.planar:
             return slip
@@ -239,15 +241,17 @@ class RestingOnPlane(BodyOnPlane):
         return jnp.minimum(jnp.where(slip > t, slip, jnp.inf), rolling)
 
     def assess(self, step: GuardedStep, accuracy: Accuracy) -> Assessment:
-        """The cause that the guard which is zero stands for, or an end of a slip or of rolling; the longest step."""
+        """Finds the cause that the guard which is zero stands for, or an end of a slip or of rolling; and the longest
+        step.
+        """
         turns, state = step.zero >= TURNING_GUARD, step.state
         reference, guards = step.reference, step.guards
-        own = step._replace(
+        contact_step = step._replace(
             reference=reference.slip,
             guards=guards[:TURNING_GUARD],
             zero=jnp.where(turns, NONE, step.zero),
         )
-        contact = super().assess(own, accuracy)
+        contact = super().assess(contact_step, accuracy)
         rolls = (state.rolls != 0) & ~state.is_in(Mode.FLIGHT) & self.resists_rolling
         stops, ends = rolls & (step.zero == TURNING_GUARD), turns & step.has_fallen
         nears, longest = jnp.zeros_like(turns), contact.longest
@@ -267,17 +271,17 @@ class RestingOnPlane(BodyOnPlane):
         return Assessment(jnp.where(ends, cause, otherwise), longest)
 
     def _unit_of_rate(self, omega: Float[Array, "3"]) -> Float[Array, ""]:
-        """A reference for errors of ω: √(g/r) and |ω|."""
+        """Computes a reference for errors of ω: √(g/r) and |ω|."""
         g, r, size = jax.lax.stop_gradient((jnp.abs(self.body.gravity), self.body.radius, root(jnp.sum(omega**2))))
         return root(g / r) + size
 
     # How modes begin.
 
     def start(self, t: Float[Array, ""], state: ReleasedState | PlacedState) -> RestingState:
-        given = super().start(t, state)
-        fields = {field.name: getattr(given, field.name) for field in dataclasses.fields(given)}
-        one = jnp.ones_like(given.height)  # nothing is held before the first transition
-        return RestingState(**fields, rolls=one, spin=one, rolling=Beginning.none(one))
+        contact_state = super().start(t, state)
+        fields = {field.name: getattr(contact_state, field.name) for field in dataclasses.fields(contact_state)}
+        unit = jnp.ones_like(contact_state.height)  # nothing is held before the first transition
+        return RestingState(**fields, rolls=unit, spin=unit, rolling=Beginning.none(unit))
 
     def transition(self, t: Float[Array, ""], state: Any, event: Int[Array, ""], accuracy: Accuracy) -> Transition:
         return transition(self, t, state, event, accuracy)
@@ -288,7 +292,7 @@ class RestingOnPlane(BodyOnPlane):
         of_contact = super().history(times, states, record)
         rests = states.rolls == 0
         plane = self.prepare()
-        rolling = jax.lax.map(lambda known: plane.direction(*known), (times, states))
+        rolling = jax.lax.map(lambda arguments: plane.direction(*arguments), (times, states))
         fields = {field.name: getattr(of_contact, field.name) for field in dataclasses.fields(of_contact)}
         before, after = ((x.mode, x.rolls) for x in (record.before, record.after))
         switches = dataclasses.replace(
@@ -305,5 +309,5 @@ class RestingOnPlane(BodyOnPlane):
 
 
 def _with_rest(mode: Int[Array, "*rows"], rolls: Float[Array, "*rows"]) -> Int[Array, "*rows"]:
-    """Modes where one of rolling is that of rest if dry resistance holds the body."""
+    """Returns the modes, with rest in place of rolling where dry resistance holds the body."""
     return jnp.where((mode == int(Mode.ROLLING)) & (rolls == 0), int(Mode.REST), mode)

@@ -43,7 +43,7 @@ TURNS_TAKEN = 6  # by the windows of a slip and of rolling that begin together
 def transition(
     plane: "RestingOnPlane", t: Float[Array, ""], state: "RestingState", cause: Int[Array, ""], accuracy: Accuracy
 ) -> Transition:
-    """What follows a :class:`SwitchCause` for which a mode ends, the end of a window, or the start of a run."""
+    """Finds what follows a :class:`SwitchCause` for which a mode ends, the end of a window, or the start of a run."""
     slip, rolling = without_derivatives(plane).step_reference(*without_derivatives((t, state, accuracy)))
     least = jnp.zeros_like(rolling.speed) if plane.body.planar else rolling.speed
     heading = Headings(slip._replace(least=slip.speed), rolling._replace(least=least))
@@ -75,7 +75,7 @@ def _next_mode(
     cause: Int[Array, ""],
     tolerance: Float[Array, ""],
 ) -> Progress:
-    """The state that follows the end of a mode: after the end of a slip or of rolling, or an impact."""
+    """Finds the state that follows the end of a mode: after the end of a slip or of rolling, or an impact."""
     starts, decides = cause == START, (cause == START) | (cause >= 0)
     rise = plane.rise(t, state)
     lands = (cause == int(SwitchCause.LANDS)) | starts & (state.height <= 0) & (rise < 0)
@@ -111,31 +111,31 @@ class _Rolling(NamedTuple):
 
     @classmethod
     def of(cls, plane: "RestingOnPlane", t: Float[Array, ""], state: "RestingState") -> "_Rolling":
-        """That of a state."""
+        """Describes the rolling of a body at a state."""
         slip = slip_velocity(plane.body, t, state.released)
         mu, sigma = plane.coefficient(slip), state.direction(t, slip)
         mode = plane.mode(t, state)
         return cls(plane.resisting(t, state), mode, state.is_in(Mode.SLIDING), mu, sigma)
 
     def pull(self, sigma: Float[Array, "2"]) -> slips.Pull:
-        """How ω_h changes in a direction of rolling."""
+        """Computes how ω_h changes in a direction of rolling."""
         turning = self.resisting.turning(self.slides, self.mu, self.sigma)
         acting = resist(self.resisting.resistance, turning, self.mode._replace(sigma=_in_three(sigma)))
         return slips.Pull(acting.rate[:2], -jnp.sum(sigma * acting.torque[:2]), acting.normal)
 
     def rates(self, body: Any, state: "RestingState", mode: TurningMode) -> ReleasedState:
-        """ẋ in a mode of turning."""
-        found = self.resisting.resist_turning(self.resisting.torque(mode))
-        acting = self.interaction(found)
-        return rates(body, state.released, found, acting.slip_acceleration, acting.normal)
+        """Computes ẋ in a mode of turning."""
+        response = self.resisting.resist_turning(self.resisting.torque(mode))
+        acting = self.interaction(response)
+        return rates(body, state.released, response, acting.slip_acceleration, acting.normal)
 
     def interaction(self, found: Response) -> friction.Interaction:
-        """The reaction of the plane."""
+        """Computes the reaction of the plane."""
         return select_tree(self.slides, friction.sliding(found, self.mu, self.sigma), friction.rolling(found))
 
 
 def _end_rolling(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array, ""]) -> Progress:
-    """At the end of rolling, if it has one soon, with what acts halfway."""
+    """Moves the state to the end of rolling, if it has one soon, with what acts halfway."""
     state: Any = done.state
     if plane.body.planar:
         return done._replace(stands=jnp.asarray(True))
@@ -190,24 +190,26 @@ class _Deciding(NamedTuple):
     slack: Float[Array, ""]
 
     def response(self, choice: _Choice) -> Response:
-        """The response where some things are held."""
+        """Computes the response where some things are held."""
         return self.resisting.resist_turning(self.resisting.torque(choice.mode))
 
     def first_slip(self, choice: _Choice) -> Float[Array, "2"]:
-        """The direction in which a slip begins."""
+        """Finds the direction in which a slip begins."""
         return friction.first_slip(self.response(choice), self.mu).sigma
 
     def first_rolling(self, choice: _Choice) -> Float[Array, "3"]:
-        """The direction in which rolling begins."""
+        """Finds the direction in which rolling begins."""
         sigma = diverging(_pull, (self, choice), jax.lax.stop_gradient(choice.mode.sigma[:2])).sigma
         return _in_three(sigma)
 
     def with_one_less(self, choice: _Choice, at_once: Bool[Array, "3"]) -> _Choice:
-        """The choice in which the most overloaded of them has let go; or those that let go ``at_once``, if any do."""
+        """Returns the choice in which the most overloaded of the contact, rolling and spinning has let go; or those
+        that let go ``at_once``, if any do.
+        """
         sigma = jax.lax.cond(self.still & ~choice.sticks, lambda: self.first_slip(choice), lambda: choice.sigma)
         torque = self.resisting.torque(choice.mode)
-        found = self.resisting.resist_turning(torque)
-        acting = select_tree(choice.sticks, friction.rolling(found), friction.sliding(found, self.mu, sigma))
+        response = self.resisting.resist_turning(torque)
+        acting = select_tree(choice.sticks, friction.rolling(response), friction.sliding(response, self.mu, sigma))
         T, need = torque(acting.slip_acceleration, acting.normal), self.resisting.spare(torque, acting)
         N = acting.R[2]
         spare = friction.margin(acting.R, self.static) + self.slack
@@ -238,18 +240,18 @@ def _pull(about: tuple[_Deciding, _Choice], sigma: Float[Array, "2"]) -> tuple[F
 
 
 def _decide(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> Progress:
-    """In the mode that follows: held as far as friction and dry resistance can do it."""
+    """Decides the mode that follows: everything is held as far as friction and dry resistance can do it."""
     t, body, contact = done.t, plane.body, plane.contact
     assert done.stands is not None
-    given, omega = _clean(plane, done, cause)
-    touching: Any = eqx.tree_at(lambda x: x.mode, given, jnp.full_like(given.mode, int(Mode.SLIDING)))
-    slip, resisting = slip_velocity(body, t, given.released), plane.resisting(t, touching)
-    still = done.still | plane.is_still(slip, given)
+    before, omega = _clean(plane, done, cause)
+    touching: Any = eqx.tree_at(lambda x: x.mode, before, jnp.full_like(before.mode, int(Mode.SLIDING)))
+    slip, resisting = slip_velocity(body, t, before.released), plane.resisting(t, touching)
+    still = done.still | plane.is_still(slip, before)
     mu = plane.coefficient(jnp.where(still, 0.0, slip))
-    slack = plane.rounding_of_force(given, resisting.response)
+    slack = plane.rounding_of_force(before, resisting.response)
     deciding = _Deciding(resisting, still, mu, contact.static_friction, slack)
     moving = candidates(resisting.resistance, resisting.bare, omega)
-    may_rest = (cause == START) | done.stands | done.lands | (given.rolls == 0)
+    may_rest = (cause == START) | done.stands | done.lands | (before.rolls == 0)
     moving = moving._replace(rests=moving.rests & may_rest)
     gives_way = cause == int(SwitchCause.GIVES_WAY)
     sticks = still & (contact.static_friction > 0) & ~gives_way
@@ -260,11 +262,11 @@ def _decide(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> P
     choice = _choose(deciding, _Choice(sticks, sigma, moving), at_once)
     slips_now, turns = still & ~choice.sticks, moving.rests & ~choice.mode.rests
     choice = _direct(deciding, choice, slips_now, turns, plane.body.planar)
-    found = deciding.response(choice)
-    flies = done.flies | ~choice.sticks & ~(friction.sliding(found, mu, choice.sigma).normal > -slack)
+    response = deciding.response(choice)
+    flies = done.flies | ~choice.sticks & ~(friction.sliding(response, mu, choice.sigma).normal > -slack)
     # The rest of a slip that ends is dissipated by friction; one without an end continues.
-    stopped = with_slip(body, given.released, found, slip, jnp.zeros_like(slip))
-    state: Any = select_tree(still & ~flies & (choice.sticks | plane.slips_end), given.move(stopped), given)
+    stopped = with_slip(body, before.released, response, slip, jnp.zeros_like(slip))
+    state: Any = select_tree(still & ~flies & (choice.sticks | plane.slips_end), before.move(stopped), before)
     rise = slip_velocity(body, t, state.released)[2]
     V = with_rise(body, t, state.released, jnp.where(flies & (cause != int(SwitchCause.LIFTS)), rise, 0.0))
     mode = jnp.where(flies, int(Mode.FLIGHT), jnp.where(choice.sticks, int(Mode.ROLLING), int(Mode.SLIDING)))
@@ -281,7 +283,7 @@ def _decide(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> P
 
 
 def _clean(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> tuple[Any, Float[Array, "3"]]:
-    """The state, and ω over the ground, with exactly 0 for what has stopped or is held."""
+    """Returns the state, and ω over the ground, with exactly 0 for what has stopped or is held."""
     state: Any = eqx.tree_at(lambda x: x.mode, done.state, jnp.full_like(done.state.mode, int(Mode.SLIDING)))
     assert done.stands is not None
     axes, state = plane.contact_axes(done.t, state), done.state
@@ -293,7 +295,7 @@ def _clean(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> tu
 
 
 def _choose(deciding: _Deciding, choice: _Choice, at_once: Bool[Array, "3"]) -> _Choice:
-    """The choice when nothing is overloaded; it has no derivatives but those of the given one."""
+    """Finds the choice when nothing is overloaded; it has no derivatives but those from the given one."""
     still, held, now = without_derivatives((deciding, choice, at_once))
     held = still.with_one_less(held, now)
     none = jnp.zeros_like(at_once)
@@ -306,7 +308,7 @@ def _choose(deciding: _Deciding, choice: _Choice, at_once: Bool[Array, "3"]) -> 
 def _direct(
     deciding: _Deciding, choice: _Choice, slips_now: Bool[Array, ""], turns: Bool[Array, ""], planar: bool
 ) -> _Choice:
-    """The choice with the directions in which a slip and rolling that begin grow."""
+    """Returns the choice with the directions in which a slip and rolling that begin grow."""
 
     def next_choice(choice: _Choice, _: None) -> tuple[_Choice, None]:
         sigma = jax.lax.cond(slips_now, lambda: deciding.first_slip(choice), lambda: choice.sigma)
@@ -335,10 +337,10 @@ class _Slipping(NamedTuple):
     def pull(
         self, t: Float[Array, ""], state: ReleasedState, prepare: tuple[Response, Float[Array, ""]], sigma: Array
     ) -> tuple[Float[Array, "2"], ReleasedState]:
-        """The slip acceleration along the plane, and ẋ."""
-        found, mu = prepare
-        acting = friction.sliding(found, mu, sigma)
-        moved = rates(self.plane.body, state, found, acting.slip_acceleration, acting.normal)
+        """Computes the slip acceleration along the plane, and ẋ."""
+        response, mu = prepare
+        acting = friction.sliding(response, mu, sigma)
+        moved = rates(self.plane.body, state, response, acting.slip_acceleration, acting.normal)
         return acting.slip_acceleration[:2], moved
 
 
@@ -354,14 +356,16 @@ class _Turning(NamedTuple):
     def pull(
         self, t: Float[Array, ""], state: ReleasedState, prepare: _Rolling, sigma: Float[Array, "2"]
     ) -> tuple[Float[Array, "2"], ReleasedState]:
-        """The rate of ω_h over the ground, in contact axes, and ẋ."""
+        """Computes the rate of ω_h over the ground, in contact axes, and ẋ."""
         now = self.begins.move(state)
         moved = prepare.rates(self.plane.body, now, self.plane.mode(t, now, sigma))
         return self.plane.rate_over_ground(t, now, moved.body.Omega)[:2], moved
 
 
 def _begin(plane: "RestingOnPlane", done: Progress) -> "RestingState":
-    """With the directions of a slip and of rolling that begin, for as long as they are computed in advance."""
+    """Returns the state with the directions of a slip and of rolling that begin, for as long as they are computed in
+    advance.
+    """
     t, state = done.t, done.state
     assert done.turns is not None
     longest = slips.longest_window(t, plane.driving_kinks(), slips.unit_of_time(plane.body))
@@ -389,8 +393,8 @@ def _begin(plane: "RestingOnPlane", done: Progress) -> "RestingState":
         return eqx.tree_at(lambda x: x.rolling, start, turning), None
 
     ahead = Beginning.along(t + longest, sigma), Beginning.along(t + longest, rolling)
-    kept = select_tree(done.decides, none, start.begun), select_tree(done.decides, none, start.rolling)
-    first = select_tree(begins, ahead[0], kept[0]), select_tree(turns, ahead[1], kept[1])
+    previous = select_tree(done.decides, none, start.begun), select_tree(done.decides, none, start.rolling)
+    first = select_tree(begins, ahead[0], previous[0]), select_tree(turns, ahead[1], previous[1])
     start = eqx.tree_at(lambda x: (x.begun, x.rolling), start, first)
     return jax.lax.scan(windows, start, jnp.arange(TURNS_TAKEN) == 0)[0]
 

@@ -72,17 +72,17 @@ class Beginning(NamedTuple):
 
     @classmethod
     def none(cls, like: Float[Array, ""]) -> "Beginning":
-        """The direction of a slip that began long ago."""
+        """Returns the direction of a slip that began long ago."""
         never = jnp.full_like(like, -(float(jnp.finfo(like.dtype).max) ** 0.5))
         return cls.along(never, jnp.zeros((2,), like.dtype))
 
     @classmethod
     def along(cls, until: Float[Array, "*batch"], sigma: Float[Array, "*batch 2"]) -> "Beginning":
-        """The direction of a slip that does not turn."""
+        """Returns the direction of a slip that does not turn."""
         return cls(until, jnp.ones_like(until), sigma, jnp.zeros((*until.shape, DEGREE), sigma.dtype))
 
     def direction(self, t: Float[Array, ""]) -> Float[Array, "2"]:
-        """σ at a time in the window."""
+        """Computes σ at a time in the window."""
         u, tangent = jnp.clip(1 + (t - self.until) / self.span, 0.0, 1.0), jnp.zeros_like(t)
         for k in reversed(range(DEGREE)):
             tangent = u * (self.bends[k] + tangent)
@@ -105,7 +105,9 @@ class Heading(NamedTuple):
         errors: Float[Array, ""],
         power: float = SLOW,
     ) -> "Heading":
-        """The heading of a slip in the direction σ: ``size`` is that of velocities, ``errors`` that of their errors."""
+        """Returns the heading of a slip in the direction σ: ``size`` is the size of velocities, ``errors`` the size of
+        their errors.
+        """
         speed = jnp.maximum(jnp.sum(slip * sigma), 0.0)
         least = jnp.maximum(float(jnp.finfo(speed.dtype).eps) ** power * size, UNTOLD * errors)
         return cls(sigma, speed, jnp.minimum(least, 0.5 * speed))
@@ -143,9 +145,11 @@ class OnPlane(NamedTuple):
     coefficient: Callable[[Float[Array, "3"]], Float[Array, ""]]
 
     def prepare(self, t: Float[Array, ""], state: ReleasedState) -> tuple[Response, Float[Array, ""]]:
-        """The response of the body, and μ."""
-        found = response(self.body, t, state, touching=jnp.asarray(True))  # as elsewhere, so that it is traced once
-        return found, self.coefficient(slip_velocity(self.body, t, state))
+        """Computes the response of the body, and μ."""
+        body_response = response(
+            self.body, t, state, touching=jnp.asarray(True)
+        )  # as elsewhere, so that it is traced once
+        return body_response, self.coefficient(slip_velocity(self.body, t, state))
 
     def pull(
         self,
@@ -154,15 +158,15 @@ class OnPlane(NamedTuple):
         prepare: tuple[Response, Float[Array, ""]],
         sigma: Float[Array, "2"],
     ) -> tuple[Float[Array, "2"], ReleasedState]:
-        """The slip acceleration along the ground, and ẋ."""
-        found, mu = prepare
-        acting = sliding(found, mu, sigma)
-        moved = rates(self.body, state, found, acting.slip_acceleration, acting.normal)
+        """Computes the slip acceleration along the ground, and ẋ."""
+        body_response, mu = prepare
+        acting = sliding(body_response, mu, sigma)
+        moved = rates(self.body, state, body_response, acting.slip_acceleration, acting.normal)
         return acting.slip_acceleration[:2], moved
 
 
 def pull_of_friction(about: tuple[Response, Float[Array, ""]], sigma: Float[Array, "2"]) -> Pull:
-    """How a body with some response slips, at a coefficient μ."""
+    """Computes how a body with some response slips, at a coefficient μ."""
     acting = sliding(*about, sigma)
     return Pull(acting.slip_acceleration[:2], -jnp.sum(sigma * acting.R[:2]), acting.normal)
 
@@ -181,7 +185,7 @@ class End(NamedTuple):
 
 @partial(jax.jit, static_argnums=0)
 def end(pull: Callable[[Any, Float[Array, "2"]], Pull], about: Any, slip: Float[Array, "2"]) -> End:
-    """The end of a slow slip, during which what it depends on, ``about``, is constant.
+    """Computes the end of a slow slip, during which everything that it depends on, ``about``, is constant.
 
     It ends if the direction to which the slip turns is one in which it slows down.
     """
@@ -217,7 +221,7 @@ def end(pull: Callable[[Any, Float[Array, "2"]], Pull], about: Any, slip: Float[
 
 
 def longest_pause(tolerance: Float[Array, ""], unit_of_time: Float[Array, ""]) -> Float[Array, ""]:
-    """The longest time over which a slip is followed to its end by :func:`end`."""
+    """Computes the longest time over which a slip is followed to its end by :func:`end`."""
     eps = float(jnp.finfo(unit_of_time.dtype).eps)
     return jnp.maximum(eps**LONGEST_PAUSE, COARSER * jnp.cbrt(tolerance)) * unit_of_time
 
@@ -225,19 +229,19 @@ def longest_pause(tolerance: Float[Array, ""], unit_of_time: Float[Array, ""]) -
 def longest_window(
     t: Float[Array, ""], kinks: Float[Array, " kinks"], unit_of_time: Float[Array, ""]
 ) -> Float[Array, ""]:
-    """The longest time from ``t`` on for which the direction of a slip that begins is computed beforehand."""
+    """Computes the longest time from ``t`` on for which the direction of a slip that begins is computed beforehand."""
     kink = jnp.min(jnp.where(kinks > t, kinks, jnp.inf), initial=jnp.inf)
     return jax.lax.stop_gradient(jnp.minimum(LONGEST_WINDOW * unit_of_time, BEFORE_KINK * (kink - t)))
 
 
 def unit_of_time(body: AbstractBody) -> Float[Array, ""]:
-    """√(r/g); √r without gravity."""
+    """Computes √(r/g); √r without gravity."""
     g = jnp.abs(body.gravity)
     return root(body.radius / jnp.where(g > 0, g, 1.0))
 
 
 def nears_its_end(before: Float[Array, ""], after: Float[Array, ""], least: Float[Array, ""]) -> Bool[Array, ""]:
-    """Whether a step has slowed down a slip that was slow when it began, so that its end may have come.
+    """Returns whether a step has slowed down a slip that was slow when it began, so that its end may have come.
 
     Where friction is hardly needed to hold the body, the direction of a slow slip returns to that in which it ends much
     faster than the slip slows down. Steps are then too short to halve its speed, and would never meet a zero of the
@@ -253,7 +257,8 @@ def longest_step(
     length: Float[Array, ""],
     accuracy: Accuracy,
 ) -> Float[Array, ""]:
-    """The longest next step after one of this length in which a slip has slowed down; infinite where it has not.
+    """Computes the longest next step after one of this length in which a slip has slowed down; infinite where it has
+    not.
 
     It is a fraction of the time until the end of the slip, where the direction turns ever faster, and goes beyond the
     least speed at most half way to the end, because the stages of a step across the end pull in both directions, which
@@ -270,11 +275,11 @@ def longest_step(
 def beginning(
     what: Pulled, t: Float[Array, ""], state: Any, sigma: Float[Array, "2"], longest: Float[Array, ""]
 ) -> Beginning:
-    """How a slip begins at ``t``, where its velocity is zero, in the direction ``sigma``: in the ``longest`` window, or
-    a shorter one in which a polynomial can follow it.
+    """Computes how a slip begins at ``t``, where its velocity is zero, in the direction ``sigma``: in the ``longest``
+    window, or a shorter one in which a polynomial can follow it.
     """
-    given = _Start(what, t, state, sigma)
-    still, highest = without_derivatives(given), _lobatto(sigma.dtype).highest
+    start = _Start(what, t, state, sigma)
+    still, highest = without_derivatives(start), _lobatto(sigma.dtype).highest
     longest = jax.lax.stop_gradient(longest)
     begun = still.window(longest)
 
@@ -283,14 +288,17 @@ def beginning(
         sigmas, aside, along, x = still.integrate(window, a, rate)
         window = window._replace(x=x, inverse=still.newton(window, sigmas, along, change))
         tangents, sweeps = window.turn(aside), window.sweeps + 1
-        done, found = sweeps % SWEEPS == 0, (jnp.abs(jnp.sum(highest * tangents)) <= RESOLVED) & jnp.all(along[1:] > 0)
-        again = done & ~found & (sweeps < MOST_SWEEPS)
+        done, converges = (
+            sweeps % SWEEPS == 0,
+            (jnp.abs(jnp.sum(highest * tangents)) <= RESOLVED) & jnp.all(along[1:] > 0),
+        )
+        again = done & ~converges & (sweeps < MOST_SWEEPS)
         shorter = begun._replace(span=SHORTER_WINDOW * window.span, sweeps=sweeps)
-        window = window._replace(tangents=tangents, sweeps=sweeps, found=done & found)
+        window = window._replace(tangents=tangents, sweeps=sweeps, found=done & converges)
         return select_tree(again, shorter, window)
 
     window = jax.lax.while_loop(lambda window: ~window.found & (window.sweeps < MOST_SWEEPS), sweep, begun)
-    tangents = with_derivatives(window.tangents, _Start.settle, given, window)
+    tangents = with_derivatives(window.tangents, _Start.settle, start, window)
     bends = jnp.sum(_lobatto(sigma.dtype).powers * tangents[None], axis=1)[1:]
     return Beginning(t + window.span, window.span, sigma, bends)
 
@@ -309,7 +317,9 @@ class _Window(NamedTuple):
     found: Bool[Array, ""]
 
     def turn(self, aside: Float[Array, " nodes"]) -> Float[Array, " nodes"]:
-        """The tangents after a step of Newton's method: at each node but the first, σ is to be that of v_s."""
+        """Computes the tangents after a step of Newton's method: at each node but the first, σ is to be the direction
+        of v_s.
+        """
         turns = solutions(self.inverse[None], aside[None, 1:])[0]
         return self.tangents.at[1:].add(-jnp.clip(turns, -1.0, 1.0))
 
@@ -323,7 +333,7 @@ class _Start(NamedTuple):
     sigma: Float[Array, "2"]
 
     def window(self, span: Float[Array, ""]) -> _Window:
-        """The window in which nothing changes."""
+        """Returns the window in which nothing changes."""
         x0 = ravel_pytree(self.state)[0]
         tangents = jnp.zeros((DEGREE + 1,), x0.dtype)
         inverse = jnp.zeros((DEGREE, DEGREE), x0.dtype)
@@ -331,7 +341,7 @@ class _Start(NamedTuple):
         return _Window(span, tangents, x, inverse, jnp.asarray(0), jnp.asarray(False))
 
     def accelerations(self, window: _Window, turned: bool = False) -> tuple[Array, Array, Array]:
-        """At the nodes, the slip accelerations and the rates of the states.
+        """Computes, at the nodes, the slip accelerations and the rates of the states.
 
         If σ is ``turned``, also how the accelerations change with the tangents, otherwise zeros.
         """
@@ -351,23 +361,25 @@ class _Start(NamedTuple):
             return a, rate, change
 
         times = self.t + window.span * _lobatto(window.x.dtype).nodes
-        return jax.lax.map(lambda at: at_node(*at), (times, window.x, window.tangents))
+        return jax.lax.map(lambda node: at_node(*node), (times, window.x, window.tangents))
 
     def integrate(self, window: _Window, a: Array, rate: Array) -> tuple[Array, Array, Array, Array]:
-        """At the nodes, σ, the components of v_s across and along it, and the states."""
+        """Computes, at the nodes, σ, the components of v_s across and along it, and the states."""
         integrals, x0 = window.span * _lobatto(window.x.dtype).integrals, ravel_pytree(self.state)[0]
         slips, x = (jnp.sum(integrals[:, :, None] * y[None], axis=1) for y in (a, rate))
         sigmas = jax.vmap(lambda tangent: _turn(self.sigma, tangent))(window.tangents)
         return sigmas, jax.vmap(across)(sigmas, slips), jnp.sum(sigmas * slips, axis=1), x0[None] + x
 
     def newton(self, window: _Window, sigmas: Array, along: Array, change: Array) -> Float[Array, "rows rows"]:
-        """The inverse of the matrix of Newton's method."""
+        """Computes the inverse of the matrix of Newton's method."""
         integrals = window.span * _lobatto(window.x.dtype).integrals
-        slopes = integrals * jax.vmap(lambda one: jax.vmap(lambda two: across(one, two))(change))(sigmas)
+        slopes = integrals * jax.vmap(lambda sigma: jax.vmap(lambda two: across(sigma, two))(change))(sigmas)
         return inverses((slopes - jnp.diag(along / (1 + window.tangents**2)))[None, 1:, 1:])[0]
 
     def settle(self, window: _Window) -> Float[Array, " nodes"]:
-        """The tangents of a window that has been found, after as many more sweeps as give their derivatives."""
+        """Computes the tangents of a window that has been found, after as many more sweeps as give their
+        derivatives.
+        """
 
         def sweep(window: _Window, _: None) -> tuple[_Window, None]:
             aside, x = self.integrate(window, *self.accelerations(window)[:2])[1::2]
@@ -402,5 +414,5 @@ def _lobatto(dtype: np.dtype) -> _Lobatto:
 
 
 def _turn(sigma: Float[Array, "2"], tangent: Float[Array, ""]) -> Float[Array, "2"]:
-    """σ turned by the angle with this tangent."""
+    """Returns σ turned by the angle with this tangent."""
     return (sigma + tangent * turn_left(sigma)) / jnp.sqrt(1 + tangent**2)

@@ -101,30 +101,32 @@ class StickingOnPlane(BodyOnPlane):
     # The guards.
 
     def guards_in_step(self, t: Float[Array, ""], state: Any, reference: Heading) -> Float[Array, " guards"]:
-        """Those of the contact, and two for each joint, as in ``stick_slip``."""
-        found = self.response(t, state)
-        acting = self.interaction(t, state, found)
-        of_contact = self.guards_of_contact(t, state, reference, found, acting)
-        holding = found.holding(acting.slip_acceleration, acting.normal)
+        """Computes the guards of the contact, and two for each joint, as in ``stick_slip``."""
+        response = self.response(t, state)
+        acting = self.interaction(t, state, response)
+        of_contact = self.guards_of_contact(t, state, reference, response, acting)
+        holding = response.holding(acting.slip_acceleration, acting.normal)
         sticks, largest = state.slips == 0, largest_frictions(self.body)
         onward = state.slips * state.body.thetadot[sticking_slots(self.body)]
         first = jnp.where(sticks, largest - holding, onward)
         return jnp.concatenate([of_contact, first, jnp.where(sticks, largest + holding, 1.0)])
 
     def assess(self, step: GuardedStep, accuracy: Accuracy) -> Assessment:
-        """The cause that the guard which is zero stands for, from ``FIRST_OF_JOINTS`` on for those of joints."""
+        """Finds the cause that the guard which is zero stands for, from ``FIRST_OF_JOINTS`` on for the guards of
+        joints.
+        """
         of_joint = step.zero >= OF_CONTACT
-        own = step._replace(guards=step.guards[:OF_CONTACT], zero=jnp.where(of_joint, NONE, step.zero))
-        contact = super().assess(own, accuracy)
+        contact_step = step._replace(guards=step.guards[:OF_CONTACT], zero=jnp.where(of_joint, NONE, step.zero))
+        contact = super().assess(contact_step, accuracy)
         ends = of_joint & step.has_fallen
         return contact._replace(event=jnp.where(ends, FIRST_OF_JOINTS + step.zero - OF_CONTACT, contact.event))
 
     # How modes begin.
 
     def start(self, t: Float[Array, ""], state: ReleasedState | PlacedState) -> StickingState:
-        given = super().start(t, state)
-        fields = {field.name: getattr(given, field.name) for field in dataclasses.fields(given)}
-        return StickingState(**fields, slips=jnp.sign(given.body.thetadot[sticking_slots(self.body)]))
+        contact_state = super().start(t, state)
+        fields = {field.name: getattr(contact_state, field.name) for field in dataclasses.fields(contact_state)}
+        return StickingState(**fields, slips=jnp.sign(contact_state.body.thetadot[sticking_slots(self.body)]))
 
     def transition(self, t: Float[Array, ""], state: Any, event: Int[Array, ""], accuracy: Accuracy) -> Transition:
         return transition(self, t, state, event, accuracy)

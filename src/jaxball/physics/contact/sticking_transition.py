@@ -33,7 +33,8 @@ ROUNDING_OF_STRIKE = 64  # of the rate that an impact may give a joint, in units
 def transition(
     plane: "StickingOnPlane", t: Float[Array, ""], state: "StickingState", event: Int[Array, ""], accuracy: Accuracy
 ) -> Transition:
-    """What follows a :class:`SwitchCause` of the contact or the zero of a joint's guard, the end of a window, or START.
+    """Finds what follows a :class:`SwitchCause` of the contact or the zero of a joint's guard, the end of a window, or
+    START.
 
     Events from ``FIRST_OF_JOINTS`` on are those of the guards of the joints.
     """
@@ -55,7 +56,7 @@ def transition(
 
 
 def _is_joint_of(event: Int[Array, ""], count: int) -> Bool[Array, " sticking"]:
-    """Whether each of the joints is that of the guard that an event stands for."""
+    """Returns, for each joint, whether it is the one whose guard an event stands for."""
     return (event >= FIRST_OF_JOINTS) & (np.arange(count) == (event - FIRST_OF_JOINTS) % count)
 
 
@@ -66,7 +67,7 @@ def _next_mode(
     event: Int[Array, ""],
     tolerance: Float[Array, ""],
 ) -> Progress:
-    """The state that follows the end of a mode: after the end of a slip, or an impact."""
+    """Finds the state that follows the end of a mode: after the end of a slip, or an impact."""
     starts, of_joint, rise = event == START, event >= FIRST_OF_JOINTS, plane.rise(t, state)
     lands = (event == int(SwitchCause.LANDS)) | starts & (state.height <= 0) & (rise < 0)
     still = (event == int(SwitchCause.GIVES_WAY)) | state.is_in(Mode.ROLLING)
@@ -82,12 +83,12 @@ def _next_mode(
 
 
 def _strike(plane: "StickingOnPlane", done: Progress) -> Progress:
-    """After an impact, in which no joint is held: each slips as it then moves."""
-    t, before, found = done.t, done.state, plane.response_to_impulse(done.t, done.state)
+    """Applies an impact, in which no joint is held: each slips as it then moves."""
+    t, before, body_response = done.t, done.state, plane.response_to_impulse(done.t, done.state)
     done = strike(plane, done)
     state: Any = done.state
     slots, eps = sticking_slots(plane.body), float(jnp.finfo(state.V.dtype).eps)
-    rate, gains = state.body.thetadot[slots], jnp.abs(found.yielding.thetaddot[:, slots])
+    rate, gains = state.body.thetadot[slots], jnp.abs(body_response.yielding.thetaddot[:, slots])
     change = slip_velocity(plane.body, t, state.released) - slip_velocity(plane.body, t, before.released)
     least = jnp.sqrt(jnp.sum(change**2)) * jnp.max(gains, axis=0) + jnp.abs(before.body.thetadot[slots])
     slips = jnp.where(jnp.abs(rate) <= ROUNDING_OF_STRIKE * eps * least, 0.0, jnp.sign(rate))
@@ -119,24 +120,29 @@ class _Deciding(NamedTuple):
     mu: Float[Array, ""]
 
     def response(self, choice: _Choice) -> Response:
-        """The response where some things are held."""
+        """Computes the response where some things are held."""
         body = with_directions(self.plane.body, choice.slips)
         return response(body, self.t, self.state, touching=~choice.flies)
 
     def direct(self, choice: _Choice, found: Response) -> _Choice:
-        """The choice with the direction in which a slip grows, if one begins."""
+        """Returns the choice with the direction in which a slip grows, if one begins."""
         begins = self.still & ~choice.sticks & ~choice.flies
         sigma = jax.lax.cond(begins, lambda: friction.first_slip(found, self.mu).sigma, lambda: choice.sigma)
         return choice._replace(sigma=sigma)
 
     def with_one_less(self, choice: _Choice) -> _Choice:
-        """The choice in which the most overloaded of the contact and the joints has let go."""
-        found, contact = self.response(choice), self.plane.contact
-        choice = self.direct(choice, found)
-        slides, slack = ~choice.sticks & ~choice.flies, self.plane.rounding_of_force(self.state, found)
-        on_ground = select_tree(choice.sticks, friction.rolling(found), friction.sliding(found, self.mu, choice.sigma))
-        acting = select_tree(choice.flies, friction.flight(found), on_ground)
-        holding, largest = found.holding(acting.slip_acceleration, acting.normal), largest_frictions(self.plane.body)
+        """Returns the choice in which the most overloaded of the contact and the joints has let go."""
+        body_response, contact = self.response(choice), self.plane.contact
+        choice = self.direct(choice, body_response)
+        slides, slack = ~choice.sticks & ~choice.flies, self.plane.rounding_of_force(self.state, body_response)
+        on_ground = select_tree(
+            choice.sticks, friction.rolling(body_response), friction.sliding(body_response, self.mu, choice.sigma)
+        )
+        acting = select_tree(choice.flies, friction.flight(body_response), on_ground)
+        holding, largest = (
+            body_response.holding(acting.slip_acceleration, acting.normal),
+            largest_frictions(self.plane.body),
+        )
         N, static = acting.R[2], contact.static_friction
         holds = (friction.margin(acting.R, static) > -slack) & (-slack < N)
         load = jnp.sum(acting.R[:2] ** 2) / jnp.maximum(static * N, float(jnp.finfo(N.dtype).tiny) ** 0.25) ** 2
@@ -154,25 +160,25 @@ class _Deciding(NamedTuple):
 
 
 def _decide(plane: "StickingOnPlane", done: Progress, event: Int[Array, ""]) -> Progress:
-    """In the mode that follows: held as far as friction can do it."""
+    """Decides the mode that follows: everything is held as far as friction can do it."""
     t, body = done.t, plane.body
-    given = _change_joints(plane, done, event)
-    slip = slip_velocity(body, t, given.released)
-    still = done.still | plane.is_still(slip, given)
-    deciding = _Deciding(plane, t, given.released, still, plane.coefficient(jnp.where(still, 0.0, slip)))
+    switch_state = _change_joints(plane, done, event)
+    slip = slip_velocity(body, t, switch_state.released)
+    still = done.still | plane.is_still(slip, switch_state)
+    deciding = _Deciding(plane, t, switch_state.released, still, plane.coefficient(jnp.where(still, 0.0, slip)))
     sticks = still & (plane.contact.static_friction > 0) & (event != int(SwitchCause.GIVES_WAY)) & ~done.flies
     sigma = friction.slip_direction(slip, jnp.zeros_like(slip[:2]))
-    first = _Choice(sticks, done.flies, sigma, given.slips)
+    first = _Choice(sticks, done.flies, sigma, switch_state.slips)
     fixed, held = without_derivatives((deciding, first))
-    most = given.slips.size + 2  # that let go: the contact, twice, and the joints
+    most = switch_state.slips.size + 2  # that let go: the contact, twice, and the joints
     held = jax.lax.fori_loop(0, most, lambda _, held: fixed.with_one_less(held), held)
     choice = held._replace(sigma=sigma)
-    found = deciding.response(choice)
-    choice = deciding.direct(choice, found)
+    body_response = deciding.response(choice)
+    choice = deciding.direct(choice, body_response)
     # The rest of a slip that ends is dissipated by friction; one without an end continues.
-    stopped = with_slip(body, given.released, found, slip, jnp.zeros_like(slip))
+    stopped = with_slip(body, switch_state.released, body_response, slip, jnp.zeros_like(slip))
     stops = still & ~choice.flies & (choice.sticks | plane.slips_end)
-    state: Any = select_tree(stops, given.move(stopped), given)
+    state: Any = select_tree(stops, switch_state.move(stopped), switch_state)
     rise = slip_velocity(body, t, state.released)[2]
     rise = jnp.where(choice.flies & (event != int(SwitchCause.LIFTS)), rise, 0.0)
     V = with_rise(body, t, state.released, rise)
@@ -185,7 +191,7 @@ def _decide(plane: "StickingOnPlane", done: Progress, event: Int[Array, ""]) -> 
 
 
 def _change_joints(plane: "StickingOnPlane", done: Progress, event: Int[Array, ""]) -> Any:
-    """The state after an event of a joint: one that stopped is held, and one that was held slips.
+    """Returns the state after an event of a joint: one that stopped is held, and one that was held slips.
 
     A joint that turned back while the end of a slip was followed has stopped, too.
     """

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 def transition(
     plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState, cause: Int[Array, ""], accuracy: Accuracy
 ) -> Transition:
-    """What follows a :class:`SwitchCause` for which a mode ends, the end of a window, or the start of a run."""
+    """Finds what follows a :class:`SwitchCause` for which a mode ends, the end of a window, or the start of a run."""
     heading = without_derivatives(plane).step_reference(*without_derivatives((t, state, accuracy)))
     heading = heading._replace(least=heading.speed)
     which = jnp.argmax(jnp.asarray(CAUSES)[state.mode.astype(int)] == cause)
@@ -44,7 +44,7 @@ def _next_mode(
     cause: Int[Array, ""],
     tolerance: Float[Array, ""],
 ) -> "Progress":
-    """The state that follows the end of a mode, in a solve with this tolerance.
+    """Finds the state that follows the end of a mode, in a solve with this tolerance.
 
     First, a slip that ends is followed to its end. Next comes an impact, if the body lands, then the mode for the
     velocities after it, and then the direction in which a slip begins. A negative cause means none, and the mode
@@ -64,23 +64,23 @@ def _next_mode(
 
 
 def only_if(happens: Bool[Array, ""], stage: Callable[..., "Progress"], plane: Any, done: "Progress", *others: Any):
-    """What a stage of a transition makes of it, if it happens; compiled on its own, it is traced once."""
+    """Applies a stage of a transition, if it happens; compiled on its own, it is traced once."""
     return jax.lax.cond(happens, jax.jit(stage), lambda _, done, *others: done, plane, done, *others)
 
 
 def response_on_plane(plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState) -> Response:
-    """The response of a body that touches the ground."""
+    """Computes the response of a body that touches the ground."""
     return plane.response(t, eqx.tree_at(lambda x: x.mode, state, jnp.full_like(state.mode, int(Mode.SLIDING))))
 
 
 def end_slip(plane: "BodyOnPlane", done: "Progress", tolerance: Float[Array, ""]) -> "Progress":
-    """At the end of a slip, if it has one soon, with the response halfway."""
+    """Moves the state to the end of a slip, if it has one soon, with the response halfway."""
     t, state = done.t, done.state
-    end, found = _end(plane, done, t, state)
+    end, response = _end(plane, done, t, state)
     ends = end.comes & (end.time <= slips.longest_pause(tolerance, slips.unit_of_time(plane.body)))
-    halfway = _slow(plane, done, found, state, end, slips.HALFWAY)
-    end, found = _end(plane, done, t + slips.HALFWAY * end.time, halfway)
-    stopped = _slow(plane, done, found, halfway, end, 1.0)
+    halfway = _slow(plane, done, response, state, end, slips.HALFWAY)
+    end, response = _end(plane, done, t + slips.HALFWAY * end.time, halfway)
+    stopped = _slow(plane, done, response, halfway, end, 1.0)
     stopped = eqx.tree_at(lambda x: x.friction_loss, stopped, stopped.friction_loss + end.friction_loss)
     after = done._replace(t=t + end.time, before=stopped, state=stopped, still=jnp.asarray(True))
     return select_tree(ends, after, done._replace(decides=jnp.asarray(False)))
@@ -89,28 +89,30 @@ def end_slip(plane: "BodyOnPlane", done: "Progress", tolerance: Float[Array, ""]
 def _end(
     plane: "BodyOnPlane", done: "Progress", t: Float[Array, ""], where: ContactState
 ) -> tuple[slips.End, Response]:
-    """The end of a slip with the response at some time and state, and that response."""
-    found, slip = response_on_plane(plane, t, where), slip_velocity(plane.body, done.t, done.state.released)
-    return slips.end(slips.pull_of_friction, (found, plane.coefficient(slip, slips.HALFWAY)), slip[:2]), found
+    """Computes the end of a slip with the response at some time and state, and that response."""
+    response, slip = response_on_plane(plane, t, where), slip_velocity(plane.body, done.t, done.state.released)
+    return slips.end(slips.pull_of_friction, (response, plane.coefficient(slip, slips.HALFWAY)), slip[:2]), response
 
 
 def _slow(
-    plane: "BodyOnPlane", done: "Progress", found: Response, where: ContactState, end: slips.End, share: float
+    plane: "BodyOnPlane", done: "Progress", response: Response, where: ContactState, end: slips.End, share: float
 ) -> ContactState:
-    """The state after a share of the time in which a slip ends, with the rates ``where`` the response was found."""
+    """Returns the state after a share of the time in which a slip ends, with the rates ``where`` the response was
+    found.
+    """
     time, slip = share * end.time, slip_velocity(plane.body, done.t, done.state.released)
     braking = jnp.where(end.time > 0, slip / jnp.where(end.time > 0, end.time, 1.0), 0.0).at[2].set(0.0)
-    moved = rates(plane.body, where.released, found, -braking, end.normal)
+    moved = rates(plane.body, where.released, response, -braking, end.normal)
     return done.state.move(jax.tree.map(lambda x, rate: x + time * rate, done.state.released, moved))
 
 
 def strike(plane: "BodyOnPlane", done: "Progress") -> "Progress":
-    """After an impact. A rebound that is too slow is treated as none."""
+    """Applies an impact. A rebound that is too slow is treated as none."""
     t, state, contact = done.t, done.state, plane.contact
-    found, slip = plane.response_to_impulse(t, state), slip_velocity(plane.body, t, state.released)
-    rebounds = contact.restitution * -slip[2] > contact.slowest * plane.unit_of_speed(found)
+    response, slip = plane.response_to_impulse(t, state), slip_velocity(plane.body, t, state.released)
+    rebounds = contact.restitution * -slip[2] > contact.slowest * plane.unit_of_speed(response)
     e = jnp.where(rebounds, contact.restitution, 0.0)
-    after = impact(plane.body, t, state.released, found, plane.coefficient(slip), e)
+    after = impact(plane.body, t, state.released, response, plane.coefficient(slip), e)
     rise = jnp.where(rebounds, slip_velocity(plane.body, t, after.state)[2], 0.0)
     V = with_rise(plane.body, t, after.state, rise)
     bounced = state.move(ReleasedState(after.state.body, V, state.height))
@@ -120,24 +122,24 @@ def strike(plane: "BodyOnPlane", done: "Progress") -> "Progress":
 
 
 def _decide(plane: "BodyOnPlane", done: "Progress", cause: Int[Array, ""]) -> "Progress":
-    """In the mode that follows, by the forces that each mode would need."""
+    """Decides the mode that follows, by the forces that each mode would need."""
     t, state, body, contact = done.t, done.state, plane.body, plane.contact
-    found, given, flies = response_on_plane(plane, t, state), state.released, done.flies
-    slip = slip_velocity(body, t, given)
+    response, released_state, flies = response_on_plane(plane, t, state), state.released, done.flies
+    slip = slip_velocity(body, t, released_state)
     still = done.still | plane.is_still(slip, state)
-    R, slack = friction.rolling(found).R, plane.rounding_of_force(state, found)
+    R, slack = friction.rolling(response).R, plane.rounding_of_force(state, response)
     holds = (friction.margin(R, contact.static_friction) > -slack) & (R[2] > -slack) & (contact.static_friction > 0)
     rolls = still & holds & (cause != int(SwitchCause.GIVES_WAY))
     sigma = jax.lax.cond(
         still & ~rolls & ~flies,
-        lambda: friction.first_slip(found, plane.coefficient(slip, 0.0)).sigma,
+        lambda: friction.first_slip(response, plane.coefficient(slip, 0.0)).sigma,
         lambda: friction.slip_direction(slip, jnp.zeros_like(slip[:2])),
     )
     mu = plane.coefficient(jnp.where(still, 0.0, slip))
-    flies |= ~rolls & ~(friction.sliding(found, mu, sigma).normal > -slack)
+    flies |= ~rolls & ~(friction.sliding(response, mu, sigma).normal > -slack)
     mode = jnp.where(flies, int(Mode.FLIGHT), jnp.where(rolls, int(Mode.ROLLING), int(Mode.SLIDING)))
     # The rest of a slip that ends is dissipated by friction; one without an end continues.
-    stopped = with_slip(body, given, found, slip, jnp.zeros_like(slip))
+    stopped = with_slip(body, released_state, response, slip, jnp.zeros_like(slip))
     state = select_tree(still & ~flies & (rolls | plane.slips_end), state.move(stopped), state)
     rise = slip_velocity(body, t, state.released)[2]
     V = with_rise(body, t, state.released, jnp.where(flies & (cause != int(SwitchCause.LIFTS)), rise, 0.0))
@@ -148,7 +150,7 @@ def _decide(plane: "BodyOnPlane", done: "Progress", cause: Int[Array, ""]) -> "P
 
 
 def begin_slip(plane: "BodyOnPlane", done: "Progress") -> ContactState:
-    """With the direction of a slip that begins, for as long as it is computed in advance."""
+    """Returns the state with the direction of a slip that begins, for as long as it is computed in advance."""
     t, state = done.t, done.state
     begins = done.begins & plane.slips_end
     longest = slips.longest_window(t, plane.driving_kinks(), slips.unit_of_time(plane.body))

@@ -41,7 +41,7 @@ class Inertia(NamedTuple):
     H: list[Float[Array, "_ _ _"]]
 
     def times(self, Omega: Float[Array, "3"], thetadot: Joints) -> tuple[Float[Array, "3"], Joints]:
-        """The product with Ω and θ̇."""
+        """Computes the product with Ω and θ̇."""
         torque, efforts = apply(self.B, Omega), []
         for c, H, rate in zip(self.c, self.H, thetadot, strict=True):
             torque = torque + jnp.sum(c * rate[..., None], axis=(0, 1))
@@ -49,14 +49,16 @@ class Inertia(NamedTuple):
         return torque, efforts
 
     def holding(self, held: list[Bool[Array, "_ _"] | None]) -> "Inertia":
-        """The same where some joints are held, so that their accelerations are those of their efforts alone."""
+        """Returns the inertia where some joints are held, so that their accelerations follow from their
+        efforts alone.
+        """
         c, H = [], []
-        for own, block, which in zip(self.c, self.H, held, strict=True):
+        for coupling, block, which in zip(self.c, self.H, held, strict=True):
             if which is not None:
-                own = jnp.where(which[..., None], 0.0, own)
+                coupling = jnp.where(which[..., None], 0.0, coupling)
                 between = which[:, :, None] | which[:, None, :]
                 block = jnp.where(between, jnp.eye(which.shape[1], dtype=block.dtype), block)
-            c.append(own)
+            c.append(coupling)
             H.append(block)
         return Inertia(self.B, c, H)
 
@@ -79,7 +81,7 @@ class FactoredInertia(NamedTuple):
     eliminated: list[tuple[Factors, Array, Array]]  # the factors of H, L⁻¹cᵀ and D⁻¹L⁻¹cᵀ
 
     def solve(self, torque: Float[Array, "3"], efforts: Joints) -> tuple[Float[Array, "3"], Joints]:
-        """Ω̇ and θ̈, or other rates, whose product with the inertia is ``torque`` and ``efforts``."""
+        """Solves for Ω̇ and θ̈, or other rates, whose product with the inertia is ``torque`` and ``efforts``."""
         reduced = []
         for (factors, _, divided), effort in zip(self.eliminated, efforts, strict=True):
             y = jax.vmap(Factors.solve_lower)(factors, effort)
@@ -93,7 +95,7 @@ class FactoredInertia(NamedTuple):
 
 
 def inertia(B: Float[Array, "3 3"], r: Float[Array, ""], Gamma: Float[Array, "3"], links: list[Linkage]) -> Inertia:
-    """The inertia, with B that of the body about the contact point, all masses in their places."""
+    """Computes the inertia, with B the inertia of the body about the contact point, all masses in their places."""
     c, H = [], []
     for link in with_free_joints(links):
         weighted = link.m[:, None, :, None] * link.partial
@@ -110,7 +112,7 @@ def inertia_rate(
     Gammadot: Float[Array, "3"],
     links: list[Linkage],
 ) -> Inertia:
-    """The rate of the inertia."""
+    """Computes the rate of the inertia."""
     c, H = [], []
     for link in with_free_joints(links):
         m = link.m[:, None, :, None]
@@ -124,7 +126,9 @@ def inertia_rate(
 
 
 def joint_forces(t: Float[Array, ""], state: State, links: list[Linkage], impulses: bool = True) -> Joints:
-    """Q of the free joints; without ``impulses``, what :func:`joint_impulses` does not integrate of it."""
+    """Computes Q of the free joints; without ``impulses``, only the part of it that :func:`joint_impulses` does not
+    integrate.
+    """
     return [
         eqx.filter_vmap(lambda mechanism, rates: mechanism.forces(t, rates, state, impulses))(link.group, link.rates)
         for link in with_free_joints(links)
@@ -132,12 +136,12 @@ def joint_forces(t: Float[Array, ""], state: State, links: list[Linkage], impuls
 
 
 def joint_impulses(t: Float[Array, ""], links: list[Linkage]) -> Joints:
-    """∫ Q up to ``t`` of the parts of Q that are known in closed form."""
+    """Computes ∫ Q up to ``t`` of the parts of Q that are known in closed form."""
     return [eqx.filter_vmap(lambda mechanism: mechanism.impulses(t))(link.group) for link in with_free_joints(links)]
 
 
 def with_free_joints(links: list[Linkage]) -> list[Linkage]:
-    """The groups that have free joints, which are those of :data:`Joints`."""
+    """Returns the groups that have free joints, which are the groups of :data:`Joints`."""
     return [link for link in links if link.group.free]
 
 

@@ -19,7 +19,7 @@ def kinetic_energy(
     Gamma: Float[Array, "3"],
     drift: Float[Array, "3"] | None = None,
 ) -> Float[Array, ""]:
-    """T = ½ Ω·𝕀Ω + ½ Σ m |Ω × s + χ̇ + Λ⁻¹u|², over the shell (first) and the point masses.
+    """Computes T = ½ Ω·𝕀Ω + ½ Σ m |Ω × s + χ̇ + Λ⁻¹u|², over the shell (first) and the point masses.
 
     ``drift`` is Λ⁻¹u, where a turntable carries the body.
     """
@@ -31,7 +31,9 @@ def kinetic_energy(
 def velocities(
     r: Float[Array, ""], masses: Kinematics, Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
 ) -> Float[Array, "n 3"]:
-    """Y = Ω × s + χ̇, the velocities in space of masses that roll with the ball, ``eq:roll_c_con``; body axes."""
+    """Computes Y = Ω × s + χ̇, the velocities in space of masses that roll with the ball, ``eq:roll_c_con``;
+    body axes.
+    """
     return jax.vmap(lambda chi, chidot: cross(Omega, r * Gamma + chi) + chidot)(masses.chi, masses.chidot)
 
 
@@ -42,7 +44,7 @@ def accelerations_of_masses(
     Omegadot: Float[Array, "3"],
     Gamma: Float[Array, "3"],
 ) -> Float[Array, "n 3"]:
-    """a = Ω̇ × s + Ω × (Ω × χ + 2χ̇) + χ̈, the accelerations in space of the masses; body axes."""
+    """Computes a = Ω̇ × s + Ω × (Ω × χ + 2χ̇) + χ̈, the accelerations in space of the masses; body axes."""
 
     def one(chi, chidot, chiddot):
         return cross(Omegadot, r * Gamma + chi) + cross(Omega, cross(Omega, chi) + 2 * chidot) + chiddot
@@ -57,7 +59,7 @@ def potential_energy(
     up: Float[Array, "3"],
     height: Float[Array, ""],
 ) -> Float[Array, ""]:
-    """V = g Σ m (χ·Λ⁻¹up + height): zero where every mass is at the height of the origin of space.
+    """Computes V = g Σ m (χ·Λ⁻¹up + height): zero where every mass is at the height of the origin of space.
 
     ``up`` is the vertical in body axes, which is Γ on a level plane, and ``height`` that of the geometric centre.
     """
@@ -67,7 +69,9 @@ def potential_energy(
 def actuation_power(
     m: Float[Array, " n_plus_one"], masses: Kinematics, a: Float[Array, "n_plus_one 3"], weight: Float[Array, "3"]
 ) -> Float[Array, ""]:
-    """Σ m χ̇·(γ + a), the rate at which motors and all other forces within the body do work; ``weight`` is γ."""
+    """Computes Σ m χ̇·(γ + a), the rate at which motors and all other forces within the body do work;
+    ``weight`` is γ.
+    """
     return jnp.sum(m * jnp.sum(masses.chidot * (weight[None] + a), axis=1))
 
 
@@ -78,7 +82,7 @@ def dissipation(
     velocity: Float[Array, "3"],
     omega: Float[Array, "3"],
 ) -> Float[Array, ""]:
-    """The rate at which resistance dissipates energy: −T·ω − F_m·ż, without the external force.
+    """Computes the rate at which resistance dissipates energy: −T·ω − F_m·ż, without the external force.
 
     ``dry`` is the torque of dry friction in body axes, and ``velocity`` ż.
     """

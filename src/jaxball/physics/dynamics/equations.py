@@ -74,11 +74,15 @@ class Equations(NamedTuple):
         self, r: Float[Array, ""], t: Float[Array, ""], state: State, acting: Load
     ) -> tuple[Float[Array, "3"], Joints]:
         """Solves for Ω̇ and θ̈ of the body of radius ``r`` under a load."""
-        Omega, Gamma, at = self.Omega, self.Gamma, self.at
-        turning = cross(Omega, apply(at.J, Omega) + at.l) + apply(at.Jdot, Omega) + at.ldot
+        Omega, Gamma, body_moments = self.Omega, self.Gamma, self.at
+        turning = (
+            cross(Omega, apply(body_moments.J, Omega) + body_moments.l)
+            + apply(body_moments.Jdot, Omega)
+            + body_moments.ldot
+        )
         inertial = turning + cross(r * Gamma, self.apparent)
         efforts = self.without_held(self.efforts(t, state, acting))
-        return self.matrix.solve(acting.about_contact(at, r) - inertial, efforts)
+        return self.matrix.solve(acting.about_contact(body_moments, r) - inertial, efforts)
 
     def without_held(self, efforts: Joints) -> Joints:
         """Sets the efforts of joints that stick to 0, so that they have no accelerations."""
@@ -88,14 +92,16 @@ class Equations(NamedTuple):
         ]
 
     def efforts(self, t: Float[Array, ""], state: State, acting: Load) -> Joints:
-        """Q of the free joints, without what holds those that stick, less their inertial efforts."""
+        """Computes Q of the free joints, without the friction that holds those that stick, less their
+        inertial efforts.
+        """
         forces = joint_forces(t, state, self.links)
         return [Q - _inertial_efforts(link, acting, self.Omega) for link, Q in zip(self.free, forces, strict=True)]
 
     def holding(
         self, t: Float[Array, ""], state: State, acting: Load, Omegadot: Float[Array, "3"], thetaddot: Joints
     ) -> Joints:
-        """What Q lacks of the effort that these accelerations need: the friction in joints that stick."""
+        """Computes the friction in joints that stick: the effort that these accelerations need and Q lacks."""
         return self.lacking(self.efforts(t, state, acting), Omegadot, thetaddot)
 
     def lacking(self, efforts: Joints, Omegadot: Float[Array, "3"], thetaddot: Joints) -> Joints:
@@ -104,7 +110,7 @@ class Equations(NamedTuple):
         return [x - y for x, y in zip(needed, efforts, strict=True)]
 
     def reaction_without_motion(self, acting: Load) -> Float[Array, "3"]:
-        """What the reaction R̃ of the plane would be if Ω̇ and θ̈ were 0."""
+        """Computes the reaction R̃ of the plane as it would be if Ω̇ and θ̈ were 0."""
         resting = self.apparent + self.at.M * acting.weight
         return resting if acting.force is None else resting - acting.force
 
@@ -121,21 +127,23 @@ class Equations(NamedTuple):
 def equations(
     system: BodyParameters, t: Float[Array, ""], state: State, Gamma: Float[Array, "3"] | None = None
 ) -> Equations:
-    """The equations at a state, whatever acts; with Γ for the normal of the contact, if it is given."""
+    """Builds the equations at a state, whatever acts; with Γ for the normal of the contact, if it is given."""
     r, Omega, Gamma = system.radius, state.Omega, contact_normal(system, t, state) if Gamma is None else Gamma
     angles = angles_in_state(system, t, state)
     links = linkages(system, t, angles)
-    at = moments(system, t, angles, links)
-    apparent = cross(Omega, cross(Omega, at.p) + 2 * at.pdot) + at.pddot
-    whole = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links)
+    body_moments = moments(system, t, angles, links)
+    apparent = cross(Omega, cross(Omega, body_moments.p) + 2 * body_moments.pdot) + body_moments.pddot
+    whole = inertia(inertia_about_contact(body_moments, r, Gamma), r, Gamma, links)
     which = [sticking_joints(link.group) for link in with_free_joints(links)]
-    return Equations(Omega, Gamma, angles, links, at, apparent, whole, which, whole.holding(which).factorise())
+    return Equations(
+        Omega, Gamma, angles, links, body_moments, apparent, whole, which, whole.holding(which).factorise()
+    )
 
 
 def accelerations(
     system: BodyParameters, t: Float[Array, ""], state: State, acting: Load | None = None
 ) -> Accelerations:
-    """Ω̇ and θ̈ at a state, where the load is ``acting``.
+    """Computes Ω̇ and θ̈ at a state, where the load is ``acting``.
 
     With the free joints' accelerations left out of p̈ and ℓ̇, the equations for Ω̇ and for the free θ̈ are linear with
     the matrix of ``coupling``, in which joints that stick are held. Dry friction at the contact, proportional to a
@@ -144,56 +152,63 @@ def accelerations(
     acting = load(system, t, state) if acting is None else acting
     if not has_directions(system):
         system = with_directions(system, _directions(*without_derivatives((system, t, state, acting))))
-    r, found = system.radius, equations(system, t, state)
-    Gamma, at, free = found.Gamma, found.at, found.free
-    Omegadot, thetaddot = found.solve(r, t, state, acting)
+    r, motion_equations = system.radius, equations(system, t, state)
+    Gamma, body_moments, free = motion_equations.Gamma, motion_equations.at, motion_equations.free
+    Omegadot, thetaddot = motion_equations.solve(r, t, state, acting)
     dry = None if system.resistance is None else system.resistance.dry_torque(r, acting.resisted, Gamma)
     if isinstance(system.resistance, Resistance) and system.resistance.holds:
-        turns = _turning(system, found, acting, Omegadot, thetaddot, rate_of_carrier(system, t, state))
+        turns = _turning(system, motion_equations, acting, Omegadot, thetaddot, rate_of_carrier(system, t, state))
         mode = mode_of(system.resistance, turns, acting.resisted)
         dry = resist(system.resistance, turns, mode).torque
-        change, joint_changes, _ = _dry_friction(at, Gamma, free, found.matrix, dry)
+        change, joint_changes, _ = _dry_friction(body_moments, Gamma, free, motion_equations.matrix, dry)
         Omegadot = Omegadot + change
         thetaddot = [x + y for x, y in zip(thetaddot, joint_changes, strict=True)]
     elif dry is not None:
-        change, joint_changes, slope = _dry_friction(at, Gamma, free, found.matrix, dry)
+        change, joint_changes, slope = _dry_friction(body_moments, Gamma, free, motion_equations.matrix, dry)
         # N = N(without dry friction) + N times what a unit of N changes; nothing where N would be negative.
-        without = dot(Gamma, found.reaction_without_motion(acting)) + _normal(at, Gamma, free, Omegadot, thetaddot)
+        without = dot(Gamma, motion_equations.reaction_without_motion(acting)) + _normal(
+            body_moments, Gamma, free, Omegadot, thetaddot
+        )
         N = jnp.maximum(without, 0.0) / jnp.where(slope < 1, 1 - slope, jnp.nan)
         Omegadot = Omegadot + N * change
         thetaddot = [x + N * y for x, y in zip(thetaddot, joint_changes, strict=True)]
         dry = N * dry
-    theta, thetadot, given = found.angles
-    angles = theta, thetadot, join_coordinates(given, found.links, thetaddot)
+    theta, thetadot, driven_thetaddot = motion_equations.angles
+    angles = theta, thetadot, join_coordinates(driven_thetaddot, motion_equations.links, thetaddot)
     holding = None
-    if any(which is not None for which in found.held):
-        holding = of_sticking(system, found.holding(t, state, acting, Omegadot, thetaddot))
-    return Accelerations(Omegadot, angles, found.complete(thetaddot), dry, holding)
+    if any(which is not None for which in motion_equations.held):
+        holding = of_sticking(system, motion_equations.holding(t, state, acting, Omegadot, thetaddot))
+    return Accelerations(Omegadot, angles, motion_equations.complete(thetaddot), dry, holding)
 
 
 @jax.jit
 def turning(system: BodyParameters, t: Float[Array, ""], state: State) -> Turning:
-    """How a body would turn over its ground without dry friction, and how a torque at its contact changes that.
+    """Computes how a body would turn over its ground without dry friction, and how a torque at its contact changes
+    that.
 
     In body axes. On a surface, rates are those of the components along the axes of the contact.
     """
-    found, acting = equations(system, t, state), load(system, t, state)
-    solved = found.solve(system.radius, t, state, acting)
-    return _turning(system, found, acting, *solved, rate_of_carrier(system, t, state))
+    motion_equations, acting = equations(system, t, state), load(system, t, state)
+    solved = motion_equations.solve(system.radius, t, state, acting)
+    return _turning(system, motion_equations, acting, *solved, rate_of_carrier(system, t, state))
 
 
 def _turning(
     system: BodyParameters,
-    found: Equations,
+    motion_equations: Equations,
     acting: Load,
     Omegadot: Float[Array, "3"],
     thetaddot: Joints,
     carried: Float[Array, "3"] | None,
 ) -> Turning:
-    at, Gamma, free = found.at, found.Gamma, found.free
+    body_moments, Gamma, free = motion_equations.at, motion_equations.Gamma, motion_equations.free
     torques = np.eye(3, dtype=Gamma.dtype)
-    changes = jax.vmap(lambda torque: _dry_friction(at, Gamma, free, found.matrix, torque))(jnp.asarray(torques))
-    normal = dot(Gamma, found.reaction_without_motion(acting)) + _normal(at, Gamma, free, Omegadot, thetaddot)
+    changes = jax.vmap(lambda torque: _dry_friction(body_moments, Gamma, free, motion_equations.matrix, torque))(
+        jnp.asarray(torques)
+    )
+    normal = dot(Gamma, motion_equations.reaction_without_motion(acting)) + _normal(
+        body_moments, Gamma, free, Omegadot, thetaddot
+    )
     ahead = jnp.asarray(torques[1]) if system.planar else None
     rate = Omegadot if carried is None else Omegadot + carried
     return Turning(Gamma, ahead, rate, changes[0].T, normal, changes[2], system.radius)
@@ -202,20 +217,21 @@ def _turning(
 def holding_friction(
     system: BodyParameters, t: Float[Array, ""], state: State, acting: Load | None = None
 ) -> Float[Array, " sticking"]:
-    """The friction that holds the joints that stick, of a body whose joints have directions."""
+    """Computes the friction that holds the joints that stick, of a body whose joints have directions."""
     holding = accelerations(system, t, state, acting).holding
     assert holding is not None
     return holding
 
 
 def _directions(system: BodyParameters, t: Float[Array, ""], state: State, acting: Load) -> Float[Array, " sticking"]:
-    """The directions in which joints with friction slip, as far as a state tells."""
+    """Finds the directions in which joints with friction slip, as far as a state tells."""
     moving = jnp.sign(state.thetadot[sticking_slots(system)])
     return release_joints(system, moving, lambda system: holding_friction(system, t, state, acting))
 
 
 def solvable_friction(system: BodyParameters, t: Float[Array, ""], state: State) -> Iterator[Condition]:
-    """The condition on dry friction that there is a normal force with it: that a unit of N adds less than itself to N.
+    """Yields the condition on dry friction that there is a normal force with it: that a unit of N adds less than itself
+    to N.
 
     It adds more where much of the mass is far ahead of the contact point and friction is great. ``system`` is prepared.
     """
@@ -223,43 +239,53 @@ def solvable_friction(system: BodyParameters, t: Float[Array, ""], state: State)
         return
     r, Omega, Gamma = system.radius, state.Omega, contact_normal(system, t, state)
     links = linkages(system, t, (state.theta, state.thetadot, state.thetadot))  # no rates are used
-    at = velocity_moments(system, t, (state.theta, state.thetadot), links)
-    matrix = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links).factorise()
+    body_moments = velocity_moments(system, t, (state.theta, state.thetadot), links)
+    matrix = inertia(inertia_about_contact(body_moments, r, Gamma), r, Gamma, links).factorise()
     dry = system.resistance.dry_torque(r, Omega, Gamma)
     assert dry is not None
-    *_, slope = _dry_friction(at, Gamma, with_free_joints(links), matrix, dry)
+    *_, slope = _dry_friction(body_moments, Gamma, with_free_joints(links), matrix, dry)
     # NaN is reported by other conditions.
     yield Condition(~(slope >= 1), "resistance.dry", getattr(system.resistance, "dry", dry), SOLVABLE)
 
 
 def _dry_friction(
-    at: AbstractMoments, Gamma: Float[Array, "3"], free: list[Linkage], matrix: FactoredInertia, dry: Float[Array, "3"]
+    body_moments: AbstractMoments,
+    Gamma: Float[Array, "3"],
+    free: list[Linkage],
+    matrix: FactoredInertia,
+    dry: Float[Array, "3"],
 ) -> tuple[Float[Array, "3"], Joints, Float[Array, ""]]:
-    """Ω̇ and free θ̈ that the torque ``dry`` of a unit of normal force has, and the normal force that these add."""
+    """Computes the Ω̇ and free θ̈ due to the torque ``dry`` of a unit of normal force, and the normal force that these
+    add.
+    """
     still = [jnp.zeros(link.slots.shape, dtype=Gamma.dtype) for link in free]
     change, joint_changes = matrix.solve(dry, still)
-    return change, joint_changes, _normal(at, Gamma, free, change, joint_changes)
+    return change, joint_changes, _normal(body_moments, Gamma, free, change, joint_changes)
 
 
 def _inertial_efforts(link: Linkage, acting: Load, Omega: Float[Array, "3"]) -> Float[Array, "mechanisms free"]:
-    """h_a = Σ m χ_a·(Ω × (Ω × χ + 2χ̇) + β + γ), where β is χ̈ without the accelerations of free joints."""
+    """Computes h_a = Σ m χ_a·(Ω × (Ω × χ + 2χ̇) + β + γ), where β is χ̈ without the accelerations of free joints."""
     turning = jnp.broadcast_to(Omega, link.chi.shape)
     a = cross(turning, cross(turning, link.chi) + 2 * link.chidot) + link.chiddot + acting.weight[None, None]
     return jnp.sum((link.m[..., None] * a)[:, None] * link.partial, axis=(-2, -1))
 
 
 def _normal(
-    at: AbstractMoments, Gamma: Float[Array, "3"], free: list[Linkage], Omegadot: Float[Array, "3"], thetaddot: Joints
+    body_moments: AbstractMoments,
+    Gamma: Float[Array, "3"],
+    free: list[Linkage],
+    Omegadot: Float[Array, "3"],
+    thetaddot: Joints,
 ) -> Float[Array, ""]:
-    """What Ω̇ and θ̈ of free joints add to the normal force: (p × Γ)·Ω̇ + Σ Γ·p_a θ̈_a."""
-    normal = dot(cross(at.p, Gamma), Omegadot)
+    """Computes what Ω̇ and θ̈ of free joints add to the normal force: (p × Γ)·Ω̇ + Σ Γ·p_a θ̈_a."""
+    normal = dot(cross(body_moments.p, Gamma), Omegadot)
     for link, rate in zip(free, thetaddot, strict=True):
         normal = normal + jnp.sum(rate * jnp.sum(link.weights * Gamma[None, None], axis=-1))
     return normal
 
 
 def inertia_about_contact(at: AbstractMoments, r: Float[Array, ""], Gamma: Float[Array, "3"]) -> Float[Array, "3 3"]:
-    """B = 𝕀 − Σ m ŝ², the inertia about the contact point, with s = rΓ + χ. Symmetric positive definite."""
+    """Computes B = 𝕀 − Σ m ŝ², the inertia about the contact point, with s = rΓ + χ. Symmetric positive definite."""
     identity = jnp.eye(3, dtype=Gamma.dtype)
     mixed = outer(Gamma, at.p)
     return (

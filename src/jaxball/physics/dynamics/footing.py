@@ -16,7 +16,7 @@ from .parameters import BodyParameters
 
 
 def surface_under(system: BodyParameters, t: Float[Array, ""], state: Any) -> AbstractSurface | None:
-    """The surface under a body at a state, which tells where a law has driven it; None on a plane."""
+    """Returns the surface under a body at a state, which tells where a law has driven it; None on a plane."""
     surface = system.ground
     if not isinstance(surface, AbstractSurface):
         return None
@@ -44,7 +44,7 @@ def locate_surface(system: BodyParameters, t: Float[Array, ""], state: Any) -> A
 
 
 def footing(system: BodyParameters, t: Float[Array, ""], state: Any) -> Footing | None:
-    """How the surface under a body holds it; None on a plane."""
+    """Computes how the surface under a body holds it; None on a plane."""
     surface = surface_under(system, t, state)
     if surface is None:
         return None
@@ -60,7 +60,7 @@ def footing_of_released(
     height: Float[Array, ""],
     touching: Bool[Array, ""] | bool,
 ) -> Footing | None:
-    """How the surface under a body holds it while that slips or flies with the velocity ``V``; None on a plane.
+    """Computes how the surface under a body holds it while it slips or flies with the velocity ``V``; None on a plane.
 
     In flight no ground acts, and the motion is described as on a level plane at rest, for any height: the normal is e3,
     and the contact axes are those of space. ``coordinate_rates`` are always those of the piece that is nearest; NaN,
@@ -90,7 +90,7 @@ def footing_of_released(
 
 
 def contact_normal(system: BodyParameters, t: Float[Array, ""], state: Any) -> Float[Array, "3"]:
-    """The normal of the ground towards the body, in body axes: Γ on a plane."""
+    """Computes the normal of the ground towards the body, in body axes: Γ on a plane."""
     surface = surface_under(system, t, state)
     if surface is None:
         return state.Gamma
@@ -99,7 +99,9 @@ def contact_normal(system: BodyParameters, t: Float[Array, ""], state: Any) -> F
 
 
 def in_space(system: BodyParameters, state: Any) -> BallState:
-    """A state as that of a ball in space; on a surface ``z`` has both coordinates of the contact point of a disk."""
+    """Converts a state to the state of a ball in space; on a surface ``z`` has both coordinates of the contact point of
+    a disk.
+    """
     space, surface = state.in_space(), system.ground
     if not isinstance(surface, AbstractSurface) or not system.planar:
         return space
@@ -107,12 +109,12 @@ def in_space(system: BodyParameters, state: Any) -> BallState:
 
 
 def has_end(system: Any) -> bool:
-    """Whether a system is a body on a surface, which may not let it go on."""
+    """Returns whether a system is a body on a surface, which may not let it go on."""
     return isinstance(getattr(system, "ground", None), AbstractSurface)
 
 
 def end_of_ground(system: BodyParameters, t: Float[Array, ""], state: Any) -> Int[Array, ""]:
-    """Whether the surface under a body does not let it go on from a state: a status, or SUCCESS if it does."""
+    """Returns whether the surface under a body does not let it go on from a state: a status, or SUCCESS if it does."""
     surface = surface_under(system, t, state)
     assert surface is not None
     return surface.end(t, system.radius, state.z)
@@ -126,7 +128,7 @@ def rates(
     angles: Rates,
     under: Footing | None,
 ) -> Any:
-    """ẋ where Ω̇ is known, and θ, θ̇, θ̈: the kinematics of rolling. ``under`` is the :func:`footing`."""
+    """Computes ẋ where Ω̇ is known, and θ, θ̇, θ̈: the kinematics of rolling. ``under`` is the :func:`footing`."""
     moved = state.rates(system.radius, Omegadot, angles, system.drift(t, state))
     return moved if under is None else eqx.tree_at(lambda x: x.z, moved, under.coordinate_rates)
 
@@ -143,7 +145,7 @@ class ContactAxes(NamedTuple):
 
     @classmethod
     def of(cls, system: BodyParameters, t: Float[Array, ""], state: Any) -> "ContactAxes":
-        """Those at a state."""
+        """Computes the contact axes at a state."""
         surface = locate_surface(system, t, state)
         if surface is None:
             return cls(state.Lambda, None)
@@ -152,19 +154,20 @@ class ContactAxes(NamedTuple):
         return cls(rows, apply(axes, spin))
 
     def over_ground(self, Omega: Float[Array, "3"]) -> Float[Array, "3"]:
-        """The angular velocity of the body relative to the ground, from Ω."""
+        """Computes the angular velocity of the body relative to the ground, from Ω."""
         omega = apply(self.rows, Omega)
         return omega if self.spin is None else omega - self.spin
 
     def in_body(self, omega: Float[Array, "3"]) -> Float[Array, "3"]:
-        """Ω, from the angular velocity relative to the ground."""
+        """Computes Ω from the angular velocity relative to the ground."""
         return apply(self.rows.T, omega if self.spin is None else omega + self.spin)
 
 
 def rate_of_carrier(
     system: BodyParameters, t: Float[Array, ""], state: Any, under: Footing | None = None
 ) -> Float[Array, "3"] | None:
-    """The rate of the components of ω relative to the ground while ω is constant, in body axes; None on a plane.
+    """Computes the rate of the components of ω relative to the ground while ω is constant, in body axes; None on a
+    plane.
 
     These components change as the axes of the contact turn along the path of the contact point and with the ground.
     ``under`` is the footing of a body that touches its ground, that of rolling if not given.
@@ -186,7 +189,7 @@ def rate_of_carrier(
 def rate_over_ground(
     system: BodyParameters, t: Float[Array, ""], state: Any, Omegadot: Float[Array, "3"]
 ) -> Float[Array, "3"]:
-    """The rate of ω relative to the ground, along the axes of the contact, from Ω̇."""
+    """Computes the rate of ω relative to the ground, along the axes of the contact, from Ω̇."""
     carried = rate_of_carrier(system, t, state)
     rate = Omegadot if carried is None else Omegadot + carried
     return apply(ContactAxes.of(system, t, state).rows, rate)
@@ -195,6 +198,6 @@ def rate_over_ground(
 def _axes_and_spin(
     surface: AbstractSurface, t: Float[Array, ""], r: Float[Array, ""], u: Coordinates
 ) -> tuple[Float[Array, "3 3"], Float[Array, "3"]]:
-    """The axes of the contact as rows, space axes, and the angular velocity of the ground's matter."""
+    """Returns the axes of the contact as rows, space axes, and the angular velocity of the ground's matter."""
     under = surface.footing(t, r, u, jnp.zeros((3,), r.dtype))
     return jnp.concatenate([under.tangents, under.normal[None]]), under.spin

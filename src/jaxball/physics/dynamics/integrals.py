@@ -23,7 +23,7 @@ class RouthIntegrals(NamedTuple):
 def jellett(
     at: AbstractMoments, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
 ) -> Float[Array, ""]:
-    """L·s, with L about the centre of mass of the whole and s = rΓ + χ to it from the contact point."""
+    """Computes L·s, with L about the centre of mass of the whole and s = rΓ + χ to it from the contact point."""
     L, s, _ = _about_centre_of_mass(at, r, Omega, Gamma)
     return dot(L, s)
 
@@ -36,7 +36,7 @@ def jellett_rate(
     force: Float[Array, "3"] | None = None,
     torque: Float[Array, "3"] | None = None,
 ) -> Float[Array, ""]:
-    """d/dt (L·s) = L·(Ω × χ + χ̇) − s·(χ × F̃) + s·T̃ with χ that of the centre of mass of the whole.
+    """Computes d/dt (L·s) = L·(Ω × χ + χ̇) − s·(χ × F̃) + s·T̃ with χ the centre of mass of the whole.
 
     The reaction of the plane, friction included, has no moment along s and does not appear; nor do gravity and the
     motion of the plane, which act at the centre of mass. ``force`` is F̃, at the geometric centre, and ``torque`` T̃.
@@ -50,7 +50,7 @@ def jellett_rate(
 def routh_integrals(
     at: AbstractMoments, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
 ) -> RouthIntegrals:
-    """The integrals of Jellett and Routh, constant for d1 = d2, every mass fixed on E3, and no force."""
+    """Computes the integrals of Jellett and Routh, constant for d1 = d2, every mass fixed on E3, and no force."""
     height = at.p[2] / at.M
     d1, d3 = at.J[0, 0] - at.M * height**2, at.J[2, 2]
     axial = height + r * Gamma[2]
@@ -61,9 +61,9 @@ def routh_integrals(
     )
 
 
-def _about_centre_of_mass(at: AbstractMoments, r, Omega, Gamma):
-    """L, s = rΓ + χ and Ω × χ + χ̇ for the centre of mass χ = p / M."""
-    centre, rate = at.p / at.M, at.pdot / at.M
+def _about_centre_of_mass(body_moments: AbstractMoments, r, Omega, Gamma):
+    """Computes L, s = rΓ + χ and Ω × χ + χ̇ for the centre of mass χ = p / M."""
+    centre, rate = body_moments.p / body_moments.M, body_moments.pdot / body_moments.M
     velocity = cross(Omega, centre) + rate
-    L = apply(at.J, Omega) + at.l - at.M * cross(centre, velocity)
+    L = apply(body_moments.J, Omega) + body_moments.l - body_moments.M * cross(centre, velocity)
     return L, r * Gamma + centre, velocity

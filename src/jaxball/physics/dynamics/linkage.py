@@ -62,7 +62,9 @@ class Linkage:
     @functools.cached_property
     def slope(self) -> Float[Array, "mechanisms k n 3"]:
         """The rates of χ_a of all joints."""
-        return eqx.filter_vmap(lambda group, at, rate: group.slopes(at, rate))(self.group, self.at, self.rates[1])
+        return eqx.filter_vmap(lambda group, places, rate: group.slopes(places, rate))(
+            self.group, self.at, self.rates[1]
+        )
 
     @functools.cached_property
     def chiddot(self) -> Float[Array, "mechanisms n 3"]:
@@ -70,32 +72,32 @@ class Linkage:
         return along(self.slope, self.rates[1]) + along(self.at.partial, self.rates[2])
 
     def own(self, values: Float[Array, " coordinates"]) -> Float[Array, "mechanisms free"]:
-        """The entries of the free joints in an array of all coordinates."""
+        """Returns the entries of the free joints in an array of all coordinates."""
         return values[self.slots]
 
     def moving(self, thetadot: Float[Array, "mechanisms free"]) -> "Linkage":
-        """The same in the same place, with other θ̇ of the free joints."""
+        """Returns the linkage in the same place, with other θ̇ of the free joints."""
         columns = [self.rates[1][:, a] for a in range(self.group.n_joints)]
         for slot, a in enumerate(self.group.free):
             columns[a] = thetadot[:, slot]
         return dataclasses.replace(self, rates=(self.rates[0], jnp.stack(columns, axis=1), self.rates[2]))
 
     def kinematics(self) -> Kinematics:
-        """χ, χ̇ and χ̈, of all masses along one axis."""
+        """Returns χ, χ̇ and χ̈, of all masses along one axis."""
         return Kinematics(*(jnp.reshape(x, (-1, 3)) for x in (self.chi, self.chidot, self.chiddot)))
 
 
 def linkages(system: BodyParameters, t: Float[Array, ""], angles: Rates) -> list[Linkage]:
-    """The mechanisms of a body at time ``t``, where ``angles`` are θ, θ̇, θ̈ of the state."""
-    found = []
+    """Builds the mechanisms of a body at time ``t``, where ``angles`` are θ, θ̇, θ̈ of the state."""
+    links = []
     for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
-        own = tuple(values[system.slots(order, group.in_state)] for values in angles)
-        rates = eqx.filter_vmap(lambda mechanism, own: mechanism.rates(t, own))(group, own)
-        at = eqx.filter_vmap(lambda mechanism, theta: mechanism.places(theta))(group, rates[0])
-        found.append(Linkage(group, system.slots(order, group.free), rates, at))
-    return found
+        coordinates = tuple(values[system.slots(order, group.in_state)] for values in angles)
+        rates = eqx.filter_vmap(lambda mechanism, coordinates: mechanism.rates(t, coordinates))(group, coordinates)
+        places = eqx.filter_vmap(lambda mechanism, theta: mechanism.places(theta))(group, rates[0])
+        links.append(Linkage(group, system.slots(order, group.free), rates, places))
+    return links
 
 
 def along(partial: Float[Array, "mechanisms k n 3"], rate: Float[Array, "mechanisms k"]):
-    """Σ_a χ_a θ̇_a, or another sum over joints."""
+    """Computes Σ_a χ_a θ̇_a, or another sum over joints."""
     return jnp.sum(partial * rate[:, :, None, None], axis=1)

@@ -43,25 +43,27 @@ class Load(NamedTuple):
         return self.g * self.Gamma if self.gamma is None else self.gamma
 
     def of_momenta(self, r: Float[Array, ""], Omega: Float[Array, "3"]) -> "Load":
-        """The load in the balances of momenta about the contact point, whose rates contain Γ̇: γ without Λ⁻¹ r ω × ṅ."""
+        """Returns the load in the balances of momenta about the contact point, whose rates contain Γ̇: γ without Λ⁻¹ r
+        ω × ṅ.
+        """
         if self.normal_rate is None:
             return self
         assert self.gamma is not None
         return self._replace(gamma=self.gamma - r * cross(Omega, self.normal_rate))
 
     def Gammadot(self, Omega: Float[Array, "3"]) -> Float[Array, "3"]:
-        """Γ̇ = Γ × Ω, and Λ⁻¹ṅ more on a surface."""
+        """Computes Γ̇ = Γ × Ω, and Λ⁻¹ṅ more on a surface."""
         carried = cross(self.Gamma, Omega)
         return carried if self.normal_rate is None else carried + self.normal_rate
 
     def with_torque(self, torque: Float[Array, "3"] | None) -> "Load":
-        """The load with one more torque, body axes, if there is one."""
+        """Returns the load with one more torque, body axes, if there is one."""
         if torque is None:
             return self
         return self._replace(torque=torque if self.torque is None else self.torque + torque)
 
     def about_contact(self, at: AbstractMoments, r: Float[Array, ""]) -> Float[Array, "3"]:
-        """The torque of the load about the contact point: γ × (MrΓ + p) + rΓ × F̃ + T̃."""
+        """Computes the torque of the load about the contact point: γ × (MrΓ + p) + rΓ × F̃ + T̃."""
         if self.gamma is None:
             push = self.g * at.p if self.force is None else self.g * at.p + r * self.force
             torque = cross(self.Gamma, push)
@@ -80,7 +82,7 @@ def load(
     height: Float[Array, ""] | None = None,
     under: Footing | None = None,
 ) -> Load:
-    """The load at a state, except dry friction, which depends on the normal force.
+    """Computes the load at a state, except dry friction, which depends on the normal force.
 
     ``slip`` is the slip velocity in space axes, where the body does not roll; ``touching`` whether the plane resists
     its turning, which it does if not given; ``height`` how far the body is over the plane, 0 if not given; ``under``
@@ -155,14 +157,14 @@ def _external_wrench(
 
 
 def place(state: BallState | RotationState | DiskState) -> Float[Array, "2"]:
-    """Where the geometric centre is over the plane; a disk moves along e1."""
+    """Returns the place of the geometric centre over the plane; a disk moves along e1."""
     return jnp.stack([state.z, jnp.zeros_like(state.z)]) if isinstance(state, DiskState) else state.z
 
 
 def table_under(
     system: BodyParameters, t: Float[Array, ""], state: State, slip: Float[Array, "3"] | None = None
 ) -> TableMotion | None:
-    """The motion of a turntable under the body's centre; None without one. ``slip`` is as in :func:`load`."""
+    """Computes the motion of a turntable under the body's centre; None without one. ``slip`` is as in :func:`load`."""
     if not isinstance(system.ground, Ground) or system.ground.turntable is None:
         return None
     assert isinstance(state, BallState | RotationState)
@@ -171,5 +173,5 @@ def table_under(
 
 
 def in_three(v: Float[Array, "2"]) -> Float[Array, "3"]:
-    """A horizontal vector with its third component, 0."""
+    """Returns a horizontal vector with its third component, 0."""
     return jnp.concatenate([v, jnp.zeros_like(v[:1])])

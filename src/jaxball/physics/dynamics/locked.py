@@ -34,47 +34,51 @@ AnyState = TypeVar("AnyState", BallState, RotationState, ReducedState, DiskState
 
 
 def to_locked(system: BodyParameters, t: Float[Array, ""], state: AnyState) -> AnyState:
-    """``state`` with the locked velocities in place of Ω (for a disk, of φ̇) and of free joints' θ̇."""
+    """Returns ``state`` with the locked velocities in place of Ω (for a disk, of φ̇) and of free joints' θ̇."""
     return _move(system, t, state, 1.0)
 
 
 def from_locked(system: BodyParameters, t: Float[Array, ""], state: AnyState) -> AnyState:
-    """The inverse of :func:`to_locked`."""
+    """Inverts :func:`to_locked`."""
     return _move(system, t, state, -1.0)
 
 
 def field_of_locked(system: BodyParameters, t: Float[Array, ""], packed: AnyState) -> AnyState:
-    """The rates of a state that holds (W, ϑ̇): with 𝔐 the inertia of ``coupling``, 𝔐⁻¹ ((Π̇, π̇) − 𝔐̇ (W, ϑ̇))."""
+    """Computes the rates of a state that holds (W, ϑ̇): with 𝔐 the inertia of ``coupling``, 𝔐⁻¹ ((Π̇, π̇) − 𝔐̇ (W,
+    ϑ̇)).
+    """
     r, W, Gamma = system.radius, packed.Omega, contact_normal(system, t, packed)
-    at, links = _stop_joints(system, t, packed)
+    body_moments, links = _stop_joints(system, t, packed)
     free = with_free_joints(links)
     locked = [link.own(packed.thetadot) for link in free]
-    matrix = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links)
+    matrix = inertia(inertia_about_contact(body_moments, r, Gamma), r, Gamma, links)
     factors = matrix.factorise()
-    excess = factors.solve(*_momenta_of_motions(t, at, r, Gamma, free))
+    excess = factors.solve(*_momenta_of_motions(t, body_moments, r, Gamma, free))
     state = _with_velocities(packed, links, -1.0, *excess)
     Omega, angles = W - excess[0], angles_in_state(system, t, state)
     if free:
         links = [link.moving(link.own(state.thetadot)) if link.group.free else link for link in links]
-        at, free = velocity_moments(system, t, angles[:2], links), with_free_joints(links)
+        body_moments, free = velocity_moments(system, t, angles[:2], links), with_free_joints(links)
     acting = _with_dry_friction(system, t, state, load(system, t, state))
     Gammadot = acting.Gammadot(Omega)
     acting = acting.of_momenta(r, Omega)
     Pi, _ = matrix.times(W, locked)
-    Pidot = contact_momentum_rate(at, r, acting, Pi, Omega)
+    Pidot = contact_momentum_rate(body_moments, r, acting, Pi, Omega)
     forces = joint_forces(t, state, links, impulses=False)
     pidot = [Q + _momentum_rate(link, r, acting, Omega) for link, Q in zip(free, forces, strict=True)]
-    changing = inertia_rate(inertia_about_contact_rate(at, r, Gamma, Gammadot), r, Gamma, Gammadot, links)
+    changing = inertia_rate(inertia_about_contact_rate(body_moments, r, Gamma, Gammadot), r, Gamma, Gammadot, links)
     turned, pulled = changing.times(W, locked)
     Wdot, rates = factors.solve(Pidot - turned, [x - y for x, y in zip(pidot, pulled, strict=True)])
-    theta, thetadot, given = angles
-    return rates_of(system, t, state, Wdot, (theta, thetadot, join_coordinates(given, links, rates)), acting.footing)
+    theta, thetadot, driven_thetaddot = angles
+    return rates_of(
+        system, t, state, Wdot, (theta, thetadot, join_coordinates(driven_thetaddot, links, rates)), acting.footing
+    )
 
 
 def inertia_about_contact_rate(
     at: AbstractMoments, r: Float[Array, ""], Gamma: Float[Array, "3"], Gammadot: Float[Array, "3"]
 ) -> Float[Array, "3 3"]:
-    """Ḃ, by the rule of products."""
+    """Computes Ḃ, by the rule of products."""
     turn = outer(Gammadot, Gamma)
     mixed = outer(Gammadot, at.p) + outer(Gamma, at.pdot)
     trace = dot(Gammadot, at.p) + dot(Gamma, at.pdot)
@@ -83,10 +87,10 @@ def inertia_about_contact_rate(
 
 
 def _move(system: BodyParameters, t: Float[Array, ""], state: AnyState, sign: float) -> AnyState:
-    at, links = _stop_joints(system, t, state)
+    body_moments, links = _stop_joints(system, t, state)
     r, Gamma = system.radius, contact_normal(system, t, state)
-    factors = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links).factorise()
-    momenta = _momenta_of_motions(t, at, r, Gamma, with_free_joints(links))
+    factors = inertia(inertia_about_contact(body_moments, r, Gamma), r, Gamma, links).factorise()
+    momenta = _momenta_of_motions(t, body_moments, r, Gamma, with_free_joints(links))
     return _with_velocities(state, links, sign, *factors.solve(*momenta))
 
 
@@ -102,20 +106,24 @@ def _stop_joints(system: BodyParameters, t: Float[Array, ""], state: State) -> t
 
 
 def _momenta_of_motions(
-    t: Float[Array, ""], at: AbstractMoments, r: Float[Array, ""], Gamma: Float[Array, "3"], free: list[Linkage]
+    t: Float[Array, ""],
+    body_moments: AbstractMoments,
+    r: Float[Array, ""],
+    Gamma: Float[Array, "3"],
+    free: list[Linkage],
 ) -> tuple[Float[Array, "3"], Joints]:
     """Computes the known parts of Π and π_a: from prescribed or driven motions in the ball, and from integrated forces.
 
     The free joints are still.
     """
     pi = [jnp.sum((link.m[..., None] * link.chidot)[:, None] * link.partial, axis=(-2, -1)) for link in free]
-    return internal_momentum(at, r, Gamma), [x - I for x, I in zip(pi, joint_impulses(t, free), strict=True)]
+    return internal_momentum(body_moments, r, Gamma), [x - I for x, I in zip(pi, joint_impulses(t, free), strict=True)]
 
 
 def _with_velocities(
     state: AnyState, links: list[Linkage], sign: float, Omega: Float[Array, "3"], thetadot: Joints
 ) -> AnyState:
-    """The state with changes of Ω and of free joints' θ̇ added, times ``sign``."""
+    """Returns the state with changes of Ω and of free joints' θ̇ added, times ``sign``."""
     moved = state.with_Omega(state.Omega + sign * Omega)
     if not thetadot:
         return moved
@@ -126,7 +134,7 @@ def _with_velocities(
 def _momentum_rate(
     link: Linkage, r: Float[Array, ""], acting: Load, Omega: Float[Array, "3"]
 ) -> Float[Array, "mechanisms free"]:
-    """π̇_a − Q_a = Σ m [ v·(Ω × χ_a + d/dt χ_a) − χ_a·γ ], with v = Ω × s + χ̇."""
+    """Computes π̇_a − Q_a = Σ m [ v·(Ω × χ_a + d/dt χ_a) − χ_a·γ ], with v = Ω × s + χ̇."""
     turning = jnp.broadcast_to(Omega, link.chi.shape)
     v = cross(turning, r * acting.Gamma[None, None] + link.chi) + link.chidot
     partial = link.partial

@@ -57,7 +57,7 @@ class Moments(AbstractMoments):
 def velocity_moments(
     system: BodyParameters, t: Float[Array, ""], angles: Angles, links: list[Linkage] | None = None
 ) -> VelocityMoments:
-    """The moments without accelerations at time ``t``, where ``angles`` are θ, θ̇ of the state.
+    """Computes the moments without accelerations at time ``t``, where ``angles`` are θ, θ̇ of the state.
 
     ``links`` are the mechanisms then, if they have been found.
     """
@@ -76,21 +76,32 @@ def velocity_moments(
 
 
 def moments(system: BodyParameters, t: Float[Array, ""], angles: Rates, links: list[Linkage] | None = None) -> Moments:
-    """All moments at time ``t``, where ``angles`` are θ, θ̇, θ̈ of the state.
+    """Computes all moments at time ``t``, where ``angles`` are θ, θ̇, θ̈ of the state.
 
     ``links`` are the mechanisms then, if they have been found.
     """
     links = linkages(system, t, angles) if links is None else links
-    at = velocity_moments(system, t, angles[:2], links)
+    body_moments = velocity_moments(system, t, angles[:2], links)
     pddot = ldot = jnp.zeros_like(system.offset)
     for m, (chi, _, chiddot) in _kinematics_by_group(system, t, angles, links):
         pddot = pddot + jnp.sum(m[:, None] * chiddot, axis=0)
         ldot = ldot + _axial(_second_moment(m, chi, chiddot))
-    return Moments(M=at.M, p=at.p, pdot=at.pdot, J=at.J, Jdot=at.Jdot, l=at.l, pddot=pddot, ldot=ldot)
+    return Moments(
+        M=body_moments.M,
+        p=body_moments.p,
+        pdot=body_moments.pdot,
+        J=body_moments.J,
+        Jdot=body_moments.Jdot,
+        l=body_moments.l,
+        pddot=pddot,
+        ldot=ldot,
+    )
 
 
 def kinematics(system: BodyParameters, t: Float[Array, ""], angles: Rates) -> Kinematics:
-    """χ_i, χ̇_i and χ̈_i of the point masses i = 1 … n, in their own order, then those of mechanisms, each (n, 3)."""
+    """Computes χ_i, χ̇_i and χ̈_i of the point masses i = 1 … n, in their own order, then of the masses of mechanisms,
+    each (n, 3).
+    """
     links = linkages(system, t, angles)
     parts = [part for _, part in _kinematics_by_group(system, t, angles, links)]
     if not parts:
@@ -101,7 +112,7 @@ def kinematics(system: BodyParameters, t: Float[Array, ""], angles: Rates) -> Ki
 
 
 def point_mass_values(system: BodyParameters) -> Float[Array, " n"]:
-    """m_i of the point masses i = 1 … n, in the order of :func:`kinematics`."""
+    """Returns m_i of the point masses i = 1 … n, in the order of :func:`kinematics`."""
     groups = (*system.groups, *system.mechanism_groups)
     if not groups:
         return jnp.zeros((0,), dtype=system.mass.dtype)
@@ -119,7 +130,9 @@ class JointMotion(NamedTuple):
 def joint_motion(
     system: BodyParameters, t: Float[Array, ""], angles: Rates, lifted: Float[Array, "n 3"]
 ) -> JointMotion:
-    """The joints, with efforts Q_a = Σ m χ_a·(a + γ), where ``lifted`` has a + γ in the order of :func:`kinematics`."""
+    """Computes the motion of the joints, with efforts Q_a = Σ m χ_a·(a + γ), where ``lifted`` has a + γ in the order of
+    :func:`kinematics`.
+    """
     if not system.mechanism_groups:
         nothing = jnp.zeros((0,), dtype=system.mass.dtype)
         return JointMotion(nothing, nothing, nothing)
@@ -138,12 +151,12 @@ def joint_motion(
 
 
 def principal_inertia(system: BodyParameters) -> Float[Array, "3 3"]:
-    """𝕀 = diag(d1, d2, d3) of the shell; for a disk, the matrix that has d2 in every place of its diagonal."""
+    """Returns 𝕀 = diag(d1, d2, d3) of the shell; for a disk, the matrix that has d2 in every place of its diagonal."""
     return jnp.broadcast_to(system.inertia, (3,))[:, None] * jnp.eye(3, dtype=system.mass.dtype)
 
 
 def _places(system: BodyParameters) -> Int[np.ndarray, " n"]:
-    """Where each mass is in the arrays of the groups, one after the other."""
+    """Finds where each mass is in the arrays of the groups, one after the other."""
     keys = [(0, index, 0) for indices in system.order for index in indices]
     for group, indices in zip(system.mechanism_groups, system.mechanism_order, strict=True):
         keys += [(1, index, i) for index in indices for i in range(group.mass.shape[-1])]
@@ -156,7 +169,7 @@ Part = tuple[Float[Array, " m"], Any]
 def _velocities_by_group(
     system: BodyParameters, t: Float[Array, ""], angles: Angles, links: list[Linkage] | None
 ) -> list[Part]:
-    """The masses of each group, and their χ and χ̇."""
+    """Lists the masses of each group, and their χ and χ̇."""
     links = linkages(system, t, (*angles, angles[1])) if links is None else links  # θ̈ is not used
     parts = _by_group(system, angles, lambda motion: motion.velocity(t), lambda motion, *x: motion.velocity(*x))
     carried = (
@@ -168,22 +181,24 @@ def _velocities_by_group(
 def _kinematics_by_group(
     system: BodyParameters, t: Float[Array, ""], angles: Rates, links: list[Linkage]
 ) -> list[Part]:
-    """The masses of each group, and their χ, χ̇ and χ̈."""
+    """Lists the masses of each group, and their χ, χ̇ and χ̈."""
     parts = _by_group(system, angles, lambda motion: motion.kinematics(t), lambda motion, *x: motion.kinematics(*x))
     return [*parts, *((jnp.ravel(link.m), link.kinematics()) for link in links)]
 
 
 def _by_group(system: BodyParameters, angles, prescribed: Callable[..., Any], driven: Callable[..., Any]) -> list[Part]:
-    """Each group's masses, with what ``prescribed`` finds of its motion, or ``driven`` of it and its own angles."""
+    """Lists each group's masses, with the result of ``prescribed`` for its motion, or of ``driven`` for that and its
+    own angles.
+    """
     slots = {index: slot for slot, index in enumerate(system.driven)}
     parts = []
     for group, indices in zip(system.groups, system.order, strict=True):
         if isinstance(group.motion, Driven):
             places = np.asarray([slots[index] for index in indices])
-            found = eqx.filter_vmap(driven)(group.motion, *(values[places] for values in angles))
+            motions = eqx.filter_vmap(driven)(group.motion, *(values[places] for values in angles))
         else:
-            found = eqx.filter_vmap(prescribed)(group.motion)
-        parts.append((group.mass, found))
+            motions = eqx.filter_vmap(prescribed)(group.motion)
+        parts.append((group.mass, motions))
     return parts
 
 

@@ -152,11 +152,11 @@ class BodyParameters(Printed):
 
     def __repr__(self) -> str:
         hidden = ("groups", "order", "driven", "mechanism_groups", "mechanism_order")
-        own = [field for field in dataclasses.fields(self) if field.name not in hidden]
-        known = vars(self)  # some are missing while the body is being made
-        masses = _lines("masses", known.get("groups", ()), known.get("order", ()))
-        mechanisms = _lines("mechanisms", known.get("mechanism_groups", ()), known.get("mechanism_order", ()))
-        return "\n".join([format_fields(self, own), *masses, *mechanisms])
+        fields = [field for field in dataclasses.fields(self) if field.name not in hidden]
+        attributes = vars(self)  # some are missing while the body is being made
+        masses = _lines("masses", attributes.get("groups", ()), attributes.get("order", ()))
+        mechanisms = _lines("mechanisms", attributes.get("mechanism_groups", ()), attributes.get("mechanism_order", ()))
+        return "\n".join([format_fields(self, fields), *masses, *mechanisms])
 
     @property
     def point_masses(self) -> tuple[PointMass, ...]:
@@ -203,7 +203,7 @@ class BodyParameters(Printed):
         return (*range(len(self.driven)), *joints, *range(first, first + len(self.driven_ground)))
 
     def slots(self, order: tuple[int, ...], joints: Sequence[int]) -> Int[np.ndarray, "mechanisms joints"]:
-        """The indices in a state's ``theta`` of some joints of each mechanism of a group."""
+        """Returns the indices in a state's ``theta`` of some joints of each mechanism of a group."""
         places = {joint: len(self.driven) + slot for slot, joint in enumerate(self.joints)}
         return np.asarray([[places[index, a] for a in joints] for index in order], dtype=int).reshape(len(order), -1)
 
@@ -219,7 +219,7 @@ class BodyParameters(Printed):
         return {name: getattr(self, name) for name in names} | items
 
     def drift(self, t: Float[Array, ""], state: Any) -> Float[Array, "2"] | None:
-        """The velocity u of a turntable under the body's centre; None without one."""
+        """Computes the velocity u of a turntable under the body's centre; None without one."""
         if not isinstance(self.ground, Ground) or self.ground.turntable is None:
             return None
         return self.ground.velocity(t, state.z)
@@ -260,7 +260,7 @@ def ungroup_items(groups: Sequence[Item], order: Sequence[tuple[int, ...]]) -> t
 
 
 def _lines(name: str, groups: Sequence[PointMass | AbstractMechanism], order: Sequence[tuple[int, ...]]) -> list[str]:
-    """Lines that show the items one by one."""
+    """Formats the items one by one, as lines."""
     lines: dict[int, str] = {}
     for group, indices in zip(groups, order, strict=True):
         axis = max(np.ndim(group.mass) - (2 if isinstance(group, AbstractMechanism) else 1), 0)
@@ -283,9 +283,9 @@ def _stack(leaves: Sequence[Any]) -> Array:
 
 
 def _entry(leaf: Any, index: int) -> Any:
-    """An entry along the first axis, taken by NumPy where it is known, without compiling anything."""
-    known = isinstance(leaf, jax.Array) and not is_traced(leaf)
-    return jnp.asarray(np.asarray(np.asarray(leaf)[index]), dtype=leaf.dtype) if known else leaf[index]
+    """Returns an entry along the first axis, taken by NumPy where it is known, without compiling anything."""
+    is_concrete = isinstance(leaf, jax.Array) and not is_traced(leaf)
+    return jnp.asarray(np.asarray(np.asarray(leaf)[index]), dtype=leaf.dtype) if is_concrete else leaf[index]
 
 
 def _require_line(ground: AbstractGround | None) -> None:
@@ -298,8 +298,14 @@ def _require_force(body: "BodyParameters") -> None:
     force = body.force
     if force is None:
         return
-    given = isinstance(force, list | tuple | jax.Array | np.ndarray)
-    remedy = "HarmonicForce(constant) is one" if given else "FunctionWrench(function) is one" if callable(force) else ""
+    is_constant = isinstance(force, list | tuple | jax.Array | np.ndarray)
+    remedy = (
+        "HarmonicForce(constant) is one"
+        if is_constant
+        else "FunctionWrench(function) is one"
+        if callable(force)
+        else ""
+    )
     require("force", force, AbstractWrench, "a force or None", remedy)
     if not isinstance(force, HarmonicForce | FunctionForce):  # which have been checked when they were made
         require_wrench("force", force, len(body.coordinates))

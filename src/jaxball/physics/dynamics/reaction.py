@@ -29,7 +29,7 @@ class ContactForce(NamedTuple):
 def reaction_in_body(
     at: Moments, r: Float[Array, ""], acting: Load, Omega: Float[Array, "3"], Omegadot: Float[Array, "3"]
 ) -> Float[Array, "3"]:
-    """R̃ = Σ m a + Mγ − F̃ by Newton's second law for the whole system, in body axes.
+    """Computes R̃ = Σ m a + Mγ − F̃ by Newton's second law for the whole system, in body axes.
 
     With a_i = Ω̇ × s_i + Ω × (Ω × χ_i + 2χ̇_i) + χ̈_i, Σ m a depends only on the moments.
     """
@@ -38,10 +38,10 @@ def reaction_in_body(
 
 
 def reaction(system: BodyParameters, t: Float[Array, ""], state: State) -> Reaction:
-    """N and |f|² from any kind of state, in body axes, so that the heading need not be known."""
+    """Computes N and |f|² from any kind of state, in body axes, so that the heading need not be known."""
     acting = load(system, t, state)
-    found = accelerations(system, t, state, acting)
-    R = reaction_in_body(found.at, system.radius, acting, state.Omega, found.Omegadot)
+    solution = accelerations(system, t, state, acting)
+    R = reaction_in_body(solution.at, system.radius, acting, state.Omega, solution.Omegadot)
     return Reaction.of(R, acting.Gamma)
 
 
@@ -52,5 +52,5 @@ def total_inertial_force(
     Omega: Float[Array, "3"],
     Omegadot: Float[Array, "3"],
 ) -> Float[Array, "3"]:
-    """Σ m a in body axes, with a the accelerations in space."""
+    """Computes Σ m a in body axes, with a the accelerations in space."""
     return cross(Omegadot, at.M * r * Gamma + at.p) + cross(Omega, cross(Omega, at.p) + 2 * at.pdot) + at.pddot

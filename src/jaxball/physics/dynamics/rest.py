@@ -49,7 +49,7 @@ class Turning(NamedTuple):
         return jnp.eye(3, dtype=self.up.dtype) - outer(self.up, self.up)
 
     def in_space(self, Lambda: Float[Array, "3 3"]) -> "Turning":
-        """The same in space axes, from body axes."""
+        """Converts the turning from body axes to space axes."""
         rate, lift = apply(Lambda, self.rate), apply(Lambda, self.lift)
         _, across, up = jnp.eye(3, dtype=rate.dtype)  # exactly, as a product with Λ would not be
         half = jnp.sum(Lambda[:, None, :] * self.compliance.T[None], axis=-1)
@@ -97,14 +97,14 @@ class Hold(NamedTuple):
 
     @classmethod
     def of(cls, turning: Turning, mode: TurningMode) -> "Hold":
-        """That of a mode."""
+        """Builds P and the stiffness that belong to a mode."""
         up = turning.up
         held = jnp.where(mode.rests, turning.plane, 0.0) + jnp.where(mode.still, outer(up, up), 0.0)
         moving = jnp.eye(3, dtype=up.dtype) - held
         return cls(held, inverse(_product(held, _product(turning.compliance, held)) + moving))
 
     def __call__(self, rate: Float[Array, "3"]) -> Float[Array, "3"]:
-        """K times a rate."""
+        """Returns K times a rate."""
         return apply(self.held, apply(self.stiffness, apply(self.held, rate)))
 
 
@@ -120,7 +120,7 @@ class Needs(NamedTuple):
 
 
 def needs(resistance: Resistance, turning: Turning, acting: Resisted) -> Needs:
-    """Whether friction can hold the body as it does: what it has to spare is positive as long as it can."""
+    """Returns whether friction can hold the body as it does: what it has to spare is positive as long as it can."""
     tangential, vertical = apply(turning.plane, acting.torque), dot(turning.up, acting.torque)
     spare, loads = [], []
     for level, square in ((resistance.dry, dot(tangential, tangential)), (resistance.dry_spinning, vertical**2)):
@@ -134,18 +134,18 @@ def needs(resistance: Resistance, turning: Turning, acting: Resisted) -> Needs:
 
 
 def mode_of(resistance: Resistance, turning: Turning, omega: Float[Array, "3"]) -> TurningMode:
-    """The mode that a solve knows, or else the one that follows from ω: held at rest if friction can do it."""
+    """Returns the mode that a solve knows, or else the one that follows from ω: held at rest if friction can do it."""
     if resistance.mode is not None:
         return resistance.mode
-    given = candidates(resistance, turning, omega)
-    still = without_derivatives((resistance, turning, given))
+    candidate = candidates(resistance, turning, omega)
+    still = without_derivatives((resistance, turning, candidate))
     mode = begin(*still)
-    rolls = dot(given.sigma, given.sigma) > 0
-    return mode._replace(sigma=jnp.where(rolls, given.sigma, mode.sigma))
+    rolls = dot(candidate.sigma, candidate.sigma) > 0
+    return mode._replace(sigma=jnp.where(rolls, candidate.sigma, mode.sigma))
 
 
 def candidates(resistance: Resistance, turning: Turning, omega: Float[Array, "3"]) -> TurningMode:
-    """The mode of a body where friction holds all that does not move, whether it can or not."""
+    """Returns the mode of a body where friction holds all that does not move, whether it can or not."""
     spin = dot(turning.up, omega)
     rolling = apply(turning.plane, omega) if turning.axle is not None else omega - spin * turning.up
     least = jax.lax.stop_gradient(ROUNDING_OF_RATE * float(jnp.finfo(omega.dtype).eps) * root(dot(omega, omega)))
@@ -184,7 +184,7 @@ def begin(
 def _let_go(
     turning: Turning, mode: TurningMode, acting: Resisted, rolls: Bool[Array, ""], spins: Bool[Array, ""]
 ) -> TurningMode:
-    """The mode in which what was held turns against the torque that held it."""
+    """Returns the mode in which what was held turns against the torque that held it."""
     against = -apply(turning.plane, acting.torque)
     square = dot(against, against)
     sigma = jnp.where(rolls, against / jnp.sqrt(jnp.where(square > 0, square, 1.0)), mode.sigma)
@@ -193,7 +193,7 @@ def _let_go(
 
 
 def _along_growth(resistance: Resistance, turning: Turning, mode: TurningMode) -> TurningMode:
-    """The mode in which the direction of rolling is one in which ω_h grows."""
+    """Returns the mode in which the direction of rolling is one in which ω_h grows."""
     about = resistance, turning, mode
     guess = jnp.stack([dot(axis, mode.sigma) for axis in axes(turning.up)])
     sigma = diverging(_pull, about, jax.lax.stop_gradient(guess)).sigma
@@ -209,13 +209,13 @@ def _pull(
 
 
 def with_direction(turning: Turning, mode: TurningMode, sigma: Float[Array, "2"]) -> TurningMode:
-    """The mode of a body that rolls in the direction with these components along :func:`axes`."""
+    """Returns the mode of a body that rolls in the direction with these components along :func:`axes`."""
     first, second = axes(turning.up)
     return mode._replace(sigma=sigma[0] * first + sigma[1] * second)
 
 
 def axes(up: Float[Array, "3"]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
-    """Two unit vectors along the plane; e1 and e2 in space axes."""
+    """Returns two unit vectors along the plane; e1 and e2 in space axes."""
     small = jnp.argmin(jnp.abs(up))
     axis = jnp.where(jnp.arange(3) == small, 1.0, 0.0).astype(up.dtype)
     first = axis - dot(axis, up) * up

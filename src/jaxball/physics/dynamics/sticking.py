@@ -22,7 +22,7 @@ AnyParameters = TypeVar("AnyParameters", bound=BodyParameters)
 
 
 def sticking_slots(system: BodyParameters) -> Int[np.ndarray, " sticking"]:
-    """The indices in a state's ``theta`` of the joints that friction may hold."""
+    """Returns the indices in a state's ``theta`` of the joints that friction may hold."""
     items = zip(system.mechanism_groups, system.mechanism_order, strict=True)
     slots = [
         system.slots(order, group.free)[:, list(group.frictions)].ravel() for group, order in items if group.frictions
@@ -31,7 +31,7 @@ def sticking_slots(system: BodyParameters) -> Int[np.ndarray, " sticking"]:
 
 
 def largest_frictions(system: BodyParameters) -> Float[Array, " sticking"]:
-    """The largest friction of each of these joints at rest."""
+    """Returns the largest friction, at rest, of each joint that friction may hold."""
     levels = [
         jnp.ravel(jnp.stack([friction.largest for friction in group.frictions.values()], axis=-1))
         for group in system.mechanism_groups
@@ -41,19 +41,19 @@ def largest_frictions(system: BodyParameters) -> Float[Array, " sticking"]:
 
 
 def has_directions(system: BodyParameters) -> bool:
-    """Whether it is known of all joints with friction in which direction they slip."""
+    """Returns whether it is known of all joints with friction in which direction they slip."""
     frictions = (friction for group in system.mechanism_groups for friction in group.frictions.values())
     return all(friction.direction is not None for friction in frictions)
 
 
 def with_directions(system: AnyParameters, directions: Float[Array, " sticking"]) -> AnyParameters:
-    """The same body where the joints slip in these directions, or stick, 0."""
+    """Returns the same body where the joints slip in these directions, or stick, 0."""
     groups, start = [], 0
     for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
         end = start + len(order) * len(group.frictions)
         if group.frictions:
-            own = jnp.reshape(directions[start:end], (len(order), -1))
-            group = eqx.filter_vmap(lambda mechanism, own: mechanism.slipping(own))(group, own)
+            slips = jnp.reshape(directions[start:end], (len(order), -1))
+            group = eqx.filter_vmap(lambda mechanism, slips: mechanism.slipping(slips))(group, slips)
         groups.append(group)
         start = end
     return eqx.tree_at(lambda body: body.mechanism_groups, system, tuple(groups))
@@ -72,10 +72,14 @@ def sticking_joints(group: AbstractMechanism) -> Bool[Array, "mechanisms free"] 
 
 
 def of_sticking(system: BodyParameters, values: Joints) -> Float[Array, " sticking"]:
-    """The entries of the joints that friction may hold, of those of all free joints."""
+    """Selects the entries of the joints that friction may hold from the entries of all free joints."""
     groups = (group for group in system.mechanism_groups if group.free)
     return jnp.concatenate(
-        [jnp.ravel(own[:, list(group.frictions)]) for group, own in zip(groups, values, strict=True) if group.frictions]
+        [
+            jnp.ravel(group_values[:, list(group.frictions)])
+            for group, group_values in zip(groups, values, strict=True)
+            if group.frictions
+        ]
     )
 
 
@@ -107,7 +111,9 @@ def sticking_guards(
     thetadot: Float[Array, " rates"],
     holding: Float[Array, " sticking"],
 ) -> Float[Array, " guards"]:
-    """Two for each joint: θ̇ in its direction and 1 where it slips, what friction has to spare where it sticks."""
+    """Computes two guards for each joint: θ̇ in its direction and 1 where it slips, what friction has to spare where it
+    sticks.
+    """
     sticks, largest = directions == 0, largest_frictions(system)
     onward = directions * thetadot[sticking_slots(system)]
     first = jnp.where(sticks, largest - holding, onward)
@@ -120,7 +126,8 @@ def change_joint(
     thetadot: Float[Array, " rates"],
     which: Int[Array, ""],
 ) -> tuple[Float[Array, " sticking"], Float[Array, " rates"]]:
-    """Directions and θ̇ after one of :func:`sticking_guards`: a joint that slipped is held, and one that was held slips.
+    """Returns directions and θ̇ after one of :func:`sticking_guards`: a joint that slipped is held, and one that was
+    held slips.
 
     - ``which``: the index of the guard; negative where it is none of these, and nothing changes.
     """

@@ -83,14 +83,14 @@ class AbstractWrench(Printed):
 
     @abc.abstractmethod
     def wrench(self, t: Float[Array, ""], motion: BodyMotion) -> Wrench:
-        """The wrench at time ``t`` on a body with this motion."""
+        """Computes the wrench at time ``t`` on a body with this motion."""
 
     def kinks(self) -> Float[Array, " kinks"]:
-        """The times at which the force or the torque, or one of their derivatives, jumps."""
+        """Returns the times at which the force or the torque, or one of their derivatives, jumps."""
         return jnp.zeros((0,), dtype=default_dtype())
 
     def kinks_with(self, motion: BodyMotion) -> Float[Array, " kinks"]:
-        """The same for such a motion; of a class without ``kinks`` of its own, those seen in its trace."""
+        """Returns the kinks for such a motion; of a class without ``kinks`` of its own, the ones seen in its trace."""
         if type(self).kinks is not AbstractWrench.kinks:
             return self.kinks()
         return kinks_seen(self, type(self).wrench, motion)
@@ -101,10 +101,10 @@ class AbstractForce(AbstractWrench):
 
     @abc.abstractmethod
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
-        """Fe(t) in space axes."""
+        """Computes Fe(t) in space axes."""
 
     def kinks(self) -> Float[Array, " kinks"]:
-        """The times at which Fe or one of its derivatives jumps.
+        """Returns the times at which Fe or one of its derivatives jumps.
 
         By default, those at which the trace of ``__call__`` compares the time with something else.
         """
@@ -203,8 +203,8 @@ class FunctionWrench(OfKinkedFunctionOfState, AbstractWrench):
         require_callable("function", self.function, "t", "motion", "parameters")
 
     def wrench(self, t: Float[Array, ""], motion: BodyMotion) -> Wrench:
-        given = self.function(t, motion, self.parameters)
-        return _check_wrench("function", given if isinstance(given, Wrench) else Wrench(given))
+        value = self.function(t, motion, self.parameters)
+        return _check_wrench("function", value if isinstance(value, Wrench) else Wrench(value))
 
     def kinks_with(self, motion: BodyMotion) -> Float[Array, " kinks"]:
         return kinks_of_function(self, motion)
@@ -283,8 +283,8 @@ class Wrenches(AbstractWrench):
 
     def wrench(self, t: Float[Array, ""], motion: BodyMotion) -> Wrench:
         each = [term.wrench(t, motion) for term in self.terms]
-        torques = [one.torque for one in each if one.torque is not None]
-        force, torque = sum((one.force for one in each[1:]), each[0].force), None
+        torques = [part.torque for part in each if part.torque is not None]
+        force, torque = sum((part.force for part in each[1:]), each[0].force), None
         return Wrench(force, sum(torques[1:], torques[0]) if torques else torque)
 
     def kinks(self) -> Float[Array, " kinks"]:

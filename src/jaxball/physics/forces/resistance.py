@@ -51,7 +51,7 @@ class AbstractResistance(Printed):
     def contact_torque(
         self, Omega: Float[Array, "3"], Gamma: Float[Array, "3"], W: Float[Array, ""] | None
     ) -> Float[Array, "3"]:
-        """T at the contact without its dry part, body axes, mass length²/time², shape (3,).
+        """Computes T at the contact without its dry part, body axes, mass length²/time², shape (3,).
 
         **Arguments:**
 
@@ -61,7 +61,8 @@ class AbstractResistance(Printed):
         """
 
     def medium(self, velocity: Float[Array, "3"], Omega: Float[Array, "3"]) -> tuple[Float[Array, "3"], ...] | None:
-        """The force at the geometric centre and the torque, each in body axes, of shape (3,); None where there is none.
+        """Computes the force at the geometric centre and the torque, each in body axes, of shape (3,); None where there
+        is none.
 
         **Arguments:**
 
@@ -73,7 +74,7 @@ class AbstractResistance(Printed):
     def dry_torque(
         self, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
     ) -> Float[Array, "3"] | None:
-        """The dry torque over N, body axes, a length, shape (3,); None where no part is proportional to N.
+        """Computes the dry torque over N, body axes, a length, shape (3,); None where no part is proportional to N.
 
         **Arguments:**
 
@@ -93,7 +94,7 @@ class AbstractResistance(Printed):
         return False
 
     def conditions(self) -> Iterator[Condition]:
-        """Every condition that its numbers must meet, named ``resistance.…``; traceable."""
+        """Yields every condition that its numbers must meet, named ``resistance.…``; traceable."""
         yield from ()
 
 
@@ -162,7 +163,7 @@ class Resistance(AbstractResistance):
             )
 
     def conditions(self) -> Iterator[Condition]:
-        """What the coefficients must be; traceable."""
+        """Yields the conditions on the coefficients; traceable."""
         for name in ("rolling", "spinning", "drag", "rotational_drag", "dry", "dry_spinning"):
             value = getattr(self, name)
             if value is not None and self.exact and name.startswith("dry"):
@@ -176,21 +177,21 @@ class Resistance(AbstractResistance):
 
     @property
     def is_dry(self) -> bool:
-        given = self.dry is not None or self.dry_spinning is not None
-        return given or type(self).dry_torque is not Resistance.dry_torque
+        has_coefficient = self.dry is not None or self.dry_spinning is not None
+        return has_coefficient or type(self).dry_torque is not Resistance.dry_torque
 
     @property
     def holds(self) -> bool:
         return self.exact
 
     def medium(self, velocity: Float[Array, "3"], Omega: Float[Array, "3"]) -> tuple[Float[Array, "3"], ...] | None:
-        """−drag ż and −rotational_drag ω, body axes."""
+        """Computes −drag ż and −rotational_drag ω, body axes."""
         return -self.drag * velocity, -self.rotational_drag * Omega
 
     def contact_torque(
         self, Omega: Float[Array, "3"], Gamma: Float[Array, "3"], W: Float[Array, ""] | None
     ) -> Float[Array, "3"]:
-        """The viscous part of T at the contact, body axes; ``W`` is that of a turntable."""
+        """Computes the viscous part of T at the contact, body axes; ``W`` is the rate of a turntable."""
         spin = dot(Omega, Gamma)
         over = spin if W is None else spin - W
         return -self.rolling * (Omega - spin * Gamma) - self.spinning * over * Gamma
@@ -198,7 +199,9 @@ class Resistance(AbstractResistance):
     def dry_torque(
         self, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
     ) -> Float[Array, "3"] | None:
-        """The dry torque over N, body axes; None without dry friction. If that is exact, of a body in motion."""
+        """Computes the dry torque over N, body axes; None without dry friction. If that is exact, of a body
+        in motion.
+        """
         if self.dry is None and self.dry_spinning is None:
             return None
         spin = dot(Omega, Gamma)
@@ -210,7 +213,7 @@ class Resistance(AbstractResistance):
         return torque
 
     def _size(self, square: Float[Array, ""]) -> Float[Array, ""]:
-        """The size of a rate as dry friction has it: with smoothing, and positive where the rate is 0."""
+        """Computes the size of a rate as dry friction has it: with smoothing, and positive where the rate is 0."""
         if self.exact:
             return jnp.sqrt(jnp.where(square > 0, square, 1.0))
         return jnp.sqrt(square + self.smoothing**2)

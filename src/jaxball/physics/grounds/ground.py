@@ -36,29 +36,29 @@ class AbstractGround(Printed):
 
     @abc.abstractmethod
     def conditions(self, planar: bool = False) -> Iterator[Condition]:
-        """What its numbers must be; traceable. ``planar``: for a disk, which rolls along e1."""
+        """Yields the conditions on its numbers; traceable. ``planar``: for a disk, which rolls along e1."""
 
     def start_conditions(
         self, t: Float[Array, ""], r: Float[Array, ""], state: Any
     ) -> Iterator[Condition | ExplainedCondition]:
-        """What it must be where a ball of radius ``r`` starts; traceable."""
+        """Yields the conditions on the ground where a ball of radius ``r`` starts; traceable."""
         yield from ()
 
     @abc.abstractmethod
     def up(self) -> Float[Array, "3"]:
-        """The vertical −**g**/g, space axes."""
+        """Returns the vertical −**g**/g, space axes."""
 
     @abc.abstractmethod
     def lift(self, t: Float[Array, ""], g: Float[Array, ""]) -> Float[Array, "3"]:
-        """The acceleration of the space axes, less **g**, in these axes."""
+        """Computes the acceleration of the space axes, less **g**, in these axes."""
 
     @abc.abstractmethod
     def kinks(self) -> Float[Array, " kinks"]:
-        """The times at which the acceleration of its matter jumps or has a kink."""
+        """Returns the times at which the acceleration of its matter jumps or has a kink."""
 
     @abc.abstractmethod
     def prepare(self) -> "AbstractGround":
-        """The same ground, ready to be evaluated many times."""
+        """Returns the same ground, ready to be evaluated many times."""
 
 
 def require_plane(ground: AbstractGround | None, purpose: str, error: type[Exception] = ValueError) -> None:
@@ -146,7 +146,7 @@ class Ground(AbstractGround):
         require("turntable", self.turntable, (Turntable, type(None)), "a Turntable or None")
 
     def conditions(self, planar: bool = False) -> Iterator[Condition]:
-        """What the tilt must be; traceable. ``planar``: for a disk, which rolls along e1."""
+        """Yields the conditions on the tilt; traceable. ``planar``: for a disk, which rolls along e1."""
         number = namespace_of(self.angle)
         tilted = "an angle of less than a right angle, π/2, either way"
         yield Condition(abs(self.angle) < number.pi / 2, "ground.angle", self.angle, tilted)
@@ -161,23 +161,25 @@ class Ground(AbstractGround):
         return not (self.motion is None and self.turntable is None)
 
     def up(self) -> Float[Array, "3"]:
-        """The vertical −**g**/g, space axes."""
+        """Returns the vertical −**g**/g, space axes."""
         (sine, cosine), (sine_b, cosine_b) = sine_cosine(self.angle), sine_cosine(self.heading)
         return jnp.stack([-sine * cosine_b, -sine * sine_b, cosine])
 
     def lift(self, t: Float[Array, ""], g: Float[Array, ""]) -> Float[Array, "3"]:
-        """Ẍ − **g**, space axes."""
+        """Computes Ẍ − **g**, space axes."""
         weight = g * self.up()
         return weight if self.motion is None else weight + self.motion.kinematics(t).chiddot
 
     def velocity(self, t: Float[Array, ""], z: Float[Array, "2"]) -> Float[Array, "2"] | None:
-        """u = W e3 × (z − c), with which the turntable carries the body's centre; None without one."""
+        """Computes u = W e3 × (z − c), with which the turntable carries the body's centre; None without one."""
         if self.turntable is None:
             return None
         return self.turntable.turning.derivatives(t)[1] * _turn(z - self.turntable.centre)
 
     def table_motion(self, t: Float[Array, ""], z: Float[Array, "2"], rolling: Float[Array, "2"]) -> TableMotion | None:
-        """W, u and u̇ where the body's centre is at z and rolls over the table at ``rolling``; None without one."""
+        """Computes W, u and u̇ where the body's centre is at z and rolls over the table at ``rolling``; None without
+        one.
+        """
         if self.turntable is None:
             return None
         _, W, Wdot = self.turntable.turning.derivatives(t)
@@ -185,7 +187,7 @@ class Ground(AbstractGround):
         return TableMotion(W, W * aside, Wdot * aside + W * _turn(rolling + W * aside))
 
     def kinks(self) -> Float[Array, " kinks"]:
-        """The times at which Ẍ or Ẇ jumps or has a kink."""
+        """Returns the times at which Ẍ or Ẇ jumps or has a kink."""
         sources = [self.motion, None if self.turntable is None else self.turntable.turning]
         return join_arrays([source.kinks() for source in sources if source is not None])
 

@@ -72,7 +72,7 @@ class MovingFrame(Printed):
         self.turns, self.displacement, self.pivot = tuple(turns), displacement, numbers("pivot", (3,))(pivot)
 
     def place(self, t: Float[Array, ""], x: Float[Array, "3"]) -> Float[Array, "3"]:
-        """Where the point ``x`` of the surface is in space."""
+        """Returns the place in space of the point ``x`` of the surface."""
         arm = x - self.pivot
         for turn in reversed(self.turns):
             arm = apply(turn_about(unit_vector(turn.axis), turn.angle(t)), arm)
@@ -80,7 +80,7 @@ class MovingFrame(Printed):
         return x if self.displacement is None else x + self.displacement(t)
 
     def undo(self, t: Float[Array, ""], x: Float[Array, "3"]) -> Float[Array, "3"]:
-        """The point of the surface that is at ``x`` in space: the inverse of :meth:`place`."""
+        """Returns the point of the surface that is at ``x`` in space: the inverse of :meth:`place`."""
         x = x if self.displacement is None else x - self.displacement(t)
         arm = x - self.pivot
         for turn in self.turns:
@@ -88,12 +88,12 @@ class MovingFrame(Printed):
         return self.pivot + arm
 
     def conditions(self, name: str) -> Iterator[Condition]:
-        """What its numbers must be; ``name`` is what sentences call it."""
+        """Yields the conditions on its numbers; ``name`` is what sentences call it."""
         for index, turn in enumerate(self.turns):
             yield a_direction(f"{name}.turns[{index}].axis", turn.axis)
 
     def kinks(self) -> Float[Array, " kinks"]:
-        """The times at which an acceleration jumps or has a kink."""
+        """Returns the times at which an acceleration jumps or has a kink."""
         sources = [turn.angle for turn in self.turns]
         return join_arrays([source.kinks() for source in (*sources, self.displacement) if source is not None])
 

@@ -20,7 +20,8 @@ ROUNDING_OF_DISTANCE = 8  # of half the square of the distance, in units of roun
 
 
 def nearest(surface: Any, t: Float[Array, ""], x: Float[Array, "3"], start: Float[Array, "2"]) -> Float[Array, "2"]:
-    """The coordinates of the ``point`` of a surface that is nearest to ``x``, as far as it is found from ``start`` on.
+    """Finds the coordinates of the ``point`` of a surface that is nearest to ``x``, as far as a search from ``start``
+    on finds it.
 
     The square of the distance is made less in each step, by Newton's method, with damping where that leads away or
     towards a saddle. Derivatives are those of the solution.
@@ -38,11 +39,11 @@ class Section(NamedTuple):
     surface: Any
 
     def at(self, t: Float[Array, ""], z: Float[Array, ""], y: Float[Array, ""]) -> "Section":
-        """The section near the point at ``z``."""
+        """Returns the section near the point at ``z``."""
         return Section(self.surface.at(t, *self.surface.section(z)))
 
     def point(self, t: Float[Array, ""], z: Float[Array, ""], y: Float[Array, ""]) -> Float[Array, "3"]:
-        """The point ``y`` beside the one at ``z`` of the section."""
+        """Returns the point ``y`` beside the one at ``z`` of the section."""
         return self.surface.point(t, *self.surface.section(z)).at[1].add(y)
 
 
@@ -54,13 +55,13 @@ class _Search(NamedTuple):
     x: Float[Array, "3"]
 
     def away(self, u: Float[Array, "2"]) -> Float[Array, "3"]:
-        """From x to the point of the surface."""
+        """Returns the vector from x to the point of the surface."""
         return self.surface.point(self.t, u[0], u[1]) - self.x
 
     def slopes(
         self, u: Float[Array, "2"]
     ) -> tuple[Float[Array, ""], Float[Array, "2"], Float[Array, "2 2"], Float[Array, "2 2"]]:
-        """Half the square of the distance, its gradient and its Hessian, and the metric of the surface."""
+        """Computes half the square of the distance, its gradient and its Hessian, and the metric of the surface."""
         axes = jnp.eye(2, dtype=u.dtype)
         away = _Search(self.surface.at(self.t, u[0], u[1]), self.t, self.x).away
 
@@ -96,7 +97,7 @@ class _Trial(NamedTuple):
         return ~self.done & (self.trials < MOST_TRIALS)
 
     def next(self, search: _Search) -> "_Trial":
-        """After one more step, unless that leads away."""
+        """Returns the trial after one more step, unless that leads away."""
         value, gradient, hessian, metric = search.slopes(self.u)
         convex = (hessian[0, 0] > 0) & (_determinant(hessian) > 0)
         matrix = jnp.where(convex, hessian, metric) + self.damping * metric
@@ -114,7 +115,7 @@ class _Trial(NamedTuple):
 
 
 def _refine(search: _Search, u: Float[Array, "2"]) -> Float[Array, "2"]:
-    """After two steps of Newton's method, which change nothing but have the derivatives of the solution."""
+    """Applies two steps of Newton's method, which change nothing but have the derivatives of the solution."""
     for _ in range(2):
         _, gradient, hessian, _ = search.slopes(u)
         u = u - _solve(hessian, gradient)
@@ -130,5 +131,5 @@ def _determinant(A: Float[Array, "2 2"]) -> Float[Array, ""]:
 
 
 def _solve(A: Float[Array, "2 2"], b: Float[Array, "2"]) -> Float[Array, "2"]:
-    """The solution x of A x = b."""
+    """Returns the solution x of A x = b."""
     return jnp.stack([A[1, 1] * b[0] - A[0, 1] * b[1], A[0, 0] * b[1] - A[1, 0] * b[0]]) / _determinant(A)

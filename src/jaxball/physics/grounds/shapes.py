@@ -60,7 +60,7 @@ class HeightField(OfKinkedFunctionOfState, AbstractSurface):
         return jnp.stack([u1, u2, self._height(t, u1, u2)])
 
     def reach(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, ""]:
-        """The upward component of the normal, which is 0 where the ground is vertical."""
+        """Computes the upward component of the normal, which is 0 where the ground is vertical."""
         _, along_x = jax.jvp(lambda x: self._height(t, x, u2), (u1,), (jnp.ones_like(u1),))
         _, along_y = jax.jvp(lambda y: self._height(t, u1, y), (u2,), (jnp.ones_like(u2),))
         return 1 / jnp.sqrt(1 + along_x**2 + along_y**2)
@@ -233,7 +233,9 @@ class Cylinder(AbstractSurface):
         yield from AbstractSurface.conditions(self, planar)
 
     def section(self, z: Coordinate) -> tuple[Coordinate, Coordinate]:
-        """Along the axis, or around one along e2: from e1 upwards at the lowest line of the inside."""
+        """Returns the coordinates along the axis, or around an axis along e2: from e1 upwards at the lowest line of the
+        inside.
+        """
         along, zero = unit_vector(self.axis)[1], jnp.zeros_like(z)
         across = jnp.abs(along) > AXIS_ACROSS
         return jnp.where(across, zero, z), jnp.where(across, -jnp.sign(along) * z, zero)
@@ -439,7 +441,8 @@ def _of_radius(radius: Float[AnyArray, ""]) -> Condition:
 
 
 def _on_sphere(R: Float[Array, ""], u1: Coordinate, u2: Coordinate, up: float) -> Float[Array, "3"]:
-    """The point of a sphere that touches the plane of its two coordinates at the origin: stereographic projection.
+    """Returns the point of a sphere that touches the plane of its two coordinates at the origin: stereographic
+    projection.
 
     The sphere is above that plane for ``up`` = 1 and below it for −1.
     """

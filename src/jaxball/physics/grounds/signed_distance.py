@@ -90,13 +90,13 @@ class SignedDistance(OfKinkedFunctionOfState, AbstractSurface):
         yield from AbstractSurface.conditions(self, planar)
 
     def start_conditions(self, t: Time, r: Float[Array, ""], state: Any) -> Iterator[Condition | ExplainedCondition]:
-        """Also, the ground must be found at the coordinates of the start."""
+        """Yields the conditions, also that the ground is found at the coordinates of the start."""
         u = self.coordinates(state.z)
         yield ExplainedCondition(jnp.all(jnp.isfinite(self.point(t, u[0], u[1]))), lambda: NOT_MET)
         yield from AbstractSurface.start_conditions(self, t, r, state)
 
     def at(self, t: Time, u1: Coordinate, u2: Coordinate) -> "_Met":
-        """The ground where the line or ray with these coordinates meets it, which is sought once."""
+        """Returns the ground where the line or ray with these coordinates meets it, which is sought once."""
         side = self.side(t)
         if self.centre is None:
             lowest, scale = -jnp.inf, jnp.maximum(jnp.abs(u1), jnp.abs(u2))
@@ -108,11 +108,13 @@ class SignedDistance(OfKinkedFunctionOfState, AbstractSurface):
         return self.at(t, u1, u2).point(t, u1, u2)
 
     def reach(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, ""]:
-        """The component of the normal along e3 or the ray, with a centre times the height below the unreached pole."""
+        """Computes the component of the normal along e3 or the ray, with a centre times the height below the unreached
+        pole.
+        """
         return self.at(t, u1, u2).reach(t, u1, u2)
 
     def nearest(self, t: Time, x: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
-        """The piece that is nearest to ``x``; NaN where no line or ray meets it, because it is behind others."""
+        """Finds the piece that is nearest to ``x``; NaN where no line or ray meets it, because it is behind others."""
         u = AbstractSurface.nearest(self, t, x, near)
         p = self.point(t, u[0], u[1])
         slope = self.gradient_at(t, p)
@@ -122,7 +124,9 @@ class SignedDistance(OfKinkedFunctionOfState, AbstractSurface):
         return jnp.where(jax.lax.stop_gradient(dot(beside, beside) <= most), u, jnp.nan)
 
     def over(self, t: Time, x: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
-        """The coordinates of the foot as far as the function is linear, which for a distance is the nearest piece."""
+        """Computes the coordinates of the foot as far as the function is linear, which for a distance is the nearest
+        piece.
+        """
         slope = self.gradient_at(t, x)
         square = dot(slope, slope)
         x = x - jnp.where(square > 0, self.value_at(t, x) / jnp.where(square > 0, square, 1.0), 0.0) * slope
@@ -134,23 +138,23 @@ class SignedDistance(OfKinkedFunctionOfState, AbstractSurface):
         return join_arrays([self.kink_times, AbstractSurface.kinks(self)])
 
     def value_at(self, t: Time, x: Float[Array, "3"]) -> Float[Array, ""]:
-        """The function at a point, before ``motion`` moves both."""
+        """Evaluates the function at a point, before ``motion`` moves both."""
         return jnp.asarray(self.function(t, x[0], x[1], x[2], self.parameters), x.dtype)
 
     def gradient_at(self, t: Time, x: Float[Array, "3"]) -> Float[Array, "3"]:
-        """The gradient of the function at a point, before ``motion`` moves both."""
+        """Computes the gradient of the function at a point, before ``motion`` moves both."""
         axes = jnp.eye(3, dtype=x.dtype)
         return jnp.stack([jax.jvp(lambda x: self.value_at(t, x), (x,), (axes[k],))[1] for k in range(3)])
 
     def side(self, t: Time) -> Float[Array, ""]:
-        """1 outside and above, and −1 inside, where the function is positive at the centre."""
+        """Returns 1 outside and above, and −1 inside, where the function is positive at the centre."""
         if self.centre is None:
             return jnp.ones_like(self.guess)
         inside = jax.lax.stop_gradient(self.value_at(t, self.centre)) > 0
         return jnp.where(inside, -1.0, 1.0).astype(self.guess.dtype)
 
     def along(self, s: Float[Array, ""], u1: Coordinate, u2: Coordinate, side: Float[Array, ""]) -> Float[Array, "3"]:
-        """The point at the height or the distance ``s`` on the line or ray with these coordinates."""
+        """Returns the point at the height or the distance ``s`` on the line or ray with these coordinates."""
         if self.centre is None:
             return jnp.stack([u1, u2, s])
         return self.centre + s * direction_at(self.guess, u1, u2, -side)
@@ -187,5 +191,7 @@ class _Met(AbstractSurface):
 def _value_along(
     s: Float[Array, ""], ground: SignedDistance, t: Time, u1: Coordinate, u2: Coordinate, side: Float[Array, ""]
 ) -> Float[Array, ""]:
-    """The function of a ground on a line or ray, with the sign that makes it rise with ``s`` where that meets it."""
+    """Evaluates the function of a ground on a line or ray, with the sign that makes it rise with ``s`` where that meets
+    it.
+    """
     return side * ground.value_at(t, ground.along(s, u1, u2, side))

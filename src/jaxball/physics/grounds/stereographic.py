@@ -9,7 +9,7 @@ Number = Float[Array, ""]
 
 
 def direction_at(R: Number, u1: Number, u2: Number, up: Number | float) -> Float[Array, "3"]:
-    """The unit vector from the centre of a sphere of radius ``R`` to its point with these coordinates.
+    """Computes the unit vector from the centre of a sphere of radius ``R`` to its point with these coordinates.
 
     They are those of the projection onto the plane that touches the sphere where the coordinates are 0: at its lowest
     point for ``up`` = 1 and at its highest for −1.
@@ -19,7 +19,7 @@ def direction_at(R: Number, u1: Number, u2: Number, up: Number | float) -> Float
 
 
 def share_to_pole(R: Number, u1: Number, u2: Number) -> Number:
-    """The height below the point of a sphere that the coordinates do not reach, divided by its diameter.
+    """Computes the height below the point of a sphere that the coordinates do not reach, divided by its diameter.
 
     It is small already where rounding spoils the normal, 1e-3 radians from there.
     """
@@ -27,7 +27,7 @@ def share_to_pole(R: Number, u1: Number, u2: Number) -> Number:
 
 
 def coordinates_along(R: Number, arm: Float[Array, "3"], up: Number | float) -> Float[Array, "2"]:
-    """The coordinates of the point of such a sphere that is in the direction ``arm`` from its centre."""
+    """Computes the coordinates of the point of such a sphere that is in the direction ``arm`` from its centre."""
     down = -up * arm[2]
     length = root(dot(arm, arm))
     # The square of tan(φ/2) is (|arm| − down)/(|arm| + down); the pole that no coordinates reach is infinitely far.

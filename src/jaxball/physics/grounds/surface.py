@@ -121,10 +121,11 @@ class AbstractSurface(AbstractGround):
 
     @abc.abstractmethod
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
-        """Where the piece with these coordinates is before ``motion`` moves it, length."""
+        """Returns the place of the piece with these coordinates before ``motion`` moves it, length."""
 
     def reach(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, ""]:
-        """How much of the ground is left ahead: 0 at its edge, or where its coordinates end, and positive inside.
+        """Computes how much of the ground is left ahead: 0 at its edge, or where its coordinates end, and positive
+        inside.
 
         A number without a unit, of the order of 1 far from there; 1 everywhere if not supplied.
         """
@@ -137,22 +138,23 @@ class AbstractSurface(AbstractGround):
         thetadot: Float[Array, " driven"],
         thetaddot: Float[Array, " driven"],
     ) -> "AbstractSurface":
-        """The ground near the time ``t``, where its ``driven`` coordinates and their rates are these."""
+        """Returns the ground near the time ``t``, where its ``driven`` coordinates and their rates are these."""
         return self
 
     def at(self, t: Time, u1: Coordinate, u2: Coordinate) -> "AbstractSurface":
-        """The ground near the piece with these coordinates at that time, where its point and derivatives are taken.
+        """Returns the ground near the piece with these coordinates at that time, where its point and derivatives are
+        taken.
 
         By default itself; where the piece has to be sought, the ground with that found.
         """
         return self
 
     def section(self, z: Coordinate) -> tuple[Coordinate, Coordinate]:
-        """The coordinates of the point at ``z`` of the section along which a disk rolls: u1 = z and u2 = 0 at first."""
+        """Returns the coordinates at ``z`` of the section along which a disk rolls: by default u1 = z and u2 = 0."""
         return z, jnp.zeros_like(z)
 
     def along_section(self, u: Float[Array, "2"]) -> Coordinate:
-        """The coordinate of a disk where both coordinates are ``u``: the inverse of ``section``, u1 at first.
+        """Returns the coordinate of a disk where both coordinates are ``u``: the inverse of ``section``, by default u1.
 
         A class with a ``section`` of its own needs its own inverse, too, for disks that may leave the ground.
         """
@@ -164,7 +166,7 @@ class AbstractSurface(AbstractGround):
         return u[0]
 
     def coordinates(self, u: Coordinates) -> Float[Array, "2"]:
-        """Both coordinates of the contact point, of a ball or of a disk."""
+        """Returns both coordinates of the contact point, of a ball or of a disk."""
         return u if u.ndim else jnp.stack(self.section(u))
 
     def conditions(self, planar: bool = False) -> Iterator[Condition]:
@@ -172,7 +174,7 @@ class AbstractSurface(AbstractGround):
             yield from self.motion.conditions("ground.motion")
 
     def start_conditions(self, t: Time, r: Float[Array, ""], state: Any) -> Iterator[Condition | ExplainedCondition]:
-        """A ball must be on the ground, and more curved than it is towards the ball; r is the ball's radius."""
+        """Yields the conditions that a ball, of radius ``r``, is on the ground and more curved than it."""
         on_chart = self._way_to_edge(t, state.z) > _margin(END_MARGIN, r)
         yield Condition(on_chart, "state.z", state.z, ON_CHART)
         fits = jnp.where(on_chart, self.fit(t, r, state.z), 1.0)
@@ -187,12 +189,13 @@ class AbstractSurface(AbstractGround):
         return type(self).reach is not AbstractSurface.reach
 
     def _way_to_edge(self, t: Time, u: Coordinates) -> Float[Array, ""]:
-        """What is left of the ground ahead."""
+        """Computes how much of the ground is left ahead."""
         both = self.coordinates(u)
         return self.reach(t, both[0], both[1])
 
     def beyond_edge(self, t: Time, u: Coordinates) -> Float[Array, ""]:
-        """How far the coordinates ``u`` are beyond the edge, as ``reach`` counts; negative where there is ground.
+        """Computes how far the coordinates ``u`` are beyond the edge, as ``reach`` counts; negative where there is
+        ground.
 
         A body ends there in contact, but not in flight.
         """
@@ -200,7 +203,7 @@ class AbstractSurface(AbstractGround):
         return _margin(LEAST_MARGIN, way) - way
 
     def _aside(self, t: Time, r: Float[Array, ""], z: Coordinate) -> Float[Array, ""]:
-        """How far the ground is from being symmetric about the plane of e1 and e3, near the ``z`` of a disk.
+        """Computes how far the ground is from being symmetric about the plane of e1 and e3, near the ``z`` of a disk.
 
         These are components along e2, of places relative to ``r``, and of rates relative to whole vectors.
         """
@@ -214,8 +217,8 @@ class AbstractSurface(AbstractGround):
             turned = [jnp.abs(v[1]) / size for v, size in zip(rates, whole, strict=True)]
             return jnp.max(jnp.stack([jnp.abs(contact.p[1]) / r, jnp.abs(contact.n[1]), *turned]))
 
-        found = jax.vmap(aside)(jnp.asarray(SECTION_SAMPLES, z.dtype))
-        return jnp.max(jnp.where(jnp.isnan(found), 0.0, found))
+        deviations = jax.vmap(aside)(jnp.asarray(SECTION_SAMPLES, z.dtype))
+        return jnp.max(jnp.where(jnp.isnan(deviations), 0.0, deviations))
 
     def up(self) -> Float[Array, "3"]:
         return jnp.zeros((3,)).at[2].set(1.0)
@@ -224,7 +227,7 @@ class AbstractSurface(AbstractGround):
         return g * self.up().astype(g.dtype)
 
     def kinks(self) -> Float[Array, " kinks"]:
-        """The times at which the acceleration of its matter jumps or has a kink; by default those of its motion."""
+        """Returns the times at which the acceleration of its matter has a kink or jumps; by default its motion's."""
         return join_arrays([] if self.motion is None else [self.motion.kinks()])
 
     def prepare(self) -> "AbstractSurface":
@@ -233,7 +236,7 @@ class AbstractSurface(AbstractGround):
         return eqx.tree_at(lambda surface: surface.motion, self, self.motion.prepare())
 
     def nearest(self, t: Time, x: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
-        """The coordinates of the piece that is nearest to the point ``x``, before ``motion`` moves both, length.
+        """Finds the coordinates of the piece that is nearest to the point ``x``, before ``motion`` moves both, length.
 
         It is where ``x`` is on the normal. By default it is sought from ``over`` on, by Newton's method, so that it is
         the nearest piece thereabouts. Where a surface knows it in closed form, this is overridden; for one on which
@@ -242,7 +245,7 @@ class AbstractSurface(AbstractGround):
         return nearest(self, t, x, self.over(t, x, near))
 
     def over(self, t: Time, x: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
-        """The coordinates from which ``nearest`` is sought; by default ``near``."""
+        """Returns the coordinates from which ``nearest`` is sought; by default ``near``."""
         return near
 
     @property
@@ -252,34 +255,35 @@ class AbstractSurface(AbstractGround):
         return kind.nearest is AbstractSurface.nearest and kind.over is AbstractSurface.over
 
     def foot(self, t: Time, c: Float[Array, "3"], near: Coordinates) -> Coordinates:
-        """The coordinates of the piece that is nearest to the point ``c``, space axes, length.
+        """Finds the coordinates of the piece that is nearest to the point ``c``, space axes, length.
 
         For the one ``near`` of a disk, of the piece along its section.
         """
-        own, both = c if self.motion is None else self.motion.undo(t, c), self.coordinates(near)
+        point, both = c if self.motion is None else self.motion.undo(t, c), self.coordinates(near)
         if near.ndim:
-            return self.nearest(t, own, both)
+            return self.nearest(t, point, both)
         if type(self).nearest is not AbstractSurface.nearest:
-            return self.along_section(self.nearest(t, own, both))
-        start = self.along_section(self.over(t, own, both))
-        return nearest(Section(self), t, own, jnp.stack([start, jnp.zeros_like(start)]))[0]
+            return self.along_section(self.nearest(t, point, both))
+        start = self.along_section(self.over(t, point, both))
+        return nearest(Section(self), t, point, jnp.stack([start, jnp.zeros_like(start)]))[0]
 
     def place(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
-        """p, where the piece with these coordinates is in space."""
-        own = self.point(t, u1, u2)
-        return own if self.motion is None else self.motion.place(t, own)
+        """Returns p, where the piece with these coordinates is in space."""
+        point = self.point(t, u1, u2)
+        return point if self.motion is None else self.motion.place(t, point)
 
     def normal(self, t: Time, u: Coordinates) -> Float[Array, "3"]:
-        """n at the coordinates ``u``, towards the ball, space axes."""
+        """Computes n at the coordinates ``u``, towards the ball, space axes."""
         return self.touch_at(t, u).n
 
     def place_of_centre(self, t: Time, r: Float[Array, ""], u: Coordinates) -> Float[Array, "3"]:
-        """c = p + r n of a ball of radius ``r`` that touches it at the coordinates ``u``, space axes, length."""
+        """Computes c = p + r n of a ball of radius ``r`` that touches it at the coordinates ``u``, space axes."""
         contact = self.touch_at(t, u)
         return contact.p + r * contact.n
 
     def fit(self, t: Time, r: Float[Array, ""], u: Coordinates) -> Float[Array, ""]:
-        """The lesser of 1 − r κ over both principal curvatures κ, positive where the ground bends towards the ball.
+        """Computes the lesser of 1 − r κ over both principal curvatures κ, positive where the ground bends towards the
+        ball.
 
         Positive where a ball of radius ``r`` fits the ground near the coordinates ``u``. For a disk, κ is the curvature
         of the section along which it rolls.
@@ -291,7 +295,7 @@ class AbstractSurface(AbstractGround):
         return _Chart.of(contact.n, by_u1, by_u2, r).fit
 
     def end(self, t: Time, r: Float[Array, ""], u: Coordinates) -> Int[Array, ""]:
-        """Whether a ball of radius ``r`` cannot go on from the coordinates ``u``: a status, or SUCCESS if it can."""
+        """Returns why a ball of radius ``r`` cannot go on from the coordinates ``u``: a status, or SUCCESS."""
         least = _margin(END_MARGIN, r)
         wedged, left = self.fit(t, r, u) < least, self._way_to_edge(t, u) < least
         status = jnp.where(wedged, int(Status.WEDGED), int(Status.SUCCESS))
@@ -306,7 +310,8 @@ class AbstractSurface(AbstractGround):
         V: Float[Array, "3"] | None = None,
         height: Float[Array, ""] | None = None,
     ) -> Footing:
-        """How it holds a ball of radius ``r`` that turns at ``omega``, space axes, where its coordinates are ``u``.
+        """Computes how the ground holds a ball of radius ``r`` that turns at ``omega``, space axes, where its
+        coordinates are ``u``.
 
         ``V`` is the velocity of its centre, that of rolling if not given, and ``height`` how far it is above the ground
         there. Where the ball is not more curved than the ground, or rolls where the ground ends, u̇ is NaN, which ends a
@@ -354,7 +359,9 @@ class AbstractSurface(AbstractGround):
         V: Float[Array, "3"] | None,
         height: Float[Array, ""] | None,
     ) -> Footing:
-        """How it holds a disk that turns at ``omega``, about e2, where its coordinate along the section is ``z``."""
+        """Computes how the ground holds a disk that turns at ``omega``, about e2, where its coordinate along the
+        section is ``z``.
+        """
         contact, by_z, by_t = self._slopes_along(t, z)
         reach = r if height is None else r + height
         length, fit, tangents = _length(by_z.p), _stretch(by_z, reach), contact.axes[:2]
@@ -380,7 +387,7 @@ class AbstractSurface(AbstractGround):
         )
 
     def touch_at(self, t: Time, u: Coordinates) -> Touch:
-        """The place of a piece, its normal, its velocity and the direction in which u1, or a disk's z, grows."""
+        """Computes place, normal and velocity of a piece, and the direction in which u1, or a disk's z, grows."""
         both = self.coordinates(u)
         here = self.at(t, both[0], both[1])
         contact = here.touch(t, both[0], both[1])
@@ -390,14 +397,14 @@ class AbstractSurface(AbstractGround):
         return contact._replace(e=unit_vector(along))
 
     def touch(self, t: Time, u1: Coordinate, u2: Coordinate) -> Touch:
-        """The place of a piece, its normal, its velocity and the direction in which u1 grows, space axes."""
+        """Computes the place of a piece, its normal, its velocity and the direction in which u1 grows, space axes."""
         p, along_1 = _derivative(lambda x: self.place(t, x, u2), u1)
         _, along_2 = _derivative(lambda x: self.place(t, u1, x), u2)
         _, w = _derivative(lambda x: self.place(x, u1, u2), t)
         return Touch(p, unit_vector(cross(along_1, along_2)), w, unit_vector(along_1))
 
     def _slopes(self, t: Time, u: Float[Array, "2"]) -> tuple[Touch, tuple[Touch, Touch, Touch]]:
-        """p, n and w, and their derivatives by u1, u2 and t."""
+        """Computes p, n and w, and their derivatives by u1, u2 and t."""
         here = self.at(t, u[0], u[1])
         contact, by_u1 = _derivative(lambda x: here.touch(t, x, u[1]), u[0])
         _, by_u2 = _derivative(lambda x: here.touch(t, u[0], x), u[1])
@@ -405,7 +412,7 @@ class AbstractSurface(AbstractGround):
         return contact, (by_u1, by_u2, by_t)
 
     def _slopes_along(self, t: Time, z: Coordinate) -> tuple[Touch, Touch, Touch]:
-        """p, n and w at the ``z`` of a disk, and their derivatives by z and t."""
+        """Computes p, n and w at the ``z`` of a disk, and their derivatives by z and t."""
         here = self.at(t, *self.section(z))
         contact, by_z = _derivative(lambda x: here.touch_at(t, x), z)
         _, by_t = _derivative(lambda x: here.touch_at(x, z), t)
@@ -438,7 +445,8 @@ class _Chart(NamedTuple):
         return 0.5 * (S[0, 0] + S[1, 1]) - root(apart)
 
     def coordinates(self, v: Float[Array, "3"]) -> Float[Array, "2"]:
-        """The rates of the coordinates with which the centre moves at the tangent velocity ``v`` over the ground.
+        """Computes the rates of the coordinates with which the centre moves at the tangent velocity ``v`` over the
+        ground.
 
         NaN where the ball does not fit the ground.
         """
@@ -454,24 +462,24 @@ def _length(v: Float[Array, "3"]) -> Float[Array, ""]:
 
 
 def _stretch(by_z: Touch, r: Float[Array, ""]) -> Float[Array, ""]:
-    """1 − r κ of the section: how far the centre of a disk moves for a step of its foot."""
+    """Computes 1 − r κ of the section: how far the centre of a disk moves for a step of its foot."""
     return 1 + r * dot(by_z.n, by_z.p) / jnp.sum(by_z.p**2)
 
 
 def _margin(size: float, x: Float[Array, "..."]) -> float:
-    """A margin in the precision of ``x``."""
+    """Returns a margin in the precision of ``x``."""
     return size * float(jnp.finfo(x.dtype).eps) ** 0.5
 
 
 def _derivative(function: Any, x: Float[Array, ""]) -> tuple[Any, Any]:
-    """The value and the derivative of a function of one number."""
+    """Computes the value and the derivative of a function of one number."""
     return jax.jvp(function, (x,), (jnp.ones_like(x),))
 
 
 def _components(
     tangents: Float[Array, "2 3"], first: Float[Array, "3"], second: Float[Array, "3"]
 ) -> Float[Array, "2 2"]:
-    """The matrix whose columns are the components of two vectors along the tangents."""
+    """Returns the matrix whose columns are the components of two vectors along the tangents."""
     return jnp.stack([jnp.sum(tangents * v[None], axis=1) for v in (first, second)], axis=1)
 
 
@@ -484,6 +492,6 @@ def _determinant(A: Float[Array, "2 2"]) -> Float[Array, ""]:
 
 
 def _inverse(A: Float[Array, "2 2"]) -> Float[Array, "2 2"]:
-    """A⁻¹ by cofactors; not finite where A is singular."""
+    """Computes A⁻¹ by cofactors; not finite where A is singular."""
     cofactors = jnp.stack([jnp.stack([A[1, 1], -A[0, 1]]), jnp.stack([-A[1, 0], A[0, 0]])])
     return cofactors / _determinant(A)

@@ -49,7 +49,8 @@ IN_PLANE = "lie in the plane of a disk, E1 and E3"
 def breaches(
     system: BodyParameters, times: Float[np.ndarray, " T"], theta: Float[np.ndarray, "t driven"] | None
 ) -> Iterator[Problem]:
-    """What is not in the body, from the first of ``times`` to the last; for numbers that are known.
+    """Yields a problem for everything that is not in the body, from the first of ``times`` to the last; for numbers
+    that are known.
 
     ``theta`` is that of driven masses at the first of ``times``, or at all of them; without it, they are not checked.
     """
@@ -108,8 +109,8 @@ def _of_motion(
     (chi, top, *_), leaving = jax.tree.map(np.asarray, _sample_path(system, motion, t))
     yield from _out_of_plane(system, name, chi)
     if leaving == t[0]:
-        at, distance = t[0], length(chi[0])
-        yield Problem(name, f"keep the mass {inside}", f"it is {distance:.6g} from the centre at t = {at:.6g}")
+        time, distance = t[0], length(chi[0])
+        yield Problem(name, f"keep the mass {inside}", f"it is {distance:.6g} from the centre at t = {time:.6g}")
     elif np.isfinite(leaving):
         yield Problem(
             name,
@@ -174,13 +175,15 @@ def _out_of_plane(system: BodyParameters, name: str, chi: Float[np.ndarray, "n 3
 
 
 def _fine_times(motion: AbstractPrescribedMotion, times: Float[np.ndarray, " T"]) -> Float[np.ndarray, " n"]:
-    """Times fine enough for the fastest sinusoid; their number is one of few, for which programs are compiled."""
+    """Returns times fine enough for the fastest sinusoid; their number is one of few, for which programs are
+    compiled.
+    """
     start, end = float(times[0]), float(times[-1])
     waves = motion.path if isinstance(motion, Oscillating) else getattr(motion, "schedule", None)
     series = waves.series if isinstance(waves, Sinusoids) else waves
     fastest = float(np.max(np.abs(getattr(series, "frequency", np.zeros(1))), initial=0.0))
-    wanted = max(16 * TIME_SAMPLES, SAMPLES_PER_WAVE * fastest * (end - start) / (2 * np.pi))
-    return np.linspace(start, end, int(2 ** np.ceil(np.log2(min(wanted, MOST_SAMPLES)))) + 1)
+    sample_count = max(16 * TIME_SAMPLES, SAMPLES_PER_WAVE * fastest * (end - start) / (2 * np.pi))
+    return np.linspace(start, end, int(2 ** np.ceil(np.log2(min(sample_count, MOST_SAMPLES)))) + 1)
 
 
 @programs.filter_jit
@@ -221,7 +224,7 @@ def _sample_path(system: BodyParameters, motion: Any, t):
 
 
 def in_plane(system: BodyParameters, times: Float[Array, " T"]) -> Iterator[Condition]:
-    """The conditions on a disk's force and on the motion of its ground, as far as they are seen; traceable."""
+    """Yields the conditions on a disk's force and on the motion of its ground, as far as they are seen; traceable."""
     motion = system.ground.motion if isinstance(system.ground, Ground) else None
     force = system.force if isinstance(system.force, AbstractForce) else None
     for name, vector in (("force", force), ("ground.motion", motion)):

@@ -37,40 +37,43 @@ Time = Float[Array, ""]
 
 
 def rounding(x: Array | np.ndarray) -> float:
-    """How far rounding may put a mass beyond the shell or off a disk's plane, relative to the radius."""
+    """Returns how far rounding may put a mass beyond the shell or off a disk's plane, relative to the radius."""
     return float(np.sqrt(np.finfo(x.dtype).eps))
 
 
 def is_outside(system: BodyParameters, distance: Float[AnyArray, "*batch"]) -> Any:
-    """Whether something at this distance from the centre is outside the shell."""
+    """Returns whether something at this distance from the centre is outside the shell."""
     return distance > system.radius * (1 + rounding(system.radius))
 
 
 def is_off_plane(system: BodyParameters, chi: Float[AnyArray, "*batch 3"]) -> Any:
-    """Whether a point is outside the plane of a disk, E1 and E3; never for a ball."""
+    """Returns whether a point is outside the plane of a disk, E1 and E3; never for a ball."""
     aside = abs(chi[..., 1]) > system.radius * rounding(system.radius)
     return aside if system.planar else namespace_of(aside).zeros_like(aside)
 
 
 def is_bounded(motion: AbstractMotion) -> bool:
-    """Whether a mass that moves like this stays on a closed rail, or in its place."""
+    """Returns whether a mass that moves like this stays on a closed rail, or in its place."""
     rail = rail_of(motion)
     return isinstance(motion, Fixed) or (rail is not None and rail.period is not None)
 
 
 def rail_points(rail: AbstractRail, radius: Float[Array, ""]) -> Float[Array, "n 3"]:
-    """Where a disk's rail must be in its plane: all round a closed one, and along an open one from 0 to ``radius``."""
+    """Returns the points at which a disk's rail must be in its plane: all round a closed one, and along an open one
+    from 0 to ``radius``.
+    """
     end = radius if rail.period is None else jnp.asarray(rail.period, radius.dtype)
     return jax.vmap(rail)(jnp.linspace(0.0, end, rail.samples))
 
 
 def time_samples(times: Float[Array, " T"]) -> Float[Array, " n"]:
-    """The times at which a motion is checked between the first and the last of ``times``."""
+    """Returns the times at which a motion is checked between the first and the last of ``times``."""
     return jnp.linspace(times[0], times[-1], TIME_SAMPLES + 1)
 
 
 def is_confined(system: BodyParameters, times: Float[Array, " T"], state: State) -> Bool[Array, ""]:
-    """Whether rails are in the body, and masses at the first of ``times``; a disk's prescribed motions at all times.
+    """Returns whether rails are in the body, and masses at the first of ``times``; a disk's prescribed motions at all
+    times.
 
     ``system`` is prepared.
     """
@@ -101,7 +104,7 @@ def is_confined(system: BodyParameters, times: Float[Array, " T"], state: State)
 def time_of_leaving(
     system: BodyParameters, times: Float[Array, " T"], theta: Float[Array, "T driven"]
 ) -> Float[Array, ""]:
-    """The first time at which a mass is seen outside the shell; infinite where none is.
+    """Finds the first time at which a mass is seen outside the shell; infinite where none is.
 
     A prescribed motion is checked between all of ``times``, and the time found to rounding, for a mechanism whose
     joints are all prescribed to one of ``time_samples``; one that swings on free hinges is checked at ``times`` only.
@@ -118,17 +121,17 @@ def time_of_leaving(
     for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
         if _slides(group):
             continue
-        t, own = times, theta
+        t, angles = times, theta
         if not group.in_state:  # known between them too
             t = time_samples(times)
-            own = jnp.zeros((t.shape[0], theta.shape[1]), theta.dtype)
-        outside = jnp.any(is_outside(system, norm(mechanism_positions(system, group, order, t, own))), axis=(1, 2))
+            angles = jnp.zeros((t.shape[0], theta.shape[1]), theta.dtype)
+        outside = jnp.any(is_outside(system, norm(mechanism_positions(system, group, order, t, angles))), axis=(1, 2))
         first = jnp.minimum(first, jnp.min(jnp.where(outside, t, jnp.inf)))
     return first
 
 
 def clearance(system: BodyParameters, t: Time, theta: Float[Array, " driven"]) -> Float[Array, ""] | None:
-    """How far inside the shell are those masses whose places only a state tells: R² less the largest |χ|².
+    """Computes how far inside the shell the masses are whose places only a state tells: R² less the largest |χ|².
 
     These are the masses that a law drives along open rails, and those of mechanisms with sliders and carriages in the
     state; None without any. ``system`` is prepared.
@@ -147,7 +150,9 @@ def clearance(system: BodyParameters, t: Time, theta: Float[Array, " driven"]) -
 
 
 def _slides(group: AbstractMechanism) -> bool:
-    """Whether masses of a mechanism may get further than its joints are long, with a parameter that is in the state."""
+    """Returns whether masses of a mechanism may get further than its joints are long, with a parameter that is in the
+    state.
+    """
     joints = getattr(group, "joints", ())
     return bool(group.in_state) and not (joints and all(isinstance(joint, Hinge) for joint in joints))
 
@@ -160,7 +165,7 @@ def until_left(
     status: Int[Array, ""],
     seen: Float[Array, ""] | None = None,
 ) -> tuple[Float[Array, ""], Int[Array, ""]]:
-    """The time up to which a run is valid, and its status, where something leaves the inside of the system.
+    """Returns the time up to which a run is valid, and its status, where something leaves the inside of the system.
 
     ``reached`` and ``status`` are those of its solve, ``states`` those at ``times``; ``seen`` is when the ``clearance``
     fell to zero, NaN if it did not. ``system`` is prepared.
@@ -201,7 +206,7 @@ def sample_path(system: BodyParameters, motion: AbstractPrescribedMotion, t: Flo
 
 
 def time_of_crossing(system: BodyParameters, motion: AbstractPrescribedMotion, seen: SampledPath) -> Float[Array, ""]:
-    """When a mass that leaves the shell crosses it, by bisection; infinite where it does not."""
+    """Finds when a mass that leaves the shell crosses it, by bisection; infinite where it does not."""
 
     def halve(_, bracket):
         low, high = bracket
@@ -215,7 +220,7 @@ def time_of_crossing(system: BodyParameters, motion: AbstractPrescribedMotion, s
 
 
 def _groups(system: BodyParameters) -> list[tuple[Any, np.ndarray]]:
-    """The groups of masses, each with the places of its masses among the driven ones, if they are."""
+    """Lists the groups of masses, each with the places of its masses among the driven ones, if they are."""
     slots = {index: slot for slot, index in enumerate(system.driven)}
     return [
         (group, np.asarray([slots[index] for index in indices if index in slots], dtype=int))
@@ -224,7 +229,7 @@ def _groups(system: BodyParameters) -> list[tuple[Any, np.ndarray]]:
 
 
 def _leaving(system: BodyParameters, motion: Any, t: Float[Array, " n"]) -> Float[Array, " masses"]:
-    """When each mass of a group leaves the shell; infinite where it does not."""
+    """Finds when each mass of a group leaves the shell; infinite where it does not."""
     seen = eqx.filter_vmap(lambda motion: sample_path(system, motion, t))(motion)
 
     def crossings(_):
@@ -234,9 +239,9 @@ def _leaving(system: BodyParameters, motion: Any, t: Float[Array, " n"]) -> Floa
 
 
 def _positions(motion: Any, t: Float[Array, " n"], theta: Float[Array, "_ driven"]) -> Float[Array, "n masses 3"]:
-    """χ of a group of masses at n times; driven ones have the angles ``theta`` at these."""
+    """Computes χ of a group of masses at n times; driven ones have the angles ``theta`` at these."""
     if isinstance(motion, Driven):
-        return jax.vmap(lambda theta: eqx.filter_vmap(lambda rail, at: rail(at))(motion.rail, theta))(theta)
+        return jax.vmap(lambda theta: eqx.filter_vmap(lambda rail, angle: rail(angle))(motion.rail, theta))(theta)
     return jax.vmap(lambda t: eqx.filter_vmap(lambda motion: motion(t))(motion))(t)
 
 
@@ -247,11 +252,11 @@ def mechanism_positions(
     t: Float[Array, " n"],
     theta: Float[Array, "n coordinates"],
 ) -> Float[Array, "n mechanisms masses 3"]:
-    """χ of the masses of a group of mechanisms at n times, with the coordinates ``theta`` at these."""
+    """Computes χ of the masses of a group of mechanisms at n times, with the coordinates ``theta`` at these."""
     slots = system.slots(order, group.in_state)
 
-    def one(mechanism, t, own):
-        return mechanism.places(mechanism.rates(t, (own, own, own))[0]).chi
+    def one(mechanism, t, angles):
+        return mechanism.places(mechanism.rates(t, (angles, angles, angles))[0]).chi
 
     return jax.vmap(lambda t, theta: eqx.filter_vmap(one, in_axes=(0, None, 0))(group, t, theta[slots]))(t, theta)
 
@@ -263,21 +268,21 @@ def is_moved_off(
     t: Float[Array, ""],
     theta: Float[Array, " coordinates"],
 ) -> Bool[Array, " mechanisms"]:
-    """Whether a joint of a mechanism would move a mass out of the plane of a disk."""
-    own = theta[system.slots(order, group.in_state)]
+    """Returns whether a joint of a mechanism would move a mass out of the plane of a disk."""
+    angles = theta[system.slots(order, group.in_state)]
 
-    def one(mechanism, own):
-        at = mechanism.places(mechanism.rates(t, (own, own, own))[0])
-        slopes = mechanism.slopes(at, jnp.ones_like(at.partial[:, 0, 0]))
-        size = jnp.maximum(jnp.max(jnp.abs(at.partial)), jnp.max(jnp.abs(slopes)))
-        aside = jnp.maximum(jnp.max(jnp.abs(at.partial[..., 1])), jnp.max(jnp.abs(slopes[..., 1])))
-        return aside > rounding(at.chi) * size
+    def one(mechanism, angles):
+        places = mechanism.places(mechanism.rates(t, (angles, angles, angles))[0])
+        slopes = mechanism.slopes(places, jnp.ones_like(places.partial[:, 0, 0]))
+        size = jnp.maximum(jnp.max(jnp.abs(places.partial)), jnp.max(jnp.abs(slopes)))
+        aside = jnp.maximum(jnp.max(jnp.abs(places.partial[..., 1])), jnp.max(jnp.abs(slopes[..., 1])))
+        return aside > rounding(places.chi) * size
 
-    return eqx.filter_vmap(one)(group, own)
+    return eqx.filter_vmap(one)(group, angles)
 
 
 def norm(chi: Float[Array, "*batch 3"]) -> Float[Array, "*batch"]:
-    """|χ|."""
+    """Computes |χ|."""
     return jnp.sqrt(jnp.sum(chi**2, axis=-1))
 
 
@@ -289,7 +294,8 @@ class Reach(NamedTuple):
 
 
 def surely_stay(system: BodyParameters, start: Time, end: Time) -> Bool[Array, ""]:
-    """Whether bounds prove that masses in free motion or on open rails stay in the body from ``start`` to ``end``.
+    """Returns whether bounds prove that masses in free motion or on open rails stay in the body from ``start`` to
+    ``end``.
 
     Driven masses are not checked.
     """
@@ -306,7 +312,7 @@ def surely_stay(system: BodyParameters, start: Time, end: Time) -> Bool[Array, "
 
 @functools.singledispatch
 def reach(motion: AbstractMotion, start: Time, end: Time) -> Reach:
-    """Bounds on a motion between two times; infinite for a kind of which none are known."""
+    """Bounds a motion between two times; infinite for a kind of which none are known."""
     return _find_unknown(start)
 
 
@@ -336,7 +342,7 @@ def _(motion: OnRail, start: Time, end: Time) -> Reach:
 
 @functools.singledispatch
 def largest_angle(schedule: AbstractSchedule, start: Time, end: Time) -> Float[Array, ""]:
-    """A bound on |θ(t)| between two times; infinite for a kind of which none is known."""
+    """Computes a bound on |θ(t)| between two times; infinite for a kind for which none is known."""
     return jnp.full_like(start, jnp.inf)
 
 
@@ -353,7 +359,7 @@ def _(schedule: Sinusoids, start: Time, end: Time) -> Float[Array, ""]:
 
 @largest_angle.register
 def _(schedule: Pulse, start: Time, end: Time) -> Float[Array, ""]:
-    """θ̇ is between ``rate`` and what it is after the push."""
+    """Computes the bound for a pulse: θ̇ is between ``rate`` and its value after the push."""
     after = schedule.rate + schedule.height * (schedule.hold + schedule.end - 2 * schedule.start) / 2
     fastest = jnp.maximum(jnp.abs(schedule.rate), jnp.abs(after))
     furthest = jnp.maximum(jnp.abs(start - schedule.start), jnp.abs(end - schedule.start))
@@ -365,7 +371,7 @@ def _of_line(theta: Float[Array, ""], rate: Float[Array, ""], start: Time, end: 
 
 
 def _beyond_sines(series: HarmonicSeries, start: Time, end: Time) -> Float[Array, ""]:
-    """Infinite where an angle is so large that its sine as computed is not known to be one, and 0 elsewhere."""
+    """Returns infinity where an angle is so large that its sine as computed is not known to be one, and 0 elsewhere."""
     latest = jnp.maximum(jnp.abs(start), jnp.abs(end))
     phases = jnp.abs(series.frequency) * latest + jnp.abs(series.phase)
     return jnp.where(jnp.max(phases, initial=0.0) > LARGEST_PHASE, jnp.inf, 0.0)

@@ -44,35 +44,37 @@ class AbstractJointForce(Printed):
     def __call__(
         self, t: Float[Array, ""], theta: Float[Array, ""], thetadot: Float[Array, ""], state: State
     ) -> Float[Array, ""]:
-        """Q, where ``theta`` and ``thetadot`` are those of the joint and ``state`` is that of the body."""
+        """Computes Q, where ``theta`` and ``thetadot`` are the angle and rate of the joint and ``state`` is the state
+        of the body.
+        """
 
     def __add__(self, other: "AbstractJointForce") -> "JointForces":
         return JointForces((*_terms(self), *_terms(other)))
 
     def conditions(self, name: str) -> Iterator[Condition]:
-        """Every condition that its numbers must meet; ``name`` is what sentences call the force."""
+        """Yields every condition that its numbers must meet; ``name`` is what sentences call the force."""
         yield from ()
 
     def impulse(self, t: Float[Array, ""]) -> Float[Array, ""] | None:
-        """∫ Q up to t, for the part of Q whose integral is known in closed form; None if there is none."""
+        """Computes ∫ Q up to t, for the part of Q whose integral is known in closed form; None if there is none."""
         return None
 
     def without_impulse(
         self, t: Float[Array, ""], theta: Float[Array, ""], thetadot: Float[Array, ""], state: State
     ) -> Float[Array, ""]:
-        """Q without the part that :meth:`impulse` integrates."""
+        """Computes Q without the part that :meth:`impulse` integrates."""
         return self(t, theta, thetadot, state)
 
     def motion_kinks(self) -> Float[Array, " kinks"]:
-        """The times at which the part that :meth:`impulse` integrates jumps or has a kink."""
+        """Returns the times at which the part that :meth:`impulse` integrates jumps or has a kink."""
         return jnp.zeros((0,), dtype=default_dtype())
 
     def kinks(self) -> Float[Array, " kinks"]:
-        """The times at which the rest of Q or one of its derivatives jumps."""
+        """Returns the times at which the rest of Q or one of its derivatives jumps."""
         return jnp.zeros((0,), dtype=default_dtype())
 
     def kinks_with(self, state: State) -> Float[Array, " kinks"]:
-        """The same for such a state; of a class without ``kinks`` of its own, those seen in its trace."""
+        """Returns the kinks for such a state; of a class without ``kinks`` of its own, the ones seen in its trace."""
         if type(self).kinks is not AbstractJointForce.kinks:
             return self.kinks()
         return kinks_seen(self, type(self).__call__, *_joint_at_rest(), state)
@@ -83,11 +85,11 @@ class AbstractJointForce(Printed):
         return ()
 
     def slipping(self, direction: Float[Array, "*group"]) -> "AbstractJointForce":
-        """The same force where the joint slips in a direction, 1 or −1, or sticks, 0."""
+        """Returns the same force where the joint slips in a direction, 1 or −1, or sticks, 0."""
         return self
 
     def prepare(self) -> "AbstractJointForce":
-        """The same force, ready to be evaluated many times."""
+        """Returns the same force, ready to be evaluated many times."""
         return self
 
 
@@ -258,7 +260,7 @@ class Motor(AbstractJointForce):
         return Motor(limited.signal.prepare(), limited.limit)
 
     def _within_limit(self) -> "Motor":
-        """The same without a limit, where the signal can be limited itself."""
+        """Returns the same motor without a limit, where the signal can be limited itself."""
         if self.limit is None or not isinstance(self.signal, AbstractIntegrableSignal):
             return self
         signal = self.signal.limit(self.limit)

@@ -87,9 +87,9 @@ class JointFriction(AbstractJointForce):
         holds = positive(self.largest) & (self.largest >= self.kinetic)
         yield Condition(holds, f"{name}.static", self.largest, "a positive number, not less than `kinetic`")
         yield not_negative(f"{name}.viscous", self.viscous, "0 or positive")
-        for at, value in (("stribeck", self.stribeck), ("smoothing", self.smoothing)):
+        for field, value in (("stribeck", self.stribeck), ("smoothing", self.smoothing)):
             if value is not None:
-                yield Condition(positive(value), f"{name}.{at}", value, "a positive number")
+                yield Condition(positive(value), f"{name}.{field}", value, "a positive number")
 
 
 class MajdSimaanFriction(AbstractJointForce):
@@ -132,7 +132,7 @@ class MajdSimaanFriction(AbstractJointForce):
         return -self.viscous * thetadot - level * jnp.sign(thetadot)
 
     def conditions(self, name: str) -> Iterator[Condition]:
-        for at in ("viscous", "kinetic", "peak"):
-            yield not_negative(f"{name}.{at}", getattr(self, at), "0 or positive")
+        for field in ("viscous", "kinetic", "peak"):
+            yield not_negative(f"{name}.{field}", getattr(self, field), "0 or positive")
         yield Condition(positive(self.rate), f"{name}.rate", self.rate, "a positive number")
         yield Condition(self.steepness >= 1, f"{name}.steepness", self.steepness, "1 or more")

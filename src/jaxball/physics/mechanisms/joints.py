@@ -52,7 +52,7 @@ class Placement(NamedTuple):
 
 
 def in_place(like: Float[Array, "..."]) -> Placement:
-    """The placement of the body itself."""
+    """Returns the placement of the body itself."""
     return Placement(jnp.eye(3, dtype=like.dtype), jnp.zeros((3,), dtype=like.dtype))
 
 
@@ -92,11 +92,11 @@ class AbstractJoint(Printed):
         """Moves the joint to ``theta``, on a link that is placed at ``carrier``."""
 
     def conditions(self, name: str) -> Iterator[Condition]:
-        """Every condition that its numbers must meet; ``name`` is what sentences call the joint."""
+        """Yields every condition that its numbers must meet; ``name`` is what sentences call the joint."""
         yield from ()
 
     def prepare(self) -> "AbstractJoint":
-        """The same joint, ready to be evaluated many times."""
+        """Returns the same joint, ready to be evaluated many times."""
         return self
 
 

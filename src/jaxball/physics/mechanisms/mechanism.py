@@ -74,14 +74,14 @@ class AbstractMechanism(Printed):
 
     @abc.abstractmethod
     def places(self, theta: Float[Array, " k"]) -> Places:
-        """χ of each mass, and its derivatives with respect to each θ."""
+        """Computes χ of each mass, and its derivatives with respect to each θ."""
 
     @abc.abstractmethod
     def slopes(self, at: Places, thetadot: Float[Array, " k"]) -> Float[Array, "k n 3"]:
-        """The rates of the derivatives, Σ_b χ_ab θ̇_b, at the ``Places`` that :meth:`places` returned."""
+        """Computes the rates of the derivatives, Σ_b χ_ab θ̇_b, at the ``Places`` that :meth:`places` returned."""
 
     def arms(self, theta: Float[Array, " k"]) -> Float[Array, "n points 3"]:
-        """For each mass, the points of the line that is drawn from the hinges that carry it to the mass."""
+        """Returns, for each mass, the points of the line that is drawn from the hinges that carry it to the mass."""
         return self.places(theta).chi[:, None]
 
     @property
@@ -105,7 +105,7 @@ class AbstractMechanism(Printed):
         return tuple(a for a in self.in_state if a not in self.accelerated)
 
     def rates(self, t: Float[Array, ""], own: EachJoint) -> EachJoint:
-        """θ, θ̇ and θ̈ of every joint, where ``own`` has those that belong to the state."""
+        """Returns θ, θ̇ and θ̈ of every joint, where ``own`` has the values that belong to the state."""
         columns = []
         for a, drive in enumerate(self.drives):
             if isinstance(drive, AbstractSchedule):
@@ -118,7 +118,9 @@ class AbstractMechanism(Printed):
     def forces(
         self, t: Float[Array, ""], rates: EachJoint, state: State, impulses: bool = True
     ) -> Float[Array, " free"]:
-        """Q of the free joints; without ``impulses``, what :meth:`impulses` does not integrate of it."""
+        """Computes Q of the free joints; without ``impulses``, only the part of it that :meth:`impulses` does not
+        integrate.
+        """
         theta, thetadot, _ = rates
         forces = []
         for a in self.free:
@@ -131,24 +133,24 @@ class AbstractMechanism(Printed):
         return jnp.stack(forces)
 
     def impulses(self, t: Float[Array, ""]) -> Float[Array, " free"]:
-        """∫ Q up to t of the parts of forces on free joints that are known in closed form."""
+        """Computes ∫ Q up to t of the parts of forces on free joints that are known in closed form."""
         drives = (self.drives[a] for a in self.free)
-        known = [drive.impulse(t) if isinstance(drive, AbstractJointForce) else None for drive in drives]
-        return jnp.stack([jnp.zeros_like(t) if one is None else one for one in known])
+        parts = [drive.impulse(t) if isinstance(drive, AbstractJointForce) else None for drive in drives]
+        return jnp.stack([jnp.zeros_like(t) if part is None else part for part in parts])
 
     @property
     def frictions(self) -> dict[int, JointFriction]:
         """The friction that may hold a free joint at rest, by the place of the joint among the free ones."""
-        found = {}
+        joint_frictions = {}
         for place, a in enumerate(self.free):
             drive = self.drives[a]
             for friction in drive.sticking if isinstance(drive, AbstractJointForce) else ():
                 assert isinstance(friction, JointFriction)
-                found[place] = friction
-        return found
+                joint_frictions[place] = friction
+        return joint_frictions
 
     def slipping(self: AnyMechanism, directions: Float[Array, " sticking"]) -> AnyMechanism:
-        """The same mechanism where the joints of :attr:`frictions` slip in these directions, or stick, 0."""
+        """Returns the same mechanism where the joints of :attr:`frictions` slip in these directions, or stick, 0."""
         drives = list(self.drives)
         for which, place in enumerate(self.frictions):
             drive = drives[self.free[place]]
@@ -157,20 +159,20 @@ class AbstractMechanism(Printed):
         return self.with_drives(drives)
 
     def conditions(self, name: str) -> Iterator[Condition]:
-        """Every condition that its numbers must meet, with the name that sentences use; traceable."""
+        """Yields every condition that its numbers must meet, with the name that sentences use; traceable."""
         yield Condition(positive(self.mass), f"{name}.mass", self.mass, "positive numbers")
         for a, drive in enumerate(self.drives):
             if isinstance(drive, AbstractJointForce):
                 yield from drive.conditions(f"{name}.joints[{a}].drive")
 
     def motion_kinks(self) -> Float[Array, " kinks"]:
-        """The times at which θ̈ of a schedule, or a force whose impulse is known, jumps or has a kink."""
+        """Returns the times at which θ̈ of a schedule, or a force whose impulse is known, jumps or has a kink."""
         times = [drive.kinks() for drive in self.drives if isinstance(drive, AbstractSchedule)]
         times += [drive.motion_kinks() for drive in self.drives if isinstance(drive, AbstractJointForce)]
         return join_arrays(times)
 
     def driving_kinks(self, state: State) -> Float[Array, " kinks"]:
-        """The times at which any other force jumps or has a kink, for such a state."""
+        """Returns the times at which any other force jumps or has a kink, for such a state."""
         return join_arrays([drive.kinks_with(state) for drive in self.drives if isinstance(drive, AbstractJointForce)])
 
     @abc.abstractmethod
@@ -178,7 +180,7 @@ class AbstractMechanism(Printed):
         """Returns the same mechanism with other drives, one for each joint."""
 
     def prepare(self: AnyMechanism) -> AnyMechanism:
-        """The same mechanism, ready to be evaluated many times."""
+        """Returns the same mechanism, ready to be evaluated many times."""
         return self.with_drives([_prepare(drive) for drive in self.drives])
 
 
@@ -250,7 +252,7 @@ class Mechanism(AbstractMechanism):
         return tuple(CarriedMass(m, x, a) for m, x, a in zip(self.mass, self.place, self.carrier, strict=True))
 
     def carriers(self, a: int) -> tuple[int, ...]:
-        """The joints that carry joint ``a``, and itself."""
+        """Lists the joints that carry joint ``a``, and itself."""
         before = [a]
         while (on := self._on(before[0])) >= 0:
             before.insert(0, on)
@@ -261,7 +263,7 @@ class Mechanism(AbstractMechanism):
         return a - 1 if on is None else on
 
     def links(self, theta: Float[Array, " k"]) -> list[Moved]:
-        """Where each joint places its link, and how it moves it."""
+        """Computes where each joint places its link, and how it moves it."""
         links: list[Moved] = []
         for a, joint in enumerate(self.joints):
             on = self._on(a)
@@ -288,11 +290,11 @@ class Mechanism(AbstractMechanism):
         return jnp.where(self._moved, turned + _velocity(w, cdot, jnp.zeros_like(v), chidot), 0.0)
 
     def arms(self, theta: Float[Array, " k"]) -> Float[Array, "n points 3"]:
-        at = self.places(theta)
+        places = self.places(theta)
         hinges = [a for a, joint in enumerate(self.joints) if isinstance(joint, Hinge)]
         carried = self._moved[hinges].swapaxes(0, 1)
-        points = jnp.where(carried, at.details[1][np.asarray(hinges, dtype=int)][None], jnp.nan)
-        return jnp.concatenate([points, at.chi[:, None]], axis=1)
+        points = jnp.where(carried, places.details[1][np.asarray(hinges, dtype=int)][None], jnp.nan)
+        return jnp.concatenate([points, places.chi[:, None]], axis=1)
 
     @property
     def _before(self) -> Bool[np.ndarray, "k k"]:
@@ -390,7 +392,7 @@ class FunctionMechanism(AbstractMechanism):
 def _velocity(
     w: Float[Array, "k 3"], c: Float[Array, "k 3"], v: Float[Array, "k 3"], x: Float[Array, "n 3"]
 ) -> Float[Array, "k n 3"]:
-    """w × (x − c) + v of every joint, at every point."""
+    """Computes w × (x − c) + v of every joint, at every point."""
     arms = x[None] - c[:, None]
     return cross(jnp.broadcast_to(w[:, None], arms.shape), arms) + v[:, None]
 

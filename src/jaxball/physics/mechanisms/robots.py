@@ -31,7 +31,7 @@ def planar_pendulum(
     pivot: Numbers = CENTRE,
     drive: Drive = None,
 ) -> Mechanism:
-    """A mass on a massless rod, which turns about a hinge.
+    """Builds a planar pendulum: a mass on a massless rod, which turns about a hinge.
 
     **Arguments:**
 
@@ -61,7 +61,8 @@ def spherical_pendulum(
     pivot: Numbers = CENTRE,
     drives: Sequence[Drive] = (None, None),
 ) -> Mechanism:
-    """A mass on a massless rod, which two hinges at one pivot let swing in every direction: a pendulum in a yoke.
+    """Builds a pendulum in a yoke: a mass on a massless rod, which two hinges at one pivot let swing in every
+    direction.
 
     A hanging pendulum turns relative to the body by as much as the body rolls. So the axis of its first hinge should be
     the one about which the body rolls: the first hinge may turn without limit, while at θ = ±π/2 of the second the mass
@@ -98,7 +99,7 @@ def double_pendulum(
     pivot: Numbers = CENTRE,
     drives: Sequence[Drive] = (None, None),
 ) -> Mechanism:
-    """Two masses on two massless rods, the second hinged to the first mass, with parallel hinges.
+    """Builds two masses on two massless rods, the second hinged to the first mass, with parallel hinges.
 
     **Arguments:**
 
@@ -137,7 +138,7 @@ def ring_rotor(
     drive: Drive = None,
     count: int = FEWEST_ON_RING,
 ) -> Mechanism:
-    """A ring that spins about its own axis: a rotor, a reaction wheel.
+    """Builds a ring that spins about its own axis: a rotor, a reaction wheel.
 
     Any ``count`` of equal masses spaced evenly around a circle moves as the ring does, whose moments of inertia about
     its centre are mass radius² about the axis and half of that about a diameter.
@@ -178,7 +179,7 @@ def gyroscopic_pendulum(
     drives: Sequence[Drive] = (None, None, None),
     count: int = FEWEST_ON_RING,
 ) -> Mechanism:
-    """A spherical pendulum whose mass is a ring that spins about the rod: a top hanging in a yoke.
+    """Builds a spherical pendulum whose mass is a ring that spins about the rod: a top hanging in a yoke.
 
     **Arguments:**
 
@@ -212,7 +213,7 @@ def gyroscopic_pendulum(
 
 
 def mass_in_tube(mass: Numbers, axis: Numbers, *, centre: Numbers = CENTRE, drive: Drive = None) -> Mechanism:
-    """A mass that slides along a straight tube: a magnet moved by coils, or a weight on a spoke.
+    """Builds a mass that slides along a straight tube: a magnet moved by coils, or a weight on a spoke.
 
     The tube has no ends of its own: use :class:`~jaxball.EndStops`, or a :class:`~jaxball.Spring` that holds the mass.
 
@@ -244,7 +245,7 @@ def turning_rail(
     pivot: Numbers = CENTRE,
     drives: Sequence[Drive] = (None, None),
 ) -> Mechanism:
-    """A mass on a rail that itself turns about an axis; the rail has no mass.
+    """Builds a mass on a rail that itself turns about an axis; the rail has no mass.
 
     **Arguments:**
 
@@ -276,7 +277,7 @@ def rigid_body_masses(
     frame: AbstractFrame | None = None,
     joint: int = -1,
 ) -> list[CarriedMass]:
-    """A rigid body as six point masses on its principal axes, which move as the body does.
+    """Builds a rigid body as six point masses on its principal axes, which move as the body does.
 
     They are mass/6 each, at ±a_k from the centre along the k-th axis, a_k² = 3 (½ Σ d − d_k) / mass.
 

@@ -161,17 +161,17 @@ class DryRolling(AbstractBodyWithModes[DryRollingState]):
         return eqx.tree_at(lambda x: x.body, moved, moved.body.with_Omega(rate))
 
     def over_ground(self, t: Float[Array, ""], state: DryRollingState) -> Float[Array, "3"]:
-        """ω of the body relative to the ground, along the axes of the contact."""
+        """Computes ω of the body relative to the ground, along the axes of the contact."""
         return ContactAxes.of(self.body, t, state.body).over_ground(state.body.Omega)
 
     def _unless_held(self, state: DryRollingState, omega: Float[Array, "3"]) -> Float[Array, "3"]:
-        """ω, or its rate, in space axes, with 0 for what friction holds."""
+        """Returns ω, or its rate, in space axes, with 0 for the components that friction holds."""
         rests = state.rolls == 0
         held = jnp.stack([rests, rests, self.is_still(state)])
         return jnp.where(held, 0.0, omega)
 
     def is_still(self, state: DryRollingState) -> Bool[Array, ""]:
-        """Whether friction holds the body against spinning."""
+        """Returns whether friction holds the body against spinning."""
         return (state.spin == 0) & self._resists_spinning
 
     @property
@@ -186,14 +186,16 @@ class DryRolling(AbstractBodyWithModes[DryRollingState]):
         return resistance
 
     def mode(self, t: Float[Array, ""], state: DryRollingState, sigma: Float[Array, "2"] | None = None) -> TurningMode:
-        """The mode, in axes of the contact, of a body that rolls in the direction ``sigma``, if that is known."""
+        """Returns the mode, in axes of the contact, of a body that rolls in the direction ``sigma``, if that
+        is known.
+        """
         direction = self.direction(t, state) if sigma is None else sigma
         rests = state.rolls == 0
         sigma3 = jnp.where(rests, 0.0, jnp.concatenate([direction, jnp.zeros_like(direction[:1])]))
         return TurningMode(sigma3, state.spin, rests, self.is_still(state), jnp.zeros_like(sigma3))
 
     def direction(self, t: Float[Array, ""], state: DryRollingState) -> Float[Array, "2"]:
-        """The direction of ω_h of a body that rolls, space axes."""
+        """Returns the direction of ω_h of a body that rolls, space axes."""
         if self.body.planar:
             return state.begun.sigma
         omega = self.over_ground(t, state)
@@ -204,35 +206,37 @@ class DryRolling(AbstractBodyWithModes[DryRollingState]):
         return eqx.tree_at(lambda x: x.body, jax.tree.map(jnp.zeros_like, state), moved)
 
     def turning(self, t: Float[Array, ""], state: DryRollingState) -> Turning:
-        """How the body turns without dry friction, and how torques change that, in space axes."""
+        """Computes how the body turns without dry friction, and how torques change that, in space axes."""
         return turning(self.moving(state), t, state.body).in_space(ContactAxes.of(self.body, t, state.body).rows)
 
     def moving(self, state: DryRollingState) -> AbstractBody:
-        """The body, with all that a state says of how its parts move."""
+        """Returns the body, with all that a state says of how its parts move."""
         return self.body
 
     # The guards.
 
     def step_reference(self, t: Float[Array, ""], state: DryRollingState, accuracy: Accuracy) -> Heading:
-        """The direction of rolling as a step begins."""
+        """Returns the direction of rolling as a step begins."""
         sigma, omega = self.direction(t, state), self.over_ground(t, state)
         errors = accuracy.atol + accuracy.rtol * root(jnp.sum(omega**2))
         heading = Heading.of(sigma, omega[:2], self._unit_of_rate(omega), errors)
         return heading._replace(least=jnp.zeros_like(heading.least)) if self.body.planar else heading
 
     def guards(self, t: Float[Array, ""], state: DryRollingState) -> Float[Array, " guards"]:
-        """The guards without a solve, in which rolling ends where ω_h vanishes."""
+        """Computes the guards without a solve, in which rolling ends where ω_h vanishes."""
         zero = jnp.zeros_like(state.rolls)
         return self.guards_in_step(t, state, Heading(self.direction(t, state), zero, zero))
 
     def guards_in_step(
         self, t: Float[Array, ""], state: DryRollingState, reference: Heading
     ) -> Float[Array, " guards"]:
-        """Of rolling and of spinning: the rate in its direction, or what friction has to spare where it holds it."""
+        """Computes the guards of rolling and of spinning: the rate in its direction, or what friction has to spare
+        where it holds it.
+        """
         turns, omega = self.turning(t, state), self.over_ground(t, state)
         spare = needs(self.resistance, turns, resist(self.resistance, turns, self.mode(t, state)))
-        one = jnp.ones_like(state.rolls)
-        rolling = spinning = one
+        unity = jnp.ones_like(state.rolls)
+        rolling = spinning = unity
         if self.resistance.dry is not None:
             forward = jnp.sum(omega[:2] * reference.sigma) - reference.least
             rolling = jnp.where(state.rolls == 0, spare.rolling, forward)
@@ -241,13 +245,13 @@ class DryRolling(AbstractBodyWithModes[DryRollingState]):
         return jnp.stack([rolling, spinning])
 
     def time_event(self, t: Float[Array, ""], state: DryRollingState) -> Float[Array, ""]:
-        """The end of the window in which the direction of rolling is known beforehand."""
+        """Returns the end of the window in which the direction of rolling is known beforehand."""
         if self.body.planar:
             return jnp.full_like(state.rolls, jnp.inf)
         return jnp.where(state.rolls == 0, jnp.inf, state.begun.until)
 
     def assess(self, step: GuardedStep, accuracy: Accuracy) -> Assessment:
-        """The guard that is zero, or that a ball has come to rest although none is; and the longest next step."""
+        """Finds the guard that is zero, or that a ball has come to rest although none is; and the longest next step."""
         never = jnp.full_like(step.end, jnp.inf)
         if self.body.planar or self.resistance.dry is None:
             return Assessment(jnp.where(step.has_fallen, step.zero, NONE), never)
@@ -264,21 +268,21 @@ class DryRolling(AbstractBodyWithModes[DryRollingState]):
         return Assessment(jnp.where(ends, step.zero, otherwise), jnp.where(rolls & ~ends, longest, never))
 
     def _unit_of_rate(self, omega: Float[Array, "3"]) -> Float[Array, ""]:
-        """A reference for errors of ω: √(g/r) and |ω|."""
+        """Computes a reference for errors of ω: √(g/r) and |ω|."""
         g, r, size = jax.lax.stop_gradient((jnp.abs(self.body.gravity), self.body.radius, root(jnp.sum(omega**2))))
         return root(g / r) + size
 
     # How modes follow each other.
 
     def start(self, t: Float[Array, ""], state: PlacedState) -> DryRollingState:
-        """The state with which a solve starts; its mode is decided by the first transition."""
-        one = jnp.ones_like(self.body.radius)  # nothing is held before it
-        return DryRollingState(state, one, one, Beginning.none(one))
+        """Returns the state with which a solve starts; its mode is decided by the first transition."""
+        unity = jnp.ones_like(self.body.radius)  # nothing is held before it
+        return DryRollingState(state, unity, unity, Beginning.none(unity))
 
     def transition(
         self, t: Float[Array, ""], state: DryRollingState, event: Int[Array, ""], accuracy: Accuracy
     ) -> Transition:
-        """What follows the end of a mode, the end of a window, or the start of a run."""
+        """Finds what follows the end of a mode, the end of a window, or the start of a run."""
         starts, decides = event == START, (event == START) | (event >= 0)
         heading = without_derivatives(self).step_reference(*without_derivatives((t, state, accuracy)))
         heading = heading._replace(least=jnp.zeros_like(heading.speed) if self.body.planar else heading.speed)
@@ -290,9 +294,9 @@ class DryRolling(AbstractBodyWithModes[DryRollingState]):
         stops = (event == ROLLING) & (before.rolls != 0)
         t, before, stopped = self._stop(t, before, stops, accuracy.tolerance)
         decides &= ~stops | stopped
-        given = Happened(starts, stopped, (event == ROLLING) & ~stops, event == SPINNING, event)
+        occurrence = Happened(starts, stopped, (event == ROLLING) & ~stops, event == SPINNING, event)
         decide = jax.jit(type(self).decide)  # compiled on its own, it is traced once
-        after = jax.lax.cond(decides, decide, lambda system, t, state, given: state, self, t, before, given)
+        after = jax.lax.cond(decides, decide, lambda system, t, state, occurrence: state, self, t, before, occurrence)
         if not self.body.planar:
             begun = select_tree(decides, after.begun, Beginning.none(t))
             after = eqx.tree_at(lambda x: x.begun, after, begun)
@@ -311,7 +315,7 @@ class DryRolling(AbstractBodyWithModes[DryRollingState]):
     def _stop(
         self, t: Float[Array, ""], state: DryRollingState, stops: Bool[Array, ""], tolerance: Float[Array, ""]
     ) -> tuple[Float[Array, ""], DryRollingState, Bool[Array, ""]]:
-        """The time and the state where a slow body has come to rest, if it does so soon, and whether it does."""
+        """Finds the time and the state where a slow body has come to rest, if it does so soon, and whether it does."""
         if self.body.planar:
             return t, state, stops
 
@@ -333,7 +337,7 @@ class DryRolling(AbstractBodyWithModes[DryRollingState]):
     def _end(
         self, t: Float[Array, ""], where: DryRollingState, state: DryRollingState, omega: Float[Array, "2"]
     ) -> slips.End:
-        """The end of rolling with ω_h, with what acts at some time and state."""
+        """Computes the end of rolling with ω_h, with what acts at some time and state."""
         mode = self.mode(t, state, unit(omega))
         return slips.end(_pull, (self.resistance, self.turning(t, where), mode), omega)
 
@@ -346,7 +350,7 @@ class DryRolling(AbstractBodyWithModes[DryRollingState]):
         time: Float[Array, ""],
         share: float,
     ) -> DryRollingState:
-        """The state after a share of the time in which ω_h falls to 0, with rates as they are ``where``."""
+        """Returns the state after a share of the time in which ω_h falls to 0, with rates as they are ``where``."""
         rate = -omega / jnp.where(time > 0, time, 1.0)
         braking = jnp.concatenate([rate, jnp.zeros_like(rate[:1])])
         held = self.mode(t, state, unit(omega))._replace(rests=jnp.asarray(True), braking=braking)
@@ -355,7 +359,7 @@ class DryRolling(AbstractBodyWithModes[DryRollingState]):
         return eqx.tree_at(lambda x: x.body, state, body)
 
     def decide(self, t: Float[Array, ""], state: DryRollingState, given: "Happened") -> DryRollingState:
-        """The state in the mode that follows: at rest as far as friction can hold it."""
+        """Returns the state in the mode that follows: at rest as far as friction can hold it."""
         moving, omega, turns = self.all_held(t, state, given)
         mode = begin(self.resistance, turns, moving, given.loosens, given.spinning & self.is_still(state))
         return self.with_mode(t, state, omega, mode, moving.rests & ~mode.rests)
@@ -363,7 +367,7 @@ class DryRolling(AbstractBodyWithModes[DryRollingState]):
     def all_held(
         self, t: Float[Array, ""], state: DryRollingState, given: "Happened"
     ) -> tuple[TurningMode, Float[Array, "3"], Turning]:
-        """The mode in which all that does not move is held, ω in space axes, and how the body turns."""
+        """Returns the mode in which all that does not move is held, ω in space axes, and how the body turns."""
         # At the end of its rolling or spinning, the rate is 0, not nearly.
         omega = self._unless_held(state, self.over_ground(t, state))
         held = jnp.stack([given.stops, given.stops, given.spinning])
@@ -381,7 +385,7 @@ class DryRolling(AbstractBodyWithModes[DryRollingState]):
         mode: TurningMode,
         starts_to_roll: Bool[Array, ""],
     ) -> DryRollingState:
-        """The state in a mode, with ω in space axes, and with the direction of rolling that begins."""
+        """Returns the state in a mode, with ω in space axes, and with the direction of rolling that begins."""
         body = state.body.with_Omega(ContactAxes.of(self.body, t, state.body).in_body(omega))
         rolls, sigma = jnp.where(mode.rests, 0.0, 1.0).astype(t.dtype), mode.sigma[:2]
         spin = mode.spin if self._resists_spinning else jnp.zeros_like(mode.spin)
@@ -437,26 +441,26 @@ class _FromRest(NamedTuple):
     def pull(
         self, t: Float[Array, ""], state: PlacedState, prepare: tuple[()], sigma: Float[Array, "2"]
     ) -> tuple[Float[Array, "2"], PlacedState]:
-        """ω̇_h in space axes, and the rates of the body."""
+        """Computes ω̇_h in space axes, and the rates of the body."""
         moved = rates(self.system.moving(self.begins), t, state, self.system.mode(t, self.begins, sigma))
         return rate_over_ground(self.system.body, t, state, moved.Omega)[:2], moved
 
 
 @jax.jit
 def rates(body: AbstractBody, t: Float[Array, ""], state: PlacedState, mode: TurningMode) -> PlacedState:
-    """ẋ of a body in a mode that is given along the axes of the contact."""
+    """Computes ẋ of a body in a mode that is given along the axes of the contact."""
     return in_mode(body, t, state, mode).field(t, state)
 
 
 def in_mode(body: AbstractBody, t: Float[Array, ""], state: PlacedState, mode: TurningMode) -> AbstractBody:
-    """The body in a mode that is given along the axes of the contact."""
+    """Returns the body in a mode that is given along the axes of the contact."""
     into_body = ContactAxes.of(body, t, state).rows.T
-    own = mode._replace(sigma=apply(into_body, mode.sigma), braking=apply(into_body, mode.braking))
-    return eqx.tree_at(lambda body: body.resistance.mode, body, own, is_leaf=lambda x: x is None)
+    body_mode = mode._replace(sigma=apply(into_body, mode.sigma), braking=apply(into_body, mode.braking))
+    return eqx.tree_at(lambda body: body.resistance.mode, body, body_mode, is_leaf=lambda x: x is None)
 
 
 def _pull(about: tuple[Resistance, Turning, TurningMode], sigma: Float[Array, "2"]) -> slips.Pull:
-    """How a ball rolls in a direction, with what acts at a time and a state; space axes."""
+    """Computes how a ball rolls in a direction, with what acts at a time and a state; space axes."""
     resistance, turns, mode = about
     acting = resist(resistance, turns, mode._replace(sigma=jnp.concatenate([sigma, jnp.zeros_like(sigma[:1])])))
     power = -jnp.sum(sigma * acting.torque[:2])

@@ -98,7 +98,7 @@ class DryStickSlip(DryRolling):
     # The guards.
 
     def guards_in_step(self, t: Float[Array, ""], state: Any, reference: Any) -> Float[Array, " guards"]:
-        """Those of the body, and two for each joint."""
+        """Computes the guards of the body, and two for each joint."""
         of_turning = super().guards_in_step(t, state, reference)
         holding = self.holding(t, state.body, state.slips, self.mode(t, state))
         return jnp.concatenate([of_turning, sticking_guards(self.body, state.slips, state.body.thetadot, holding)])
@@ -106,18 +106,18 @@ class DryStickSlip(DryRolling):
     def holding(
         self, t: Float[Array, ""], state: PlacedState, directions: Float[Array, " sticking"], mode: TurningMode
     ) -> Float[Array, " sticking"]:
-        """The friction in joints that stick, where the body turns in a mode that is given in space axes."""
+        """Computes the friction in joints that stick, where the body turns in a mode that is given in space axes."""
         return holding_friction(in_mode(with_directions(self.body, directions), t, state, mode), t, state)
 
     # How modes follow each other.
 
     def start(self, t: Float[Array, ""], state: PlacedState) -> DryStickSlipState:
-        given = super().start(t, state)
-        fields = {field.name: getattr(given, field.name) for field in dataclasses.fields(given)}
+        rolling_state = super().start(t, state)
+        fields = {field.name: getattr(rolling_state, field.name) for field in dataclasses.fields(rolling_state)}
         return DryStickSlipState(**fields, slips=jnp.sign(state.thetadot[sticking_slots(self.body)]))
 
     def decide(self, t: Float[Array, ""], state: Any, given: Happened) -> Any:
-        """The state in the mode that follows: all at rest that friction can hold so."""
+        """Returns the state in the mode that follows: everything is at rest that friction can hold so."""
         state = self._joints_changed(state, given)
         moving, omega, _ = self.all_held(t, state, given)
         body = state.body.with_Omega(ContactAxes.of(self.body, t, state.body).in_body(omega))
@@ -129,9 +129,9 @@ class DryStickSlip(DryRolling):
         mode = begin(self.resistance, self.turning(t, state), moving, rolls, loose)
         return self.with_mode(t, state, omega, mode, moving.rests & ~mode.rests)
 
-    def _joints_changed(self, state: DryStickSlipState, given: Happened) -> DryStickSlipState:
-        """The state after an event of a joint: one that stopped is held, and one that was held slips."""
-        which = given.event - OF_TURNING
+    def _joints_changed(self, state: DryStickSlipState, occurrence: Happened) -> DryStickSlipState:
+        """Returns the state after an event of a joint: one that stopped is held, and one that was held slips."""
+        which = occurrence.event - OF_TURNING
         directions, thetadot = change_joint(self.body, state.slips, state.body.thetadot, which)
         return eqx.tree_at(lambda x: (x.body.thetadot, x.slips), state, (thetadot, directions))
 
@@ -143,7 +143,7 @@ class DryStickSlip(DryRolling):
         rolls: Bool[Array, ""],
         spins: Bool[Array, ""],
     ) -> "_Held":
-        """What is held when friction has let go of all that it cannot hold, the most overloaded first.
+        """Finds what is held when friction has let go of all that it cannot hold, the most overloaded first.
 
         ``rolls`` and ``spins`` say that it lets go at once of rolling and of spinning.
         """
@@ -185,13 +185,15 @@ class DryStickSlip(DryRolling):
         of_turning = super().history(times, states, record)
         switches = of_turning.switches
         fields = {field.name: getattr(switches, field.name) for field in dataclasses.fields(switches)}
-        own = DryStickSlipSwitches(
+        all_switches = DryStickSlipSwitches(
             **fields,
             directions_before=record.before.slips,
             directions_after=record.after.slips,
             joints=self.body.sticking,
         )
-        return DryStickSlipHistory(switches=own, rests=of_turning.rests, spin=of_turning.spin, directions=states.slips)
+        return DryStickSlipHistory(
+            switches=all_switches, rests=of_turning.rests, spin=of_turning.spin, directions=states.slips
+        )
 
 
 class _Held(NamedTuple):

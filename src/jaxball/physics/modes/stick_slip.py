@@ -114,13 +114,15 @@ class StickSlip(AbstractBodyWithModes[StickSlipState]):
         return sticking_guards(self.body, state.slips, state.body.thetadot, holding)
 
     def reset(self, t: Float[Array, ""], state: StickSlipState, which: Int[Array, ""]) -> StickSlipState:
-        """A joint that broke loose slips against the friction that held it; one that stopped is held if it can be."""
+        """Returns the state after an event: a joint that broke loose slips against the friction that held it; one that
+        stopped is held if it can be.
+        """
         directions, thetadot = change_joint(self.body, state.slips, state.body.thetadot, which)
         body = eqx.tree_at(lambda x: x.thetadot, state.body, thetadot)
         return StickSlipState(body, self._release(t, body, directions))
 
     def start(self, t: Float[Array, ""], state: State) -> StickSlipState:
-        """The state with which a solve starts; a joint at rest sticks if friction can hold it."""
+        """Returns the state with which a solve starts; a joint at rest sticks if friction can hold it."""
         moving = jnp.sign(state.thetadot[sticking_slots(self.body)])
         return StickSlipState(state, self.prepare()._release(t, state, moving))
 

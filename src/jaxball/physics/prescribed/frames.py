@@ -18,7 +18,7 @@ from ...numerics.versor import normalize, rotation_matrix
 
 
 def frisvad(n: Float[Array, "3"]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
-    """Two unit vectors b1(n), b2(n) that complete the unit vector ``n`` to an orthonormal basis.
+    """Computes two unit vectors b1(n), b2(n) that complete the unit vector ``n`` to an orthonormal basis.
 
     Source: Frisvad, *Building an orthonormal basis from a 3D unit vector without normalization*
     (Journal of Graphics Tools 16, 2012), section 4 and listing 2.
@@ -34,7 +34,7 @@ def frisvad(n: Float[Array, "3"]) -> tuple[Float[Array, "3"], Float[Array, "3"]]
 
 
 def spherical_direction(azimuth: Float[Array, ""], elevation: Float[Array, ""]) -> Float[Array, "3"]:
-    """The unit vector ς of section 5 at ``azimuth`` and ``elevation`` (radians)."""
+    """Computes the unit vector ς of section 5 at ``azimuth`` and ``elevation`` (radians)."""
     return jnp.stack(
         [
             jnp.cos(elevation) * jnp.cos(azimuth),
@@ -49,7 +49,7 @@ class AbstractFrame(Printed):
 
     @abc.abstractmethod
     def matrix(self) -> Float[Array, "3 3"]:
-        """The rotation matrix B whose columns are the frame's axes in the body."""
+        """Returns the rotation matrix B whose columns are the frame's axes in the body."""
 
 
 class MatrixFrame(AbstractFrame):
@@ -140,7 +140,7 @@ class SphericalFrame(AbstractFrame):
 
 
 def principal_angles(azimuth: float, elevation: float) -> tuple[float, float]:
-    """The angles of the same direction whose elevation is from −π/2 to π/2 and whose azimuth is from −π to π.
+    """Returns the angles of the same direction whose elevation is from −π/2 to π/2 and whose azimuth is from −π to π.
 
     Angles that are already in these ranges are unchanged.
     """

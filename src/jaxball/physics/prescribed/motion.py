@@ -35,7 +35,7 @@ class AbstractMotion(Printed):
     """The motion of one mass."""
 
     def prepare(self) -> "AbstractMotion":
-        """The same motion, ready to be evaluated many times."""
+        """Returns the same motion, ready to be evaluated many times."""
         return self
 
 
@@ -44,18 +44,18 @@ class AbstractPrescribedMotion(AbstractMotion):
 
     @abc.abstractmethod
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
-        """χ(t)."""
+        """Computes χ(t)."""
 
     def kinematics(self, t: Float[Array, ""]) -> Kinematics:
-        """χ(t), χ̇(t) and χ̈(t), the rates by forward mode."""
+        """Computes χ(t), χ̇(t) and χ̈(t), the rates by forward mode."""
         return Kinematics(*two_derivatives(self, t))
 
     def velocity(self, t: Float[Array, ""]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
-        """χ(t) and χ̇(t)."""
+        """Computes χ(t) and χ̇(t)."""
         return jax.jvp(self, (t,), (jnp.ones_like(t),))
 
     def kinks(self) -> Float[Array, " kinks"]:
-        """The times at which χ̈ or one of its derivatives jumps; χ̇ must not.
+        """Returns the times at which χ̈ or one of its derivatives jumps; χ̇ must not.
 
         By default, those at which the trace of ``__call__`` compares the time with something else.
         """
@@ -68,7 +68,7 @@ def along_rail(
     thetadot: Float[Array, ""],
     thetaddot: Float[Array, ""],
 ) -> Kinematics:
-    """The chain rule for χ(t) = ζ(θ(t)), ``eq_1d_param``."""
+    """Applies the chain rule for χ(t) = ζ(θ(t)), ``eq_1d_param``."""
     zeta, dzeta, ddzeta = rail.derivatives(theta)
     return Kinematics(zeta, thetadot * dzeta, thetadot**2 * ddzeta + thetaddot * dzeta)
 
@@ -144,13 +144,13 @@ class Driven(AbstractMotion):
     def kinematics(
         self, theta: Float[Array, ""], thetadot: Float[Array, ""], thetaddot: Float[Array, ""]
     ) -> Kinematics:
-        """χ, χ̇ and χ̈ for given θ, θ̇ and θ̈."""
+        """Computes χ, χ̇ and χ̈ for given θ, θ̇ and θ̈."""
         return along_rail(self.rail, theta, thetadot, thetaddot)
 
     def velocity(
         self, theta: Float[Array, ""], thetadot: Float[Array, ""]
     ) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
-        """χ and χ̇ for given θ and θ̇."""
+        """Computes χ and χ̇ for given θ and θ̇."""
         return jax.jvp(self.rail, (theta,), (thetadot,))
 
     def prepare(self) -> "Driven":

@@ -28,7 +28,7 @@ class AbstractRail(Printed):
 
     @abc.abstractmethod
     def __call__(self, theta: Float[Array, ""]) -> Float[Array, "3"]:
-        """The point ζ(θ), a body vector from the geometric centre."""
+        """Returns the point ζ(θ), a body vector from the geometric centre."""
 
     @property
     @abc.abstractmethod
@@ -41,21 +41,23 @@ class AbstractRail(Printed):
         return 512
 
     def prepare(self) -> "AbstractRail":
-        """The same rail, ready to be evaluated many times."""
+        """Returns the same rail, ready to be evaluated many times."""
         return self
 
     def derivatives(self, theta: Float[Array, ""]) -> tuple[Float[Array, "3"], Float[Array, "3"], Float[Array, "3"]]:
-        """ζ(θ), ζ′(θ) and ζ″(θ), the derivatives by forward mode."""
+        """Computes ζ(θ), ζ′(θ) and ζ″(θ), the derivatives by forward mode."""
         return two_derivatives(self, theta)
 
     def furthest(self) -> Furthest:
-        """The θ (as ``x``) at which a closed rail is furthest from the geometric centre, and its distance there."""
+        """Finds the θ (as ``x``) at which a closed rail is furthest from the geometric centre, and its
+        distance there.
+        """
         assert self.period is not None
         theta = jnp.linspace(0.0, self.period, self.samples, endpoint=False)
         return furthest(self, theta, jax.vmap(self)(theta))
 
     def points(self, theta: Float[Array, " n"]) -> Float[Array, "n 3"]:
-        """ζ at many θ, for drawing."""
+        """Computes ζ at many θ, for drawing."""
         return jax.vmap(self.prepare())(theta)
 
 
@@ -148,7 +150,7 @@ class AbstractPlanarRail(AbstractClosedRail):
 
     @abc.abstractmethod
     def planar(self, theta: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
-        """The curve (x(θ), y(θ)) in its own plane."""
+        """Returns the point (x(θ), y(θ)) of the curve in its own plane."""
 
     def __call__(self, theta: Float[Array, ""]) -> Float[Array, "3"]:
         # A sum over an axis, because XLA's CPU compiler computes that once, and other sums wherever they are used.
@@ -194,7 +196,7 @@ class Circle(AbstractPlanarRail):
         return self.radius * cosine, self.radius * sine
 
     def furthest(self):
-        """Straight beyond the centre of the circle, as seen from the geometric centre."""
+        """Returns the furthest point: straight beyond the centre of the circle, as seen from the geometric centre."""
         B = self.frame.matrix()
         theta = jnp.arctan2(self.radius * dot(self.centre, B[:, 2]), self.radius * dot(self.centre, B[:, 0]))
         return Furthest(theta, jnp.sqrt(jnp.sum(self(theta) ** 2)))

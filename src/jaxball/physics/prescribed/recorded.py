@@ -48,7 +48,7 @@ class AbstractRecorded(Printed):
 
     @abc.abstractmethod
     def prepare(self) -> Any:
-        """The curve through the samples."""
+        """Returns the curve through the samples."""
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
         return self.prepare()(t)
@@ -75,13 +75,15 @@ class AbstractRecorded(Printed):
             )
 
     def covers(self, times: Float[AnyArray, " T"]) -> Any:
-        """Whether the log lasts, up to rounding, from the first of ``times`` to the last, if it must, and increases."""
-        own, start, end = jnp.asarray(self.times), times[0], times[-1]
-        increases = jnp.all(own[1:] > own[:-1])
+        """Returns whether the log lasts, up to rounding, from the first of ``times`` to the last, if it must, and
+        increases.
+        """
+        log_times, start, end = jnp.asarray(self.times), times[0], times[-1]
+        increases = jnp.all(log_times[1:] > log_times[:-1])
         if not self.is_bounded:
             return jnp.asarray(increases)
-        rounding = CLOSE_KINKS * float(np.finfo(own.dtype).eps) * jnp.maximum(jnp.abs(start), jnp.abs(end))
-        return increases & (own[0] <= start + rounding) & (own[-1] >= end - rounding)
+        rounding = CLOSE_KINKS * float(np.finfo(log_times.dtype).eps) * jnp.maximum(jnp.abs(start), jnp.abs(end))
+        return increases & (log_times[0] <= start + rounding) & (log_times[-1] >= end - rounding)
 
 
 def _require_one_of(name: str, value: Any, choices: tuple[str, ...]) -> None:
@@ -263,7 +265,7 @@ def _curve(
 
 
 def _kinks(times: Float[Array, " n"], changes: Float[Array, " n_minus_two"] | None) -> Float[Array, " kinks"]:
-    """Both ends of a log, and the samples between them at which steps must end; infinite ones fill the array.
+    """Returns both ends of a log, and the samples between them at which steps must end; infinite ones fill the array.
 
     ``changes`` says how much what is interpolated jumps or bends at each of these, None for a spline.
     """
@@ -281,7 +283,9 @@ def _kinks(times: Float[Array, " n"], changes: Float[Array, " n_minus_two"] | No
 
 
 def coverages(arguments: Any, times: Float[AnyArray, " T"]) -> Iterator[ExplainedCondition]:
-    """The condition, on each log within the ``arguments`` of a system, that it lasts as long as a run; traceable."""
+    """Yields the condition, on each log within the ``arguments`` of a system, that it lasts as long as a run;
+    traceable.
+    """
     for (argument, *path), log in jax.tree_util.tree_leaves_with_path(arguments, is_leaf=is_recorded):
         if is_recorded(log):
             name = argument.key + jax.tree_util.keystr(tuple(path))
@@ -299,5 +303,5 @@ def _too_short(name: str, log: AbstractRecorded, times: Float[AnyArray, " T"]) -
 
 
 def is_recorded(part: Any) -> bool:
-    """Whether this is a signal or a schedule from a log."""
+    """Returns whether this is a signal or a schedule from a log."""
     return isinstance(part, AbstractRecorded)

@@ -22,29 +22,30 @@ class AbstractSchedule(Printed):
 
     @abc.abstractmethod
     def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
-        """θ(t), in radians on a closed rail and in units of length in a tube."""
+        """Computes θ(t), in radians on a closed rail and in units of length in a tube."""
 
     @abc.abstractmethod
     def shift(self, by: Float[Array, ""]) -> "AbstractSchedule":
-        """The schedule θ(t) + ``by``."""
+        """Returns the schedule θ(t) + ``by``."""
 
     def kinks(self) -> Float[Array, " kinks"]:
-        """The times at which θ̈ or one of its derivatives jumps; θ̇ must not. The integrator ends steps at them.
+        """Returns the times at which θ̈ or one of its derivatives jumps; θ̇ must not. The integrator ends steps at
+        them.
 
         By default, those at which the trace of ``__call__`` compares the time with something else.
         """
         return kinks_seen(self, type(self).__call__)
 
     def prepare(self) -> "AbstractSchedule":
-        """The same schedule, ready to be evaluated many times."""
+        """Returns the same schedule, ready to be evaluated many times."""
         return self
 
     def derivatives(self, t: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
-        """θ(t), θ̇(t) and θ̈(t), the rates by forward mode; at a kink, those of the later side."""
+        """Computes θ(t), θ̇(t) and θ̈(t), the rates by forward mode; at a kink, the rates of the later side."""
         return two_derivatives(self, t)
 
     def starting_at(self, theta: Numbers, t: Numbers) -> "AbstractSchedule":
-        """The schedule shifted by a constant so that it takes the value ``theta`` at time ``t``."""
+        """Returns the schedule shifted by a constant so that it takes the value ``theta`` at time ``t``."""
         return self.shift(to_array(theta) - self.prepare()(to_array(t)))
 
 
@@ -177,7 +178,7 @@ class AbstractPiecewise(AbstractSchedule):
 
     @abc.abstractmethod
     def prepare(self) -> PiecewiseSchedule:
-        """Its polynomials."""
+        """Returns the polynomials of the schedule."""
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
         return self.prepare()(t)

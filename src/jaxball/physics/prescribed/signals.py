@@ -19,17 +19,17 @@ class AbstractSignal(Printed):
 
     @abc.abstractmethod
     def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
-        """s(t); at a jump, that of the later side."""
+        """Computes s(t); at a jump, the value of the later side."""
 
     def kinks(self) -> Float[Array, " kinks"]:
-        """The times at which s or one of its derivatives jumps.
+        """Returns the times at which s or one of its derivatives jumps.
 
         By default, those at which the trace of ``__call__`` compares the time with something else.
         """
         return kinks_seen(self, type(self).__call__)
 
     def prepare(self) -> "AbstractSignal":
-        """The same signal, ready to be evaluated many times."""
+        """Returns the same signal, ready to be evaluated many times."""
         return self
 
 
@@ -42,7 +42,7 @@ class AbstractIntegrableSignal(AbstractSignal):
 
     @abc.abstractmethod
     def impulse(self, t: Float[Array, ""]) -> Float[Array, ""]:
-        """The integral of s up to t."""
+        """Computes the integral of s up to t."""
 
     def limit(self, limit: Float[Array, ""]) -> "AbstractIntegrableSignal | None":
         """Limits the signal to ±limit, if its class stays the same; else None, because its pieces would change."""
@@ -138,7 +138,7 @@ class IntegratedSignal(AbstractIntegrableSignal):
 
 
 def as_signal(name: str, given: Any) -> AbstractSignal | AbstractSchedule:
-    """A signal, a schedule, or a number as a constant signal.
+    """Returns a signal, a schedule, or a number as a constant signal.
 
     **Raises:** ``TypeError`` for anything else, ``ValueError`` for NaN.
     """

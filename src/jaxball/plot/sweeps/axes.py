@@ -28,20 +28,20 @@ _NAMES = {NOT_FINITE: "not finite"}
 
 
 def title_of(data: "xarray.Dataset") -> str:
-    """The title of a study, or that of its scenario, or else the scenario's kind."""
+    """Returns the title of a study, or of its scenario, or else names the scenario's kind."""
     document = tomllib.loads(data.attrs.get("scenario", ""))
     return data.attrs.get("title") or document.get("title") or f"A study of a {document.get('kind', 'system')}"
 
 
 def study_axes(data: "xarray.Dataset", ax: Axes | None, size: tuple[float, float]) -> Axes:
-    """``ax``, or the Axes of a new figure that says which study it shows.
+    """Returns ``ax``, or the Axes of a new figure that says which study it shows.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
-    made = plane_axes(ax, size)
+    axes = plane_axes(ax, size)
     if ax is None:
-        caption(made.figure, title=title_of(data))
-    return made
+        caption(axes.figure, title=title_of(data))
+    return axes
 
 
 def write_heading(ax: Axes, sentences: Sequence[str], keys: Sequence[Any] = (), most: int = 3) -> None:
@@ -73,7 +73,7 @@ def add_colour_bar(ax: Axes, shown: ScalarMappable, label: str) -> None:
 
 
 def edges_of(values: Float[np.ndarray, " points"], logarithmic: bool) -> Float[np.ndarray, " edges"]:
-    """The edges of cells around ``values``, halfway between them, or between their logarithms."""
+    """Returns the edges of cells around ``values``, halfway between them, or between their logarithms."""
     if logarithmic and values[0] > 0:
         return np.exp(edges_of(np.log(values), False))
     if len(values) == 1:
@@ -109,8 +109,8 @@ LOOKS = {
 
 
 def outcomes(status: Int[np.ndarray, " rows"], values: Float[np.ndarray, " rows"]) -> Int[np.ndarray, " rows"]:
-    """The status of each row: SUCCESS where a row that an event ended has a finite value, and ``NOT_FINITE`` where one
-    that reached its end has none.
+    """Returns the status of each row: SUCCESS where a row that an event ended has a finite value, and ``NOT_FINITE``
+    where one that reached its end has none.
     """
     finite = np.isfinite(values)
     status = np.where((status == Status.EVENT) & finite, Status.SUCCESS, status)
@@ -118,12 +118,12 @@ def outcomes(status: Int[np.ndarray, " rows"], values: Float[np.ndarray, " rows"
 
 
 def present(outcome: Int[np.ndarray, " rows"]) -> list[int]:
-    """The codes of the failures among the outcomes."""
+    """Returns the codes of the failures among the outcomes."""
     return [code for code in np.unique(outcome).tolist() if code != Status.SUCCESS]
 
 
 def names_of(outcome: Int[np.ndarray, " rows"]) -> dict[int, str]:
-    """The legend entry of each failure among the outcomes: its name, and how many rows have it."""
+    """Returns the legend entry of each failure among the outcomes: its name, and how many rows have it."""
     return {code: f"{_NAMES.get(code) or Status(code).name} ({np.sum(outcome == code):,})" for code in present(outcome)}
 
 
@@ -169,5 +169,5 @@ def make_room(ax: Axes, names: Mapping[int, str]) -> None:
 
 
 def hatching(code: int) -> dict[str, Any]:
-    """The look of cells with a failure."""
+    """Returns the look of cells with a failure."""
     return {"facecolor": LOOKS[code].colour, "edgecolor": "white", "hatch": LOOKS[code].hatch, "linewidth": 0.0}

@@ -65,7 +65,8 @@ def sweep_slice(
     at: Mapping[str, float] | None = None,
     labels: Labels = None,
 ) -> Axes:
-    """A result of a study against one of its numbers; rows that failed are marked by their status on the lower edge.
+    """Draws a result of a study against one of its numbers; rows that failed are marked by their status on the lower
+    edge.
 
     The points of a scattered axis are not joined. The title says where the other axes are fixed.
 
@@ -122,7 +123,7 @@ def _free(rows: Rows, against: str, by: str | None) -> set[int]:
 
 
 def _curves(rows: Rows, by: str | None, labels: Labels) -> Iterator[tuple[str, np.ndarray, str]]:
-    """The label of each curve, the indices of its rows, and its colour."""
+    """Yields the label of each curve, the indices of its rows, and its colour."""
     if by is None:
         yield "", np.arange(len(rows)), COMPONENTS[0]
         return
@@ -143,7 +144,7 @@ def sweep_map(
     at: Mapping[str, float] | None = None,
     labels: Labels = None,
 ) -> Axes:
-    """A result of a study in colours over two of its numbers; rows that failed are hatched by their status.
+    """Draws a result of a study in colours over two of its numbers; rows that failed are hatched by their status.
 
     Crossed axes are drawn as cells, white where nothing was computed; two numbers of a scattered axis as dots, with
     marks for rows that failed. The title says where the other axes are fixed.
@@ -196,18 +197,18 @@ def _order_rows(rows: Rows, path: str) -> tuple[np.ndarray, Float[np.ndarray, " 
     Points without a computed row have values between those of their neighbours, so that their cells stay empty.
     """
     along, numbers = rows.indices[:, rows.axis_of(path)], rows.number(path)
-    known, first = np.unique(along, return_index=True)
+    indices, first = np.unique(along, return_index=True)
     steps = np.diff(numbers[first])
     if not (np.all(steps > 0) or np.all(steps < 0)):
         values, places = np.unique(numbers, return_inverse=True)
         return places, values
-    step = np.gcd.reduce(np.diff(known)) if len(known) > 1 else 1
-    points = np.arange(known[0], known[-1] + 1, step)
+    step = np.gcd.reduce(np.diff(indices)) if len(indices) > 1 else 1
+    points = np.arange(indices[0], indices[-1] + 1, step)
     if rows.is_logarithmic(path) and np.min(numbers) > 0:
-        values = np.exp(np.interp(points, known, np.log(numbers[first])))
+        values = np.exp(np.interp(points, indices, np.log(numbers[first])))
     else:
-        values = np.interp(points, known, numbers[first])
-    return (along - known[0]) // step, values
+        values = np.interp(points, indices, numbers[first])
+    return (along - indices[0]) // step, values
 
 
 def _hatch_cells(code: int, columns: np.ndarray, lines: np.ndarray, x: np.ndarray, y: np.ndarray) -> PathPatch:
@@ -238,7 +239,7 @@ def sweep_fan(
     at: Mapping[str, float] | None = None,
     labels: Labels = None,
 ) -> Axes:
-    """The trajectories of a study with ``save = "times"``, coloured by one of its numbers.
+    """Draws the trajectories of a study with ``save = "times"``, coloured by one of its numbers.
 
     The figure shows the path of a ball's centre in the plane, z of a disk over time, or ``result`` over time. A row
     that failed is drawn up to the time that it reached, in the colour of its status, with a mark at its end; rows that
@@ -282,7 +283,9 @@ def sweep_fan(
 
 
 def _paths(rows: Rows, results: list[str]) -> Float[np.ndarray, "rows saves 2"]:
-    """The points of each row's curve, of one result over time or of two; NaN after the time that the row reached."""
+    """Returns the points of each row's curve, of one result over time or of two; NaN after the time that the row
+    reached.
+    """
     histories = [histories_of(rows, name) for name in results]
     times = rows.data["time"].isel(row=rows.places).values
     curves = np.stack(histories if len(histories) == 2 else [times, *histories], axis=-1)
@@ -291,6 +294,6 @@ def _paths(rows: Rows, results: list[str]) -> Float[np.ndarray, "rows saves 2"]:
 
 
 def _end(curve: Float[np.ndarray, "saves 2"]) -> Float[np.ndarray, " 2"]:
-    """The last point of a curve, NaN where it has none."""
+    """Returns the last point of a curve, NaN where it has none."""
     finite = np.flatnonzero(np.all(np.isfinite(curve), axis=1))
     return curve[finite[-1]] if finite.size else np.full(2, np.nan)

@@ -54,7 +54,7 @@ def sweep_matrix(
     *,
     labels: Labels = None,
 ) -> Figure:
-    """A panel for each pair of the numbers that a study changes and of some results.
+    """Draws a panel for each pair of the numbers that a study changes and of some results.
 
     Rows that failed are marked by their status: at their position among numbers, on the lower edge under a result. The
     histograms on the diagonal count the rows that succeeded, and stacked on them those that failed.
@@ -130,7 +130,7 @@ def _panel(ax: Axes, rows: Rows, drawn: np.ndarray, right: _Variable, up: _Varia
 
 
 def _counts(ax: Axes, rows: Rows, variable: _Variable) -> None:
-    """A histogram; that of a number has the rows that failed stacked on the others."""
+    """Draws a histogram; the one for a number has the rows that failed stacked on the others."""
     values = variable.values[np.isfinite(variable.values)]
     if not values.size:
         return
@@ -148,7 +148,7 @@ def _counts(ax: Axes, rows: Rows, variable: _Variable) -> None:
 
 
 def _edges(different: Float[np.ndarray, " values"], variable: _Variable) -> Float[np.ndarray, " edges"]:
-    """The edges of the bars.
+    """Returns the edges of the bars.
 
     There is one bar for each point of a crossed axis. Where the values lie on another grid, such as the whole numbers,
     all bars hold equally many of its points; otherwise the bars are equally wide.

@@ -79,7 +79,7 @@ def sweep_figures(
 def _drawings(
     rows: Rows, results: list[str], numbers: list[str], pairs: list[tuple[str, str]], labels: Mapping[str, str] | None
 ) -> Iterator[tuple[str, tuple[str, ...], Callable[[], Any]]]:
-    """The kind of each figure, what it shows, and the function that draws it."""
+    """Yields the kind of each figure, what it shows, and the function that draws it."""
     data = rows.data
     for result, number in itertools.product(results, numbers):
         if not rows.is_scattered(number) or len(numbers) == 1:
@@ -97,7 +97,7 @@ def _drawings(
 
 
 def _few_curves(rows: Rows, number: str, numbers: Sequence[str]) -> str | None:
-    """The path of another axis with few enough points for a curve each, if there is one."""
+    """Returns the path of another axis with few enough points for a curve each, if there is one."""
     for path in numbers:
         axis = rows.axis_of(path)
         if axis != rows.axis_of(number) and len(np.unique(rows.indices[:, axis])) <= MOST_CURVES:

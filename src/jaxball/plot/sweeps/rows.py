@@ -67,7 +67,7 @@ MOST_STANDARD = 3
 def number_label(
     path: str, labels: Labels = None, *, data: "xarray.Dataset | None" = None, with_unit: bool = True
 ) -> str:
-    """The label of the number at a path: from ``labels``, or its symbol or its path, with its unit.
+    """Returns the label of the number at a path: from ``labels``, or its symbol or its path, with its unit.
 
     The unit is that which the store ``data`` states, or else a dimension in words, for those that have a symbol.
     """
@@ -85,16 +85,16 @@ def _with_unit(words: str, unit: str) -> str:
 
 
 def plain(path: str) -> str:
-    """A path as part of a file's name, without brackets: ``masses0.mass``, ``z0``."""
+    """Returns a path as part of a file's name, without brackets: ``masses0.mass``, ``z0``."""
     return re.sub(r"[^\w.-]+", "_", re.sub(r"\[(\d+)\]", r"\1", path.replace("][", "]-["))).strip("_")
 
 
 def in_plain_text(label: str) -> str:
-    """A label in the characters of plain text, for a page without TeX: ``Ω₃(t₀) (rad/time)``."""
+    """Writes a label in the characters of plain text, for a page without TeX: ``Ω₃(t₀) (rad/time)``."""
     text = re.sub(r"\\ddot\{(\\?\w+)\}", "\\1\N{COMBINING DIAERESIS}", label.replace("$", ""))
     text = re.sub(r"\\dot\{(\\?\w+)\}", "\\1\N{COMBINING DOT ABOVE}", text)
-    text = re.sub(r"\\([A-Za-z]+)", lambda found: GREEK.get(found[1], found[1]), text)
-    return re.sub(r"_\{([^}]*)\}|_(\w)", lambda found: _lower(found[1] or found[2]), text)
+    text = re.sub(r"\\([A-Za-z]+)", lambda match: GREEK.get(match[1], match[1]), text)
+    return re.sub(r"_\{([^}]*)\}|_(\w)", lambda match: _lower(match[1] or match[2]), text)
 
 
 def _lower(subscript: str) -> str:
@@ -136,7 +136,7 @@ class Rows:
         return ~np.isin(self.status, SUCCESSES)
 
     def axis_of(self, path: str) -> int:
-        """The axis along which the number at ``path`` changes.
+        """Returns the axis along which the number at ``path`` changes.
 
         **Raises:** :class:`PictureError` when the study changes no such number.
         """
@@ -146,20 +146,20 @@ class Rows:
         return int(list_attribute(self.data, "path_axis")[self.paths.index(path)])
 
     def is_scattered(self, path: str) -> bool:
-        """Whether the values at ``path`` are those of a design or of a file."""
+        """Returns whether the values at ``path`` come from a design or from a file."""
         return bool(list_attribute(self.data, "axis_scattered")[self.axis_of(path)])
 
     def is_logarithmic(self, path: str) -> bool:
-        """Whether the values at ``path`` are spaced logarithmically."""
+        """Returns whether the values at ``path`` are spaced logarithmically."""
         return bool(list_attribute(self.data, "path_logarithmic")[self.paths.index(path)])
 
     def number(self, path: str) -> Float[np.ndarray, " rows"]:
-        """The number at ``path`` in each row."""
+        """Returns the number at ``path`` in each row."""
         self.axis_of(path)
         return self.data[path].values[self.places]
 
     def varying(self) -> list[str]:
-        """The paths whose numbers are not the same in all rows."""
+        """Lists the paths whose numbers are not the same in all rows."""
         return [path for path in self.paths if np.ptp(self.number(path)) > 0]
 
     def choose(self, which: Bool[np.ndarray, " rows"] | Int[np.ndarray, " some"]) -> "Rows":
@@ -170,7 +170,7 @@ class Rows:
 
 
 def rows_of(data: "xarray.Dataset") -> Rows:
-    """The rows that were computed.
+    """Returns the rows that were computed.
 
     **Raises:** :class:`PictureError` when ``data`` is not of a study, when none of its rows was computed, and when all
     of them failed.
@@ -208,8 +208,8 @@ def fix_axes(
 
     **Raises:** :class:`PictureError` when ``at`` has a number that the study does not change, or one of a free axis.
     """
-    at = at or {}
-    for path in at:
+    numbers = at or {}
+    for path in numbers:
         if rows.axis_of(path) in free:
             raise PictureError(f"Argument `at` must have no number of an axis that is drawn, but it has `{path}`.")
     sentences = []
@@ -218,17 +218,17 @@ def fix_axes(
         if len(present) == 1:
             continue
         paths = [path for path in rows.paths if rows.axis_of(path) == axis]
-        given = [path for path in paths if path in at]
-        if given:
-            distances = sum(np.abs(rows.number(path) - at[path]) for path in given)
+        fixed_paths = [path for path in paths if path in numbers]
+        if fixed_paths:
+            distances = sum(np.abs(rows.number(path) - numbers[path]) for path in fixed_paths)
             point = rows.indices[np.argmin(distances), axis]
         else:
             succeeded = np.unique(rows.indices[~rows.failed, axis])
             candidates = succeeded if succeeded.size else present
             point = candidates[0 if rows.is_scattered(paths[0]) else len(candidates) // 2]
         rows = rows.choose(rows.indices[:, axis] == point)
-        if given or len(paths) <= FEW_PATHS:
-            named = {path: number_label(path, labels, with_unit=False) for path in given or paths}
+        if fixed_paths or len(paths) <= FEW_PATHS:
+            named = {path: number_label(path, labels, with_unit=False) for path in fixed_paths or paths}
             sentences += [f"{name} = {rows.number(path)[0]:.4g}" for path, name in named.items()]
         else:
             sentences.append(f"point {point} of {number_label(paths[0], labels, with_unit=False)}, …")
@@ -236,7 +236,7 @@ def fix_axes(
 
 
 def sample(rows: Rows, most: int) -> tuple[Int[np.ndarray, " some"], list[str]]:
-    """The indices of up to ``most`` rows, chosen by a generator with a fixed seed, and a sentence that says so.
+    """Returns the indices of up to ``most`` rows, chosen by a generator with a fixed seed, and a sentence that says so.
 
     There is no sentence if all rows are chosen. Some of the failed rows are always chosen.
     """
@@ -250,13 +250,15 @@ def sample(rows: Rows, most: int) -> tuple[Int[np.ndarray, " some"], list[str]]:
 
 
 def list_attribute(data: Any, name: str) -> list[Any]:
-    """An attribute that is a list; some file formats store a list of one as a number or a text."""
+    """Returns an attribute that is a list; some file formats store a list of one as a number or a text."""
     value = data.attrs[name]
     return [value] if isinstance(value, str) else np.atleast_1d(value).tolist()
 
 
 def result_names(data: "xarray.Dataset") -> list[str]:
-    """The names of all results of a study, those that its key ``find`` lists first; vectors by entries, as ``z[0]``."""
+    """Lists the names of all results of a study, first the ones that its key ``find`` lists; vectors by entries, as
+    ``z[0]``.
+    """
     names = [str(name) for name in data.data_vars if name not in _NOT_RESULTS and "row" in data[name].dims]
     first = [*_finds(data), *_FIRST]
     names.sort(key=lambda name: (first.index(name) if name in first else len(first), name))
@@ -265,20 +267,20 @@ def result_names(data: "xarray.Dataset") -> list[str]:
 
 
 def standard_results(data: "xarray.Dataset") -> list[str]:
-    """A few important results: those that the key ``find`` lists, or else the friction needed and the final position
-    where they exist, and the steps.
+    """Lists a few important results: the ones that the key ``find`` lists, or else the friction needed and the final
+    position where they exist, and the steps.
     """
     names = [name for name in result_names(data) if name not in ("steps", "rejected", "reached")]
     return [*names[: max(MOST_STANDARD, len(_finds(data)))], "steps"]
 
 
 def _finds(data: "xarray.Dataset") -> list[str]:
-    """The results that the study's key ``find`` lists."""
+    """Lists the results that the study's key ``find`` lists."""
     return [name for name in list_attribute(data, "finds") if name in data.data_vars] if "finds" in data.attrs else []
 
 
 def values_of(rows: Rows, result: str) -> Float[np.ndarray, " rows"]:
-    """A result of each row, at the last save time if there are several.
+    """Returns a result of each row, at the last save time if there are several.
 
     **Raises:** :class:`PictureError` when there is no such result.
     """
@@ -290,7 +292,7 @@ def values_of(rows: Rows, result: str) -> Float[np.ndarray, " rows"]:
 
 
 def histories_of(rows: Rows, result: str) -> Float[np.ndarray, "rows saves"]:
-    """A result of each row at all save times; only these rows are read.
+    """Returns a result of each row at all save times; only these rows are read.
 
     **Raises:** :class:`PictureError` when there is no such result, or when it was not saved at all times.
     """
@@ -298,41 +300,43 @@ def histories_of(rows: Rows, result: str) -> Float[np.ndarray, "rows saves"]:
     array = rows.data[name]
     if "save" not in array.dims:
         saved = [item for item in result_names(rows.data) if "save" in rows.data[parse_result(rows.data, item)[0]].dims]
-        known = ", ".join(saved) or 'none: the study needs `save = "times"`'
-        raise PictureError(f"Result `{result}` must be one that was saved at all times, which are {known}.")
+        choices = ", ".join(saved) or 'none: the study needs `save = "times"`'
+        raise PictureError(f"Result `{result}` must be one that was saved at all times, which are {choices}.")
     return array.isel(row=rows.places).values[(slice(None), slice(None), *index)]
 
 
 def parse_result(data: "xarray.Dataset", result: str) -> tuple[str, tuple[int, ...]]:
-    """The variable that a name such as ``z[0]`` stands for, and the index in it.
+    """Returns the variable that a name such as ``z[0]`` stands for, and the index in it.
 
     **Raises:** :class:`PictureError` when there is no such result.
     """
-    known = result_names(data)
-    if result not in known:
-        hint = did_you_mean(result, known, f"it has {', '.join(known)}", "`")
+    names = result_names(data)
+    if result not in names:
+        hint = did_you_mean(result, names, f"it has {', '.join(names)}", "`")
         raise PictureError(f"Result `{result}` must be one of the study's results{hint}")
     return result.partition("[")[0], tuple(int(k) for k in re.findall(r"\[(\d+)\]", result))
 
 
 def label_of(data: "xarray.Dataset", result: str, labels: Labels = None, *, at_the_end: bool = True) -> str:
-    """The label of a result in a figure, from ``labels``, or with its units."""
+    """Returns the label of a result in a figure, from ``labels``, or with its units."""
     if labels and result in labels:
         return labels[result]
     name, index = parse_result(data, result)
-    known = _KNOWN.get(name)
-    words = (known and known.words) or name.replace("_", " ")
+    entry = _KNOWN.get(name)
+    words = (entry and entry.words) or name.replace("_", " ")
     if symbol_of(name):
         dimensions = [dimension for dimension in data[name].dims if dimension not in _LEADING]
         indices = [_index(data, str(dimension), k) for dimension, k in zip(dimensions, index, strict=True)]
         words = f"${symbol_of(name)}{'_{' + ','.join(indices) + '}' if indices else ''}$"
         words += " at the end" if at_the_end else ""
-    units = data[name].attrs.get("units", "") or (known.units if known else "")
+    units = data[name].attrs.get("units", "") or (entry.units if entry else "")
     return _with_unit(words, units)
 
 
 def _index(data: "xarray.Dataset", dimension: str, k: int) -> str:
-    """The index of the paper's symbol: it counts from 1, for a versor from 0; for driven masses it is the mass's."""
+    """Returns the index of the paper's symbol: it counts from 1, for a versor from 0; for driven masses it is the
+    mass's.
+    """
     if dimension == "component":
         return str(k)
     masses = dimension == "driven" and dimension in data.variables and data[dimension].dtype.kind == "i"
@@ -340,7 +344,7 @@ def _index(data: "xarray.Dataset", dimension: str, k: int) -> str:
 
 
 def sweep_scale(data: "xarray.Dataset", rows: Sequence[int], by: str | None = None) -> ColourScale | None:
-    """A number of a study in some of its rows, by which their bodies are coloured.
+    """Returns a number of a study in some of its rows, by which their bodies are coloured.
 
     **Arguments:**
 

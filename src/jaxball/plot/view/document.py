@@ -93,7 +93,7 @@ def view_document(
     scale: ColourScale | None = None,
     room: float = np.inf,
 ) -> dict[str, Any]:
-    """The dictionary of a run, or of several by name, in at most ``room`` characters of JSON if possible.
+    """Returns the dictionary of a run, or of several by name, in at most ``room`` characters of JSON if possible.
 
     **Raises:** ``ValueError`` as :func:`~jaxball.plot.write_view`.
     """
@@ -108,7 +108,7 @@ def view_document(
             f"Argument `scale` must have a value for each of the {count} runs, but it has {len(scale.values)}."
         )
     scene = _scene(named, friction, wanted, discs)
-    looks, same_units = _looks(count, scale), all(dimensionless(one.system) for one in runs)
+    looks, same_units = _looks(count, scale), all(dimensionless(trajectory.system) for trajectory in runs)
     stated = describe_units(runs[0]) if len({describe_units(run) for run in runs}) == 1 else ""
     document = {
         "format": FORMAT,
@@ -119,7 +119,7 @@ def view_document(
         "palette": {"components": list(COMPONENTS)} | PALETTE,
         "scale": None if scale is None else _stops(scale),
         "plots": scene.plots,
-        "bodies": [{"name": name, **look} | made for name, look, made in zip(named, looks, scene.made, strict=True)],
+        "bodies": [{"name": name, **look} | parts for name, look, parts in zip(named, looks, scene.made, strict=True)],
     } | scene.stand
     document |= _outcome(document["bodies"]) | {"note": "", "wanted": None}
     extra = {} if scene.wanted is None else {"wanted": scene.wanted}
@@ -127,11 +127,11 @@ def view_document(
     left = room - len(in_element(document).encode()) - len(_note(0, 0))
     rows = choose_rows([*scene.numbers, extra], [*lengths, 2], left)
     pool = Pool()
-    for body, found, kept in zip(document["bodies"], scene.numbers, rows, strict=False):
-        body["arrays"] = {name: pool.add(array, kept) for name, array in found.items()}
-    kept, saved = sum(map(len, rows[:-1])), sum(lengths)
+    for body, numbers, shown_rows in zip(document["bodies"], scene.numbers, rows, strict=False):
+        body["arrays"] = {name: pool.add(array, shown_rows) for name, array in numbers.items()}
+    shown_rows, saved = sum(map(len, rows[:-1])), sum(lengths)
     return document | {
-        "note": _note(kept, saved) if kept < saved else "",
+        "note": _note(shown_rows, saved) if shown_rows < saved else "",
         "wanted": pool.add(extra["wanted"]) if extra else None,
         "arrays": pool.arrays,
     }
@@ -140,10 +140,10 @@ def view_document(
 def _scene(
     named: Mapping[str, Trajectory[Any, Any]],
     friction: float | None,
-    wanted: Float[np.ndarray, "k 2"] | None,
+    desired_path: Float[np.ndarray, "k 2"] | None,
     discs: Discs,
 ) -> Scene:
-    """The scene of runs of one kind.
+    """Builds the scene of runs of one kind.
 
     **Raises:** ``ValueError`` for runs of several kinds, of a kind that cannot be shown, and for arguments that do not
     apply.
@@ -163,9 +163,9 @@ def _scene(
                 f"{kind}; show them one by one."
             )
     if kind == ROLLING:
-        return rolling_scene(named, wanted, discs)
-    for name, given in (("friction", friction), ("wanted", wanted), ("discs", discs or None)):
-        if given is not None:
+        return rolling_scene(named, desired_path, discs)
+    for name, value in (("friction", friction), ("wanted", desired_path), ("discs", discs or None)):
+        if value is not None:
             raise ValueError(
                 f"Argument `{name}` must be left out for a {kind}, which is no ball or disk, but it is given."
             )
@@ -174,13 +174,13 @@ def _scene(
 
 
 def in_element(document: Mapping[str, Any]) -> str:
-    """JSON that can stand in an element of HTML."""
+    """Writes a document as JSON that can stand in an element of HTML."""
     text = json.dumps(document, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return text.translate(ESCAPES)
 
 
 def _looks(count: int, scale: ColourScale | None) -> list[dict[str, Any]]:
-    """The colour of each body, None for a single one, whether its curves are ``dashed``, and its ``value``."""
+    """Returns the colour of each body, None for a single one, whether its curves are ``dashed``, and its ``value``."""
     plain: dict[str, Any] = {"dashed": False, "value": None}
     if scale is not None:
         values = np.asarray(scale.values, dtype=float)
@@ -210,7 +210,7 @@ def _stops(scale: ColourScale) -> dict[str, Any]:
 
 
 def _outcome(bodies: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Whether all solves reached their end, and a sentence of each that did not."""
+    """Returns whether all solves reached their end, and a sentence for each that did not."""
     failed = [body for body in bodies if not body["ok"]]
     if len(bodies) == 1:
         return {"ok": not failed, "message": bodies[0]["message"]}
@@ -218,18 +218,18 @@ def _outcome(bodies: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return {"ok": not failed, "message": " ".join(sentences) or "Every solve reached its end."}
 
 
-def _note(kept: int, saved: int) -> str:
-    """The sentence that says how many of the saved times are shown."""
+def _note(count: int, saved: int) -> str:
+    """Returns the sentence that says how many of the saved times are shown."""
     if not saved:
         return " " * 200  # as long as it may be
     return (
-        f"Shown are {kept:,} of the {saved:,} saved times, evenly spaced, to keep this file small; all_times=True in "
+        f"Shown are {count:,} of the {saved:,} saved times, evenly spaced, to keep this file small; all_times=True in "
         "Python, or --all-times of jaxball view, keeps all of them."
     )
 
 
 def kind_of(trajectory: Trajectory[Any, Any]) -> str | None:
-    """The kind as which a run is shown; None if it cannot be shown."""
+    """Returns the kind as which a run is shown; None if it cannot be shown."""
     if isinstance(trajectory.system, AbstractBody):
         return ROLLING
     if isinstance(trajectory.state, OrientedState):

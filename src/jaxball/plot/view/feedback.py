@@ -35,7 +35,7 @@ LETTERS = {
 def feedback_numbers(
     trajectory: Trajectory[Any, Any], setting: Setting, radius: float, lift: float
 ) -> dict[str, Numbers]:
-    """The pose of the motion, the place of the estimate on the ground, and the two half axes of its ellipse.
+    """Returns the pose of the motion, the place of the estimate on the ground, and the two half axes of its ellipse.
 
     Then the numbers of the graphs. In axes of the page; ``lift`` is how far the centre of a body lies above that of the
     first of all. Where nothing was estimated, at the end, the last estimate goes on.
@@ -46,22 +46,22 @@ def feedback_numbers(
     rows = finite_rows(trajectory)
     nominal = setting.page @ np.asarray(history.nominal.Lambda)[rows]
     held = _lying(trajectory, setting, history.nominal, rows, lift)
-    found = {
+    numbers = {
         "nominal_centre": Numbers(held.centres, radius),
         "nominal_quaternion": Numbers(continuous(Rotation.from_matrix(nominal).as_quat()), 1.0),
         "deviation": Numbers(np.asarray(history.deviations(trajectory.state))[rows]),
     }
     if setting.contacts is not None:
-        found["nominal_normal"] = Numbers(held.normals, 1.0)
+        numbers["nominal_normal"] = Numbers(held.normals, 1.0)
     estimate = history.estimate
     if estimate is None:
-        return found
-    known = np.flatnonzero(np.isfinite(np.asarray(estimate.covariance)[:, 0, 0]))
-    last = np.minimum(rows, known[-1])
+        return numbers
+    estimate_rows = np.flatnonzero(np.isfinite(np.asarray(estimate.covariance)[:, 0, 0]))
+    last = np.minimum(rows, estimate_rows[-1])
     there = _lying(trajectory, setting, estimate.state, last, lift)
     planes = [k for k, name in enumerate(estimate.directions) if name.partition("[")[0] == "z"]
     axes = half_axes(np.asarray(estimate.covariance)[last][:, planes][:, :, planes])
-    return found | {
+    return numbers | {
         "estimate": Numbers(there.centres - radius * there.normals, radius),
         "ellipse": Numbers((axes @ there.axes).reshape(len(rows), -1), radius),
         "innovation": Numbers(np.stack([np.asarray(estimate.nis), *bounds(np.asarray(estimate.read))], axis=1)[rows]),
@@ -90,8 +90,8 @@ def _lying(trajectory: Trajectory[Any, Any], setting: Setting, states: Any, rows
 
 
 def feedback_graphs(trajectories: Sequence[Trajectory[Any, Any]]) -> list[dict[str, Any]]:
-    """The graphs of one run or two, if any is under feedback."""
-    histories = [one.history for one in trajectories if isinstance(one.history, FeedbackHistory)]
+    """Returns the graphs of one run or two, if any is under feedback."""
+    histories = [trajectory.history for trajectory in trajectories if isinstance(trajectory.history, FeedbackHistory)]
     if not histories:
         return []
     groups: dict[str, list[int]] = {}
@@ -110,13 +110,17 @@ def feedback_graphs(trajectories: Sequence[Trajectory[Any, Any]]) -> list[dict[s
 
 
 def bounds(read: Int[np.ndarray, " T"]) -> list[Float[np.ndarray, " T"]]:
-    """The bounds between which a normalised innovation lies with 95 % probability; NaN where nothing was read."""
+    """Returns the bounds between which a normalised innovation lies with 95 % probability; NaN where nothing
+    was read.
+    """
     tails = (1 + CONFIDENCE) / 2, (1 - CONFIDENCE) / 2
     return [np.where(read > 0, chi2.ppf(tail, np.maximum(read, 1)), np.nan) for tail in tails]
 
 
 def half_axes(covariances: Float[np.ndarray, "T d d"]) -> Float[np.ndarray, "T 2 3"]:
-    """The half axes, in space axes, of the ellipses in which places lie with 95 % probability; of a line, one is 0."""
+    """Returns the half axes, in space axes, of the ellipses in which places lie with 95 % probability; for a line, one
+    is 0.
+    """
     size, d = np.sqrt(chi2.ppf(CONFIDENCE, covariances.shape[1])), covariances.shape[1]
     values, vectors = np.linalg.eigh(covariances)
     axes = np.zeros((len(covariances), 2, 3))

@@ -85,23 +85,23 @@ class Turning(NamedTuple):
 
 
 def rigid_scene(trajectories: Sequence[Trajectory[Any, Any]]) -> Scene:
-    """The scene of rigid bodies, side by side.
+    """Builds the scene of rigid bodies, side by side.
 
     **Raises:** ``ValueError`` for a batch, and where no state is known.
     """
     bodies = [Turning.of(trajectory) for trajectory in trajectories]
-    apart = BODIES_APART * max(one.shape.radius for one in bodies)
-    names, changes = zip(*(law_changes(one.trajectory, one.rows) for one in bodies), strict=True)
+    apart = BODIES_APART * max(body.shape.radius for body in bodies)
+    names, changes = zip(*(law_changes(body.trajectory, body.rows) for body in bodies), strict=True)
     return Scene(
         free_stand(-60.0 if len(bodies) == 1 else -80.0),
-        [_rigid_parts(one) for one in bodies],
-        [_rigid_numbers(one, k * apart, change) for k, (one, change) in enumerate(zip(bodies, changes, strict=True))],
+        [_rigid_parts(body) for body in bodies],
+        [_rigid_numbers(body, k * apart, change) for k, (body, change) in enumerate(zip(bodies, changes, strict=True))],
         _rigid_graphs(bodies, names[0]),
     )
 
 
 def ellipsoid_of(system: Any, inertia: Float[np.ndarray, "3"] | None) -> Ellipsoid:
-    """The ellipsoid drawn for a body, whose semi-axes are proportional to the spread of its mass along them.
+    """Returns the ellipsoid drawn for a body, whose semi-axes are proportional to the spread of its mass along them.
 
     The second moments s_j = ∫ x_j² dm are ½ (d1 + d2 + d3) − d_j about the fixed point. Those of a heavy top about its
     centre of mass are diag(s) − m χχᵀ, and its semi-axes are the standard deviations of its mass, at its own scale. For
@@ -126,14 +126,14 @@ def ellipsoid_of(system: Any, inertia: Float[np.ndarray, "3"] | None) -> Ellipso
     return Ellipsoid(np.maximum(size, THINNEST * (np.max(size) or np.linalg.norm(chi) or 1.0)), chi, turn)
 
 
-def _rigid_parts(one: Turning) -> dict[str, Any]:
-    """The parts of the body: ``tip`` is the end of the axis whose path is drawn."""
-    shape, top = one.shape, one.top
+def _rigid_parts(body: Turning) -> dict[str, Any]:
+    """Returns the parts of the body: ``tip`` is the end of the axis whose path is drawn."""
+    shape, top = body.shape, body.top
     arm = np.zeros(3) if top is None else np.asarray(top.chi)
     length = np.linalg.norm(arm)
-    k = axis_of_revolution(one.trajectory.system)
+    k = axis_of_revolution(body.trajectory.system)
     tip = (arm / length if length > 0 else np.eye(3)[k]) * REACH * shape.radius
-    return make_body("rigid", one.trajectory, shape.radius, len(one.rows)) | {
+    return make_body("rigid", body.trajectory, shape.radius, len(body.rows)) | {
         "ellipsoid": {
             "semi_axes": shape.semi_axes.tolist(),
             "centre": shape.centre.tolist(),
@@ -145,32 +145,34 @@ def _rigid_parts(one: Turning) -> dict[str, Any]:
 
 
 def axis_of_revolution(system: Any) -> int:
-    """Which body axis has its path drawn: that of a spheroid, and the third one of another body."""
+    """Returns the index of the body axis whose path is drawn: the axis of a spheroid, and the third one of another
+    body.
+    """
     if not isinstance(system, RollingEllipsoid):
         return 2
     semiaxes = np.asarray(system.semiaxes)
     return int(np.argmax(np.abs(semiaxes - np.median(semiaxes))))
 
 
-def _rigid_numbers(one: Turning, x: float, changes: Float[np.ndarray, "T laws"]) -> dict[str, Numbers]:
-    """The numbers of the body whose fixed point is at ``x``."""
-    Omega, Lambda, system, count = one.Omega, one.Lambda, one.trajectory.system, len(one.rows)
-    times = np.asarray(one.trajectory.times)[one.rows]
+def _rigid_numbers(body: Turning, x: float, changes: Float[np.ndarray, "T laws"]) -> dict[str, Numbers]:
+    """Returns the numbers of the body whose fixed point is at ``x``."""
+    Omega, Lambda, system, count = body.Omega, body.Lambda, body.trajectory.system, len(body.rows)
+    times = np.asarray(body.trajectory.times)[body.rows]
     numbers = {
         "time": Numbers(times, 0.0),
-        "centre": Numbers(np.tile([x, 0.0, 0.0], (count, 1)), one.shape.radius),
+        "centre": Numbers(np.tile([x, 0.0, 0.0], (count, 1)), body.shape.radius),
         "quaternion": Numbers(continuous(Lambda.as_quat()), 1.0),
         "angular_velocity": Numbers(Omega),
         "vertical": Numbers(Lambda.inv().apply([0.0, 0.0, 1.0])),
         "laws": Numbers(changes),
     }
-    if one.inertia is not None:
-        momentum = one.inertia * Omega
+    if body.inertia is not None:
+        momentum = body.inertia * Omega
         kinetic = 0.5 * np.sum(momentum * Omega, axis=1)
         potential = np.zeros(count)
-        if one.top is not None:
-            weight = float(one.top.mass * one.top.gravity)
-            potential = weight * numbers["vertical"].values @ np.asarray(one.top.chi)
+        if body.top is not None:
+            weight = float(body.top.mass * body.top.gravity)
+            potential = weight * numbers["vertical"].values @ np.asarray(body.top.chi)
         numbers |= {
             "angular_momentum": Numbers(momentum),
             "momentum_in_space": Numbers(Lambda.apply(momentum)),
@@ -188,11 +190,11 @@ def _xi(system, times):
 
 
 def _rigid_graphs(bodies: Sequence[Turning], names: list[str]) -> list[dict[str, Any]]:
-    """The graphs of rigid bodies, with the laws of the first where all are of its kind."""
-    count, known = len(bodies), any(one.inertia is not None for one in bodies)
-    tops = any(one.top is not None for one in bodies)
+    """Returns the graphs of rigid bodies, with the laws of the first where all are of its kind."""
+    count, has_inertia = len(bodies), any(rigid_body.inertia is not None for rigid_body in bodies)
+    tops = any(rigid_body.top is not None for rigid_body in bodies)
     graphs = [angular_velocity(count)]
-    if known:
+    if has_inertia:
         kinetic = graph("Kinetic energy", [series("T", None if count > PAIR else BLUE, "energies", [0])])
         graphs.append(energies(count) if tops else kinetic)
         whole = graph("Angular momentum", [series("|L|", None, "angular_momentum", [0, 1, 2], norm=True)])
@@ -202,12 +204,12 @@ def _rigid_graphs(bodies: Sequence[Turning], names: list[str]) -> list[dict[str,
         third = graph("Vertical", [series("Γ3", None, "vertical", [2])])
         each_axis = each(("Γ1", "Γ2", "Γ3"), COMPONENTS, "vertical")
         graphs.append(third if count > PAIR else graph("Vertical, body axes", each_axis))
-    alike = all(type(one.trajectory.system) is type(bodies[0].trajectory.system) for one in bodies)
+    alike = all(type(rigid_body.trajectory.system) is type(bodies[0].trajectory.system) for rigid_body in bodies)
     return graphs + (laws(names) if count <= PAIR and alike else [])
 
 
 def particle_scene(trajectories: Sequence[Trajectory[Any, Any]]) -> Scene:
-    """The scene of particles.
+    """Builds the scene of particles.
 
     **Raises:** ``ValueError`` for a batch, and where no state is known.
     """
@@ -215,7 +217,7 @@ def particle_scene(trajectories: Sequence[Trajectory[Any, Any]]) -> Scene:
     places = np.concatenate([_columns(trajectory, rows, "x", "y", "z") for trajectory, rows in pairs])
     radius = ARROW_RADIUS * (float(np.max(np.ptp(places, axis=0))) or 1.0)
     names, changes = zip(*(law_changes(*pair) for pair in pairs), strict=True)
-    alike = all(isinstance(one.state, type(trajectories[0].state)) for one in trajectories)
+    alike = all(isinstance(run.state, type(trajectories[0].state)) for run in trajectories)
     return Scene(
         free_stand(-60.0),
         [make_body("particle", trajectory, radius, len(rows)) for trajectory, rows in pairs],
@@ -243,7 +245,7 @@ def _particle_numbers(
 
 
 def _particle_graphs(trajectories: Sequence[Trajectory[Any, Any]], names: list[str]) -> list[dict[str, Any]]:
-    """The graphs of particles, with the laws ``names`` where all have them; the constraint is ż = y ẋ."""
+    """Returns the graphs of particles, with the laws ``names`` where all have them; the constraint is ż = y ẋ."""
     if len(trajectories) > PAIR:
         coordinates = [graph(name, [series(name, None, "centre", [k])]) for k, name in enumerate("xyz")]
         return [*coordinates, graph("Speed", [series("|v|", None, "velocity", [0, 1, 2], norm=True)])]
@@ -251,6 +253,6 @@ def _particle_graphs(trajectories: Sequence[Trajectory[Any, Any]], names: list[s
         graph("Coordinates", each("xyz", COMPONENTS, "centre")),
         graph("Velocity", each(("ẋ", "ẏ", "ż"), COMPONENTS, "velocity")),
     ]
-    if any(isinstance(one.state, VakonomicState) for one in trajectories):
+    if any(isinstance(trajectory.state, VakonomicState) for trajectory in trajectories):
         graphs.append(graph("Multiplier", [series("λ", COMPONENTS[0], "multiplier", [0])]))
     return graphs + laws(names)

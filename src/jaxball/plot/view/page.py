@@ -49,7 +49,9 @@ class View:
         scale: ColourScale | None = None,
         all_times: bool = False,
     ) -> "View":
-        """The view of a run or of several; the arguments are those of :func:`write_view`, and so are the errors."""
+        """Makes the view of a run or of several; the arguments and the errors are the same as for
+        :func:`write_view`.
+        """
         require_flags(all_times=all_times)
         largest = (
             LARGEST_PAGE_OF_SEVERAL if isinstance(trajectories, Mapping) and len(trajectories) > 1 else LARGEST_PAGE
@@ -133,7 +135,9 @@ def write_view(
 
 
 def page(document: Mapping[str, Any]) -> str:
-    """The text of the page that shows ``document``. Only jaxball's own program may run, identified by its hash."""
+    """Returns the text of the page that shows ``document``. Only jaxball's own program may run, identified by
+    its hash.
+    """
     program = _read("view.bundle.js")
     pieces = {
         "mark": MARK,

@@ -82,7 +82,7 @@ def prepare_view(trajectory: Trajectory[Any, Any]) -> Shown:
 
 
 def body_document(one: Shown) -> dict[str, Any]:
-    """The parts of the body."""
+    """Returns the parts of the body."""
     system = one.system
     kind = "disk" if system.planar else "ball"
     parts = make_body(kind, one.trajectory, one.radius, len(one.run.times)) | {
@@ -99,7 +99,8 @@ def body_document(one: Shown) -> dict[str, Any]:
 
 
 def body_numbers(one: Shown, plane: float, grid: Float[np.ndarray, "rows columns 2"] | None) -> dict[str, Numbers]:
-    """The numbers of the body above a plane at ``plane`` below the origin, which may differ from its own radius.
+    """Returns the numbers of the body above a plane at ``plane`` below the origin, which may differ from its own
+    radius.
 
     On a surface ``grid`` has the coordinates of its mesh.
     """
@@ -131,11 +132,11 @@ def body_numbers(one: Shown, plane: float, grid: Float[np.ndarray, "rows columns
     }
     if system.planar:
         numbers["turning"] = Numbers(-seen.angular_velocity_body[:, 1])
-    known = one.trajectory.history.over_time
-    if "height" in known:
+    quantities = one.trajectory.history.over_time
+    if "height" in quantities:
         numbers |= {
-            "height": Numbers(np.asarray(known["height"])[rows], r),
-            "slip": Numbers(np.asarray(known["slip"])[rows, :2]),
+            "height": Numbers(np.asarray(quantities["height"])[rows], r),
+            "slip": Numbers(np.asarray(quantities["slip"])[rows, :2]),
             "taken": Numbers(np.stack(energy_losses(one.trajectory), axis=1)[rows]),
         }
     numbers |= feedback_numbers(one.trajectory, setting, r, r - plane)
@@ -153,7 +154,7 @@ def _surface_numbers(
     grid: Float[np.ndarray, "rows columns 2"],
     r: float,
 ) -> dict[str, Numbers]:
-    """The mesh of a surface, where it is, and its axes at the contact point."""
+    """Returns the mesh of a surface, where it is, and its axes at the contact point."""
     deforms = contacts.deforms
     points = mesh_points(surface, times if deforms else times[:1], grid)
     numbers = {
@@ -169,24 +170,24 @@ def _surface_numbers(
 
 
 def _masses(system: System) -> list[dict[str, Any]]:
-    """Name, colour and mass of each, in the order of the observables."""
-    found = [(f"m{i}", i, mass.mass) for i, mass in enumerate(system.point_masses, start=1)]
+    """Lists name, colour and mass of each mass, in the order of the observables."""
+    entries = [(f"m{i}", i, mass.mass) for i, mass in enumerate(system.point_masses, start=1)]
     for j, mechanism in enumerate(system.mechanisms, start=1):
-        found += [(f"M{j}", system.n_masses + j, mass) for mass in np.asarray(mechanism.mass)]
+        entries += [(f"M{j}", system.n_masses + j, mass) for mass in np.asarray(mechanism.mass)]
     return [
-        {"name": name.translate(SUBSCRIPTS), "colour": mass_colour(k), "mass": float(mass)} for name, k, mass in found
+        {"name": name.translate(SUBSCRIPTS), "colour": mass_colour(k), "mass": float(mass)} for name, k, mass in entries
     ]
 
 
 def rolling_scene(
     named: Mapping[str, Trajectory[Any, Any]], wanted: Float[np.ndarray, "k 2"] | None, discs: Discs = ()
 ) -> Scene:
-    """The scene of balls or disks, with a desired path and discs to avoid.
+    """Builds the scene of balls or disks, with a desired path and discs to avoid.
 
     **Raises:** ``ValueError`` for bodies that do not roll on the same ground, and as :func:`prepare_view`.
     """
     bodies, names = [prepare_view(trajectory) for trajectory in named.values()], list(named)
-    other = other_ground([one.system for one in bodies])
+    other = other_ground([body.system for body in bodies])
     if other is not None:
         raise ValueError(
             f'Argument `trajectories` must have runs on the same ground, but the ground of "{names[other]}" differs '
@@ -197,8 +198,8 @@ def rolling_scene(
     stand, goal, grid = make(bodies, wanted, discs)
     return Scene(
         stand,
-        [body_document(one) for one in bodies],
-        [body_numbers(one, first.radius, grid) for one in bodies],
+        [body_document(body) for body in bodies],
+        [body_numbers(body, first.radius, grid) for body in bodies],
         _graphs(bodies),
         None if goal is None else Numbers(goal, first.radius, over_time=False),
     )
@@ -207,11 +208,11 @@ def rolling_scene(
 Stand = tuple[dict[str, Any], Float[np.ndarray, "k 3"] | None, Float[np.ndarray, "rows columns 2"] | None]
 
 
-def _on_plane(bodies: Sequence[Shown], wanted: Float[np.ndarray, "k 2"] | None, discs: Discs) -> Stand:
-    """The stand of bodies on a plane, and the desired path, axes of the page."""
+def _on_plane(bodies: Sequence[Shown], desired_path: Float[np.ndarray, "k 2"] | None, discs: Discs) -> Stand:
+    """Returns the stand of bodies on a plane, and the desired path, axes of the page."""
     first, setting, planar = bodies[0], bodies[0].placed.setting, bodies[0].system.planar
     # On the plane a disk's line is at e2 = 0.
-    goal = None if wanted is None else np.column_stack([wanted, np.full(len(wanted), -first.radius)])
+    goal = None if desired_path is None else np.column_stack([desired_path, np.full(len(desired_path), -first.radius)])
     corners = [[*(np.asarray(centre) + side * r), -first.radius] for centre, r in discs for side in (-1, 1)]
     coefficients = _coefficients(bodies)
     stand = {
@@ -224,20 +225,20 @@ def _on_plane(bodies: Sequence[Shown], wanted: Float[np.ndarray, "k 2"] | None, 
     return stand, None if goal is None else goal @ setting.page.T, None
 
 
-def _on_surface(bodies: Sequence[Shown], wanted: Float[np.ndarray, "k 2"] | None, discs: Discs) -> Stand:
-    """The stand of balls or disks on a surface, the desired path, and the grid of the mesh.
+def _on_surface(bodies: Sequence[Shown], desired_path: Float[np.ndarray, "k 2"] | None, discs: Discs) -> Stand:
+    """Returns the stand of balls or disks on a surface, the desired path, and the grid of the mesh.
 
     The path and the edges of discs are on the pieces of the ground with their coordinates, where they are at the start.
     """
     first, surface = bodies[0], bodies[0].system.ground
     assert isinstance(surface, AbstractSurface)
-    times, every = first.run.times, [one.placed.setting.contacts for one in bodies if one.placed.setting.contacts]
+    times, every = first.run.times, [body.placed.setting.contacts for body in bodies if body.placed.setting.contacts]
     around = np.linspace(0.0, 2 * np.pi, POINTS_OF_EDGE)
     circle = np.stack([np.cos(around), np.sin(around)], axis=1)
     edges = [np.asarray(centre) + radius * circle for centre, radius in discs]
-    curves = edges if wanted is None else [wanted, *edges]
+    curves = edges if desired_path is None else [desired_path, *edges]
     marks = [contacts_of(surface, np.full(len(curve), times[0]), np.asarray(curve)) for curve in curves]
-    goal, rings = (None, marks) if wanted is None else (marks[0].points, marks[1:])
+    goal, rings = (None, marks) if desired_path is None else (marks[0].points, marks[1:])
     grid = mesh_grid(surface, [*every, *marks], times, first.radius)
     everywhere = Mesh(mesh_points(surface, times[:1], grid), grid, every[0]).everywhere()
     low, high = everywhere.min(axis=0), everywhere.max(axis=0)
@@ -252,16 +253,18 @@ def _on_surface(bodies: Sequence[Shown], wanted: Float[np.ndarray, "k 2"] | None
 
 
 def other_ground(systems: Sequence[System]) -> int | None:
-    """The index of the first body whose ground differs from that of the first of all; None if all have the same."""
+    """Returns the index of the first body whose ground differs from the ground of the first of all; None if all have
+    the same.
+    """
     others = (k for k, system in enumerate(systems) if not eqx.tree_equal(system.ground, systems[0].ground))
     return next(others, None)
 
 
 def _floor(bodies: Sequence[Shown], setting: Setting, drawn: Sequence[Float[np.ndarray, "_ 3"]]) -> dict[str, Any]:
     r = bodies[0].radius
-    paths = [one.run.observables.contact_point + np.array([0.0, 0.0, one.radius - r]) for one in bodies]
+    paths = [body.run.observables.contact_point + np.array([0.0, 0.0, body.radius - r]) for body in bodies]
     path = np.concatenate([*paths, *drawn])
-    floor = floor_under(path, max(one.radius for one in bodies), setting)
+    floor = floor_under(path, max(body.radius for body in bodies), setting)
     return {
         "low": floor.low.tolist(),
         "high": floor.high.tolist(),
@@ -275,7 +278,7 @@ def _floor(bodies: Sequence[Shown], setting: Setting, drawn: Sequence[Float[np.n
 
 
 def _graphs(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
-    """The graphs of bodies; each is drawn if its numbers exist."""
+    """Returns the graphs of bodies; each is drawn if its numbers exist."""
     count, sizes = len(bodies), sizes_of(bodies[0].system)
     several, planar = count > PAIR, bodies[0].system.planar
     ratio = series("|f| / N", None if several else RED, "friction", [0, 1], norm=True) | {"over": "normal_force"}
@@ -293,17 +296,17 @@ def _graphs(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
     if several:
         return graphs
     # The energy dissipated by sliding friction and by impacts, if any is, beside the energies.
-    taken = zip(*(energy_losses(one.trajectory) for one in bodies), strict=True)
-    for one, amounts in zip(each(TAKEN, TAKEN.values(), "taken"), taken, strict=True):
+    losses = zip(*(energy_losses(entry.trajectory) for entry in bodies), strict=True)
+    for entry, amounts in zip(each(TAKEN, TAKEN.values(), "taken"), losses, strict=True):
         if any(np.any(without_rounding(np.nan_to_num(np.asarray(leaf)), sizes.energy)) for leaf in amounts):
-            graphs[0]["series"].append(one)
-    of_feedback = feedback_graphs([one.trajectory for one in bodies])
+            graphs[0]["series"].append(entry)
+    of_feedback = feedback_graphs([entry.trajectory for entry in bodies])
     return [*graphs, *of_feedback, *_of_masses(bodies), *_of_joints(bodies)]
 
 
 def _of_masses(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
-    """The graphs of θ of masses on rails: of angles, and of positions along tubes."""
-    fullest = max(bodies, key=lambda one: len(one.angles))
+    """Returns the graphs of θ of masses on rails: of angles, and of positions along tubes."""
+    fullest = max(bodies, key=lambda body: len(body.angles))
     units, masses = mass_units(fullest.system), list(fullest.angles)
     titles = {ANGLE: "Angles of the masses (rad)", LENGTH: "Positions of the masses", UNKNOWN: "Places of the masses"}
     graphs = []
@@ -317,21 +320,21 @@ def _of_masses(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
 
 
 def _of_joints(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
-    fullest = max((one.system for one in bodies), key=lambda system: len(joints_of(system)))
+    fullest = max((body.system for body in bodies), key=lambda system: len(joints_of(system)))
     names = [f"θ{joint}" for joint in joints_of(fullest)]
     lines = each(names, of_masses(range(1, len(names) + 1)), "joint_angles")
     return [graph(f"Joints{joint_units(fullest)}", lines, 1.0)] if lines else []
 
 
 def _coefficients(bodies: Sequence[Shown]) -> dict[str, float]:
-    """The coefficients of friction of all bodies; none if they differ."""
-    each_body = (one.trajectory.history.coefficients.items() for one in bodies)
+    """Returns the coefficients of friction of all bodies; none if they differ."""
+    each_body = (body.trajectory.history.coefficients.items() for body in bodies)
     first, *others = ({name: float(value) for name, value in items} for items in each_body)
     return first if all(other == first for other in others) else {}
 
 
 def _levels(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
-    """The coefficients of friction that a law gives and that are not 0."""
+    """Lists the coefficients of friction that a law gives and that are not 0."""
     coefficients = _coefficients(bodies)
     if not coefficients:
         return []
@@ -341,9 +344,9 @@ def _levels(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
 
 
 def _of_contact(bodies: Sequence[Shown], sizes: Sizes) -> list[dict[str, Any]]:
-    """The graphs of the height and of the slip speed, unless they are always zero."""
+    """Returns the graphs of the height and of the slip speed, unless they are always zero."""
     colour = None if len(bodies) > PAIR else BLUE
-    figures = {figure for one in bodies for figure in of_contact(one.trajectory)}
+    figures = {figure for body in bodies for figure in of_contact(body.trajectory)}
     graphs = {
         height: graph("Height", [series("h", colour, "height", [0])], sizes.length),
         slip_speed: graph("Slip speed", [series("|vₛ|", colour, "slip", [0, 1], norm=True)], sizes.speed),

@@ -36,9 +36,9 @@ class Pool:
         self._places: dict[tuple[str, str, tuple[int, ...]], int] = {}
 
     def add(self, numbers: Numbers, rows: Int[np.ndarray, " rows"] | None = None) -> int:
-        """The place of an array, of which ``rows`` are kept if it is over time and they are given."""
-        kept = rows is not None and numbers.over_time
-        array = pack(numbers.values[rows] if kept else numbers.values, numbers.scale)
+        """Returns the place of an array, of which ``rows`` are kept if it is over time and they are given."""
+        is_partial = rows is not None and numbers.over_time
+        array = pack(numbers.values[rows] if is_partial else numbers.values, numbers.scale)
         key = (array["type"], array["data"], tuple(array["shape"]))
         if key not in self._places:
             self._places[key] = len(self.arrays)
@@ -55,9 +55,9 @@ def pack(values: Any, scale: float | None = None) -> dict[str, Any]:
     with np.errstate(over="ignore"):
         short = exact.astype("<f4")
     off = np.max(np.abs(short - exact), initial=0.0) if scale is not None else 0.0
-    kept = short if scale is None or off <= CLOSE_TO_PATH * scale else exact
-    data = base64.b64encode(kept.tobytes()).decode("ascii")
-    return {"type": kept.dtype.name, "shape": list(kept.shape), "data": data}
+    array = short if scale is None or off <= CLOSE_TO_PATH * scale else exact
+    data = base64.b64encode(array.tobytes()).decode("ascii")
+    return {"type": array.dtype.name, "shape": list(array.shape), "data": data}
 
 
 def choose_rows(
@@ -81,7 +81,7 @@ def choose_rows(
 
 
 def evenly(length: int, count: int) -> Int[np.ndarray, " rows"]:
-    """Up to ``count`` of the indices below ``length``, evenly spaced, both ends among them."""
+    """Returns up to ``count`` of the indices below ``length``, evenly spaced, both ends among them."""
     return np.unique(np.round(np.linspace(0, length - 1, max(2, min(count, length)))).astype(int))
 
 
@@ -94,7 +94,7 @@ def thin_curve(points: Float[np.ndarray, "points 3"], close: float) -> Float[np.
 
 
 def _farthest(points: Float[np.ndarray, "points 3"], k: int) -> float:
-    """The largest distance of the points from the chords between every k-th of them."""
+    """Computes the largest distance of the points from the chords between every k-th of them."""
     starts, ends = points[:-1:k, None], points[k::k, None]
     inner = points[:-1].reshape(-1, k, points.shape[1])
     chords = ends - starts
@@ -114,7 +114,7 @@ class Scene(NamedTuple):
 
 
 def free_stand(azimuth: float) -> dict[str, Any]:
-    """The stand of bodies without a plane, seen from a direction in degrees."""
+    """Returns the stand of bodies without a plane, seen from a direction in degrees."""
     return {
         "axes": np.eye(3).tolist(),
         "floor": None,
@@ -130,13 +130,15 @@ def make_body(kind: str, trajectory: Trajectory[Any, Any], radius: float, saved:
 
 
 def continuous(quaternions: Float[np.ndarray, "T 4"]) -> Float[np.ndarray, "T 4"]:
-    """The same quaternions, with signs that make each close to the one before."""
+    """Returns the same quaternions, with signs that make each close to the one before."""
     flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
     return quaternions * np.where(np.cumsum(np.concatenate([[0], flips])) % 2, -1.0, 1.0)[:, None]
 
 
 def law_changes(trajectory: Trajectory[Any, Any], rows: np.ndarray) -> tuple[list[str], Float[np.ndarray, "T laws"]]:
-    """The names of the system's laws and their changes since the start; of a vector, the length of its change."""
+    """Returns the names of the system's laws and their changes since the start; for a vector, the length of
+    its change.
+    """
     laws = trajectory.laws._asdict()
     changes = []
     for leaf in laws.values():
@@ -149,14 +151,18 @@ def law_changes(trajectory: Trajectory[Any, Any], rows: np.ndarray) -> tuple[lis
 
 
 def graph(title: str, series: list[dict[str, Any]], size: float = 0.0, *, gaps: bool = False) -> dict[str, Any]:
-    """A graph of series, where rounding compared with ``size`` is 0; with ``gaps`` at switches between modes."""
+    """Describes a graph of series, where rounding compared with ``size`` is 0; with ``gaps`` at switches
+    between modes.
+    """
     return {"title": title, "series": series, "size": size, "gaps": gaps}
 
 
 def series(
     name: str, colour: str | None, array: str, columns: list[int], norm: bool = False, dashes: Dashes = SOLID
 ) -> dict[str, Any]:
-    """The sum of ``columns`` of an array, or their norm; in the colour of the body unless another is given."""
+    """Describes a series: the sum of ``columns`` of an array, or their norm; in the colour of the body unless another
+    is given.
+    """
     return {
         "name": name.translate(SUBSCRIPTS),
         "colour": colour,
@@ -168,26 +174,26 @@ def series(
 
 
 def each(names: Iterable[str], looks: Iterable[Line | str], array: str) -> list[dict[str, Any]]:
-    """A series for each column, with its colour or its line."""
+    """Returns a series for each column, with its colour or its line."""
     lines = [Line(look) if isinstance(look, str) else look for look in looks]
     pairs = enumerate(zip(names, lines, strict=False))
     return [series(name, line.colour, array, [k], dashes=line.dashes) for k, (name, line) in pairs]
 
 
 def of_masses(numbers: Iterable[int]) -> list[Line]:
-    """The lines of masses or joints."""
+    """Returns the lines of masses or joints."""
     return [mass_look(i) for i in numbers]
 
 
 def angular_velocity(count: int, size: float = 0.0) -> dict[str, Any]:
-    """Ω of one or two bodies, |Ω| of more."""
+    """Returns the graph of Ω of one or two bodies, of |Ω| of more."""
     if count > PAIR:
         return graph("Angular speed", [series("|Ω|", None, "angular_velocity", [0, 1, 2], norm=True)], size)
     return graph("Angular velocity", each(("Ω1", "Ω2", "Ω3"), COMPONENTS, "angular_velocity"), size)
 
 
 def energies(count: int, size: float = 0.0) -> dict[str, Any]:
-    """T, V and their sum of one or two bodies, the sum of more."""
+    """Returns the graph of T, V and their sum for one or two bodies, of the sum for more."""
     if count > PAIR:
         return graph("Energy", [series("E", None, "energies", [0, 1])], size)
     parts = (("T", BLUE, [0], SOLID), ("V", RED, [1], SOLID), ("E", INK, [0, 1], DASHED))
@@ -196,7 +202,7 @@ def energies(count: int, size: float = 0.0) -> dict[str, Any]:
 
 
 def laws(names: list[str]) -> list[dict[str, Any]]:
-    """The change of each law since the start, if there are any; for one system."""
+    """Returns the graph of the change of each law since the start, if there are any; for one system."""
     if not names:
         return []
     lines = each(names, of_masses(range(1, len(names) + 1)), "laws")

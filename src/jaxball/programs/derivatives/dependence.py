@@ -9,7 +9,7 @@ from ...compat import Literal, Program, argument, branches, function_of, inner_p
 
 
 def varying(program: Program, constants: Sequence[bool], operands: Sequence[bool]) -> list[bool]:
-    """Which results of a program have derivatives with respect to those ``constants`` and ``operands`` that vary.
+    """Returns which results of a program have derivatives with respect to the ``constants`` and ``operands`` that vary.
 
     A result that has none may be said to have some, but not the other way round.
     """
@@ -21,22 +21,22 @@ def varying(program: Program, constants: Sequence[bool], operands: Sequence[bool
         return not isinstance(variable, Literal) and variable in vary
 
     for equation in jaxpr.eqns:
-        given = list(map(does, equation.invars))
-        if any(given):
-            results = zip(equation.outvars, _of_equation(equation, given), strict=True)
+        operands_vary = list(map(does, equation.invars))
+        if any(operands_vary):
+            results = zip(equation.outvars, _of_equation(equation, operands_vary), strict=True)
             vary |= {variable for variable, varies in results if varies and _has_derivatives(variable)}
     return list(map(does, jaxpr.outvars))
 
 
 def varying_in_loop(body: Program, constants: Sequence[bool], carried: Sequence[bool]) -> list[bool]:
-    """Which of the arrays that a loop carries vary at its start or after any number of turns.
+    """Returns which of the arrays that a loop carries vary at its start or after any number of turns.
 
     - ``constants``: of the program ``body``; its operands are those carried.
     """
     lasts = list(carried)
     while True:
         after = varying(body, constants, lasts)
-        following = [one or other for one, other in zip(lasts, after, strict=False)]
+        following = [before or other for before, other in zip(lasts, after, strict=False)]
         if following == lasts:
             return lasts
         lasts = following
@@ -49,60 +49,62 @@ def evaluate_chosen(
     which: Sequence[bool],
     instead: Callable[[Any, list[Any]], Sequence[Any] | None],
 ) -> list[Any]:
-    """The results of a program that are chosen by ``which``; nothing else is computed.
+    """Computes the results of a program that are chosen by ``which``, and nothing else.
 
     - ``instead``: of an equation and its operands its results, if it is not to be carried out, and None otherwise.
     """
     jaxpr = program.jaxpr
-    wanted = [variable for variable, is_wanted in zip(jaxpr.outvars, which, strict=True) if is_wanted]
+    targets = [variable for variable, is_wanted in zip(jaxpr.outvars, which, strict=True) if is_wanted]
     values = dict(zip(jaxpr.constvars, constants, strict=True)) | dict(zip(jaxpr.invars, operands, strict=True))
 
     def read(variable: Any) -> Any:
         return variable.val if isinstance(variable, Literal) else values[variable]
 
-    for equation in _find_needed(program, wanted):
-        given = list(map(read, equation.invars))
-        results = instead(equation, given)
+    for equation in _find_needed(program, targets):
+        inputs = list(map(read, equation.invars))
+        results = instead(equation, inputs)
         if results is None:
-            results = function_of(equation)(*given)
+            results = function_of(equation)(*inputs)
             results = results if equation.primitive.multiple_results else [results]
         values |= dict(zip(equation.outvars, results, strict=True))
-    return list(map(read, wanted))
+    return list(map(read, targets))
 
 
-def _of_equation(equation: Any, given: list[bool]) -> list[bool]:
+def _of_equation(equation: Any, operands_vary: list[bool]) -> list[bool]:
     name, inner = equation.primitive.name, inner_program(equation)
     if name == "stop_gradient":
         return [False]
     if inner is not None:
-        return varying(inner, _none(inner), given)
+        return varying(inner, _none(inner), operands_vary)
     if name == "cond":
-        each = [varying(branch, _none(branch), given[1:]) for branch in branches(equation)]
+        each = [varying(branch, _none(branch), operands_vary[1:]) for branch in branches(equation)]
         return [any(ways) for ways in zip(*each, strict=True)]
     if name == "while":
         first = argument(equation, "cond_nconsts")
         start, body = first + argument(equation, "body_nconsts"), argument(equation, "body_jaxpr")
-        return _after_a_loop(body, given[first:start], given[start:], [])[: len(given) - start]
+        return _after_a_loop(body, operands_vary[first:start], operands_vary[start:], [])[: len(operands_vary) - start]
     if name == "scan":
         scan = loop(equation)
         carried = scan.constants + scan.carried
-        return _after_a_loop(scan.body, given[: scan.constants], given[scan.constants : carried], given[carried:])
-    return [any(given)] * len(equation.outvars)
+        return _after_a_loop(
+            scan.body, operands_vary[: scan.constants], operands_vary[scan.constants : carried], operands_vary[carried:]
+        )
+    return [any(operands_vary)] * len(equation.outvars)
 
 
 def _after_a_loop(body: Program, constants: list[bool], carried: list[bool], sequences: list[bool]) -> list[bool]:
-    """The same of a loop whose constants are the first operands of its body."""
+    """Returns which results vary of a loop whose constants are the first operands of its body."""
     while True:
         after = varying(body, _none(body), [*constants, *carried, *sequences])
-        following = [one or other for one, other in zip(carried, after, strict=False)]
+        following = [before or other for before, other in zip(carried, after, strict=False)]
         if following == carried:
             return [*carried, *after[len(carried) :]]
         carried = following
 
 
-def _find_needed(program: Program, wanted: Sequence[Any]) -> list[Any]:
-    """The equations that some variables of a program need."""
-    needed, equations = {variable for variable in wanted if not isinstance(variable, Literal)}, []
+def _find_needed(program: Program, targets: Sequence[Any]) -> list[Any]:
+    """Finds the equations that some variables of a program need."""
+    needed, equations = {variable for variable in targets if not isinstance(variable, Literal)}, []
     for equation in reversed(program.jaxpr.eqns):
         if not needed.isdisjoint(equation.outvars):
             needed |= {variable for variable in equation.invars if not isinstance(variable, Literal)}

@@ -50,35 +50,39 @@ NO_CAPTURED = (
 
 
 def differentiate_forward() -> contextlib.AbstractContextManager[Any]:
-    """The context in which what is traced is differentiated in forward mode."""
+    """Returns the context in which all that is traced is differentiated in forward mode."""
     return traces.differentiated_forward(True)
 
 
 def is_differentiated_forward() -> bool:
-    """Whether what is being traced is differentiated in forward mode; if not, it is in reverse mode, or not at all."""
+    """Returns whether the function being traced is differentiated in forward mode; if not, it is in reverse mode, or
+    not at all.
+    """
     return traces.differentiated_forward.value
 
 
 def reverse_only(tree: PyTree) -> PyTree:
-    """``tree`` unchanged, with derivatives in reverse mode, once; a clear ``TypeError`` for others."""
+    """Returns ``tree`` unchanged, with derivatives in reverse mode, once; a clear ``TypeError`` for others."""
     numbers, others = eqx.partition(tree, eqx.is_inexact_array)
     return eqx.combine(jax.tree.map(_number.bind, numbers), others)
 
 
 def forward_only(tree: PyTree) -> PyTree:
-    """``tree`` unchanged, with derivatives in forward mode; a clear ``TypeError`` for reverse mode."""
+    """Returns ``tree`` unchanged, with derivatives in forward mode; a clear ``TypeError`` for reverse mode."""
     numbers, others = eqx.partition(tree, eqx.is_inexact_array)
     return eqx.combine(jax.tree.map(_result.bind, numbers), others)
 
 
 def once(what: str, tree: PyTree) -> PyTree:
-    """``tree`` unchanged, with first derivatives; a clear ``TypeError`` that names ``what`` it is for second ones."""
+    """Returns ``tree`` unchanged, with first derivatives; for second ones, a clear ``TypeError`` that names ``what`` it
+    is.
+    """
     numbers, others = eqx.partition(tree, eqx.is_inexact_array)
     return eqx.combine(jax.tree.map(lambda leaf: _found.bind(leaf, what=what), numbers), others)
 
 
 def without_captured_derivatives(arrays: list[Any]) -> list[Any]:
-    """The arrays, with a clear ``TypeError`` instead of derivatives with respect to them."""
+    """Returns the arrays, with a clear ``TypeError`` instead of derivatives with respect to them."""
     return [_captured.bind(x) if jnp.issubdtype(x.dtype, jnp.inexact) else x for x in arrays]
 
 
@@ -130,7 +134,7 @@ differentiate_by(_captured, _no_captured)
 
 
 def differentiate_where(used: Bool[Array, ""], tree: Tree) -> Tree:
-    """``tree`` unchanged, with derivatives only where it is ``used``.
+    """Returns ``tree`` unchanged, with derivatives only where it is ``used``.
 
     Values computed from an unused entry may have infinite derivatives. A mask on the result sends a zero back to them,
     and 0 · ∞ is NaN; this stops it.
@@ -142,24 +146,25 @@ def differentiate_where(used: Bool[Array, ""], tree: Tree) -> Tree:
 
 
 def keep_if_known(known: Bool[Array, "*rows"], leaf: Array) -> Array:
-    """``leaf`` where it is known; elsewhere NaN, or −1 where it consists of integers."""
+    """Returns ``leaf`` where it is known; elsewhere NaN, or −1 where it consists of integers."""
     nothing = jnp.nan if jnp.issubdtype(leaf.dtype, jnp.inexact) else -1
     return jnp.where(known, leaf, jnp.asarray(nothing, leaf.dtype))
 
 
 def keep_known_rows(known: Bool[Array, " rows"], leaf: Array) -> Array:
-    """The rows of ``leaf`` that are known; the others as :func:`keep_if_known` has them."""
+    """Returns the rows of ``leaf`` that are known; the others as :func:`keep_if_known` has them."""
     return keep_if_known(known.reshape(-1, *(1,) * (leaf.ndim - 1)), leaf)
 
 
 def without_derivatives(tree: Tree) -> Tree:
-    """``tree`` unchanged, as a constant."""
+    """Returns ``tree`` unchanged, as a constant."""
     numbers, others = eqx.partition(tree, eqx.is_inexact_array)
     return eqx.combine(jax.lax.stop_gradient(numbers), others)
 
 
 def with_unknown_derivatives(tree: Tree, given: PyTree, here: Bool[Array, ""] | bool = False) -> Tree:
-    """``tree`` unchanged, with NaN derivatives with respect to ``given`` ``here`` and wherever it is NaN itself.
+    """Returns ``tree`` unchanged, with NaN derivatives with respect to ``given`` ``here`` and wherever it is NaN
+    itself.
 
     A mask that puts NaN there has the derivative 0, as if the result depended on nothing. Unused parts of a result
     still have no effect: in reverse mode a cotangent of 0 stays 0.

@@ -22,12 +22,12 @@ Index = Int[Array, ""]
 
 
 def at_once(function: Callable[[Any], Any], pull: Pull, operands: Any) -> Any:
-    """The results of a function, with its own derivatives."""
+    """Returns the results of a function, with its own derivatives."""
     return function(operands)
 
 
 def with_rule(function: Callable[[Any], Any], forward: Forward, pull: Pull) -> Callable[[Any], Any]:
-    """``function`` of a PyTree of arrays, with a rule for derivatives in reverse mode.
+    """Returns ``function`` of a PyTree of arrays, with a rule for derivatives in reverse mode.
 
     - ``forward``: of the same PyTree, the results and what is kept for the way back.
     - ``pull``: the cotangents of the arrays, None for those that do not vary. It takes what ``forward`` kept, the
@@ -40,8 +40,8 @@ def with_rule(function: Callable[[Any], Any], forward: Forward, pull: Pull) -> C
         # Only arrays can be kept, but in structures that may differ.
         return results, (residuals, jax.tree.map(lambda does: () if does else None, varies))
 
-    def backward(kept: tuple[Any, Any], cotangents: Any) -> tuple[Any]:
-        residuals, marks = kept
+    def backward(recording: tuple[Any, Any], cotangents: Any) -> tuple[Any]:
+        residuals, marks = recording
         varies = jax.tree.map(lambda mark: mark is not None, marks, is_leaf=lambda x: x is None or x == ())
         return (pull(residuals, jax.tree.map(_unless_zero, cotangents), varies),)
 
@@ -51,7 +51,7 @@ def with_rule(function: Callable[[Any], Any], forward: Forward, pull: Pull) -> C
 
 
 def pull_by_forward_mode(function: Callable[[Any], Any]) -> Pull:
-    """The pull of ``function``, of a PyTree of arrays, by forward mode; what is kept is the operands and the results.
+    """Returns the pull of ``function``, of a PyTree of arrays, by forward mode; it keeps the operands and the results.
 
     For a function of a few numbers that is long, or has loops of unknown length. It is computed, with its derivative in
     one direction, for each number that varies. These have one type.
@@ -71,12 +71,12 @@ def pull_by_forward_mode(function: Callable[[Any], Any]) -> Pull:
 
         return unravel(map_rows(product, jnp.eye(x.size, dtype=x.dtype)))
 
-    def pull(known: tuple[Any, Any], cotangents: Any, varies: Any) -> Any:
+    def pull(recording: tuple[Any, Any], cotangents: Any, varies: Any) -> Any:
         which, structure = jax.tree.flatten(varies)
         if not any(which):
             return structure.unflatten([None] * len(which))
-        found = products(tuple(which), known[0], jax.tree.leaves(cotangents, is_leaf=lambda leaf: leaf is None))
-        return structure.unflatten(replace_chosen([None] * len(which), which, found))
+        gradients = products(tuple(which), recording[0], jax.tree.leaves(cotangents, is_leaf=lambda leaf: leaf is None))
+        return structure.unflatten(replace_chosen([None] * len(which), which, gradients))
 
     return pull
 
@@ -90,28 +90,30 @@ def _unless_zero(cotangent: Any) -> Array | None:
 
 
 def choose(arrays: Sequence[Any], which: Sequence[bool]) -> list[Any]:
-    """Those of the arrays that are chosen."""
+    """Returns the arrays that are chosen."""
     return [array for array, is_chosen in zip(arrays, which, strict=True) if is_chosen]
 
 
 def replace_chosen(arrays: Sequence[Any], which: Sequence[bool], by: Sequence[Any]) -> list[Any]:
-    """The arrays with others in the place of those that are chosen."""
+    """Returns the arrays with others in the place of the chosen ones."""
     remaining = iter(by)
     return [next(remaining) if is_chosen else array for array, is_chosen in zip(arrays, which, strict=True)]
 
 
 def or_zeros(cotangent: Array | None, like: Any) -> Array:
-    """A cotangent; zeros in the place of None."""
+    """Returns a cotangent; zeros in the place of None."""
     return jnp.zeros(like.shape, like.dtype) if cotangent is None else cotangent
 
 
 def add_arrays(one: Sequence[Array], other: Sequence[Array]) -> list[Array]:
-    """The sums of arrays one by one."""
+    """Computes the sums of arrays one by one."""
     return [x + y for x, y in zip(one, other, strict=True)]
 
 
 def put(buffer: Array, index: Index, row: Array, counts: Bool[Array, ""]) -> Array:
-    """``buffer`` with one more row, if that ``counts``. Nothing of it is read, so that it can be written in place."""
+    """Returns ``buffer`` with one more row, if that ``counts``. Nothing of it is read, so that it can be written in
+    place.
+    """
     return buffer.at[jnp.where(counts, index, buffer.shape[0])].set(row, mode="drop")
 
 
@@ -124,7 +126,8 @@ def put_while(
     reverse: bool,
     place_of: Callable[[Index], Index] = lambda k: k,
 ) -> tuple[Array, Index]:
-    """``buffer`` with more rows from number ``first`` on, as long as they are ``due``, and the number of the next.
+    """Returns ``buffer`` with more rows from number ``first`` on, as long as they are ``due``, and the number of the
+    next.
 
     - ``reverse``: whether derivatives are those of reverse mode, or else those of forward mode.
     - ``place_of``: where in the buffer the row with a number is; by default there.
@@ -149,19 +152,19 @@ def put_while(
         written, stop = forward(operands)
         return (written, stop), (constants, places, first, stop)
 
-    def pull(kept: Any, cotangents: Any, varies: Any) -> Any:
-        (constants, places, first, stop), (cotangent, _), (_, which, *_) = kept, cotangents, varies
+    def pull(recording: Any, cotangents: Any, varies: Any) -> Any:
+        (constants, places, first, stop), (cotangent, _), (_, which, *_) = recording, cotangents, varies
         moving = choose(constants, which)
 
-        def back(at: tuple[Index, list[Array]]) -> tuple[Index, list[Array]]:
-            k, summed = at
+        def back(carry: tuple[Index, list[Array]]) -> tuple[Index, list[Array]]:
+            k, summed = carry
             _, pull = jax.vjp(lambda moving: evaluate(row, replace_chosen(constants, which, moving), [k])[0], moving)
             of_row = cotangent[evaluate(place, places, [k])[0]]
             return k + 1, add_arrays(summed, pull(jnp.where(k < stop, of_row, 0.0))[0])
 
         summed = [jnp.zeros_like(x) for x in moving]
         if cotangent is not None:
-            _, summed = jax.lax.while_loop(lambda at: unvmap_any(at[0] < stop), back, (first, summed))
+            _, summed = jax.lax.while_loop(lambda carry: unvmap_any(carry[0] < stop), back, (first, summed))
         nothing, nowhere = [None] * len(condition.consts), [None] * len(places)
         return nothing, replace_chosen([None] * len(constants), which, summed), nowhere, cotangent, None
 
@@ -172,9 +175,9 @@ def put_while(
 def _write_rows(
     due: Callable, row_of: Callable, place_of: Callable, buffer: Array, first: Index
 ) -> tuple[Array, Index]:
-    def write(at: tuple[Array, Index]) -> tuple[Array, Index]:
-        buffer, k = at
+    def write(carry: tuple[Array, Index]) -> tuple[Array, Index]:
+        buffer, k = carry
         counts = due(k)
         return put(buffer, place_of(k), row_of(k), counts), k + jnp.where(counts, 1, 0)
 
-    return jax.lax.while_loop(lambda at: unvmap_any(due(at[1])), write, (buffer, first))
+    return jax.lax.while_loop(lambda carry: unvmap_any(due(carry[1])), write, (buffer, first))

@@ -55,14 +55,14 @@ class Recorded:
         pull = self._pull
         assert pull is not None
 
-        def forward(given: Any) -> tuple[list[Array], Any]:
-            return given[1], given
+        def forward(arguments: Any) -> tuple[list[Array], Any]:
+            return arguments[1], arguments
 
-        def back(given: Any, cotangents: list[Any], varies: Any) -> Any:
-            return pull(given, cotangents, varies[0]), [None] * len(results)
+        def back(arguments: Any, cotangents: list[Any], varies: Any) -> Any:
+            return pull(arguments, cotangents, varies[0]), [None] * len(results)
 
-        known = with_rule(lambda given: given[1], forward, back)
-        return known((self._structure.unflatten(operands), list(results)))
+        rule = with_rule(lambda arguments: arguments[1], forward, back)
+        return rule((self._structure.unflatten(operands), list(results)))
 
 
 class Parts(NamedTuple):
@@ -123,10 +123,10 @@ def while_loop(
 def _repeat(goes_on: Callable, step: Callable, carry: Any, most: int | Array) -> tuple[Array, Any]:
     """Counts the steps that are taken, and returns where they led to."""
 
-    def condition(at: tuple[Array, Any]) -> Array:
-        return goes_on(at[1]) & (at[0] < most)
+    def condition(state: tuple[Array, Any]) -> Array:
+        return goes_on(state[1]) & (state[0] < most)
 
-    return jax.lax.while_loop(condition, lambda at: (at[0] + 1, step(*at)), (jnp.asarray(0), carry))
+    return jax.lax.while_loop(condition, lambda state: (state[0] + 1, step(*state)), (jnp.asarray(0), carry))
 
 
 class _Recording(NamedTuple):
@@ -177,7 +177,9 @@ class _Loop:
             constants[self.place] = ()
         arrays = [] if self.parts is None else self.parts.arrays
         operands = constants, arrays, list(self.goes_on.consts), leaves
-        return with_rule(lambda given: self.forward(*given), lambda given: self.record(*given), self.back)(operands)
+        return with_rule(
+            lambda arguments: self.forward(*arguments), lambda arguments: self.record(*arguments), self.back
+        )(operands)
 
     def whole(self, constants: list[Any], arrays: list[Array]) -> list[Any]:
         """Joins the parts into the constant that they are."""
@@ -198,11 +200,11 @@ class _Loop:
         """Takes all steps, and records what each begins with."""
         whole = self.whole(constants, arrays)
 
-        def goes_on(at: Any) -> Array:
-            return evaluate(self.goes_on, conditions, at[0])[0]
+        def goes_on(carry: Any) -> Array:
+            return evaluate(self.goes_on, conditions, carry[0])[0]
 
-        def step(k: Array, at: Any) -> Any:
-            leaves, every, rows = at
+        def step(k: Array, carry: Any) -> Any:
+            leaves, every, rows = carry
             new, row = self.take_step(whole, leaves)
             if self.rows == self.max_steps:
                 return new, every, _write_row(rows, k, row)
@@ -224,7 +226,7 @@ class _Loop:
         seen: list[Array] = []
 
         def note(equation: Any, operands: list[Any]) -> list[Array] | None:
-            if not any(equation is one for one, _ in self.recorded):
+            if not any(equation is part_equation for part_equation, _ in self.recorded):
                 return None
             results = evaluate(argument(equation, "jaxpr"), argument(equation, "jaxpr").consts, operands)
             seen.extend(results)
@@ -246,9 +248,9 @@ class _Loop:
         """Pulls cotangents back over all steps, to the constants, the arrays of parts, conditions, and the start."""
         back = _WayBack(self, recording, varies)
         start = [or_zeros(cotangent, aval) for cotangent, aval in zip(cotangents, self.step.in_avals, strict=True)]
-        at, all_have_rows = (choose(start, back.which), back.nothing()), self.rows == self.max_steps
+        carry, all_have_rows = (choose(start, back.which), back.nothing()), self.rows == self.max_steps
         return back.results(
-            *(back.through(recording.rows, recording.steps, at) if all_have_rows else back.by_segments(at))
+            *(back.through(recording.rows, recording.steps, carry) if all_have_rows else back.by_segments(carry))
         )
 
 
@@ -284,10 +286,10 @@ class _WayBack:
                 new, row = loop.take_step(self.constants, self.with_buffers(leaves))
                 return choose(new, loop.is_carried), _write_row(rows, k, row)
 
-            kept = [row[first // every] for row in self.recording.rows]
-            begun, count = loop.packing.unpack(kept)[: sum(loop.is_carried)], end - first
+            first_row = [row[first // every] for row in self.recording.rows]
+            begun, count = loop.packing.unpack(first_row)[: sum(loop.is_carried)], end - first
             # The row of the first step is there; only those behind it are computed again.
-            rows = _write_row(rows, jnp.asarray(0), kept)
+            rows = _write_row(rows, jnp.asarray(0), first_row)
             _, (_, rows) = _repeat(lambda _: True, again, (begun, rows), jnp.where(count == 1, 0, count))
             return first, self.through(rows, end - first, cotangents), rows
 
@@ -335,12 +337,12 @@ class _WayBack:
                 loop.step, constants, replace_chosen(leaves, self.which, moving), self.which, recall_part
             )
 
-        given = (
+        arguments = (
             choose(leaves, self.which),
             choose(self.constants, self.of_constants),
             choose(self.recording.arrays, self.of_arrays),
         )
-        _, pull = jax.vjp(following, *given)
+        _, pull = jax.vjp(following, *arguments)
         cotangents, *summed = pull(cotangents)
         return cotangents, summed
 

@@ -50,8 +50,8 @@ class OpenFunction:
         held += [*(function.__defaults__ or ()), *(function.__kwdefaults__ or {}).items(), *_find_used(function)]
         held += [_UNKNOWN] if vars(function) else []
         described = tuple(map(_description, held))
-        own = _Itself(id(original)) if _UNKNOWN in described else None
-        self._key = function.__code__, id(function.__globals__), described, own
+        identity = _Itself(id(original)) if _UNKNOWN in described else None
+        self._key = function.__code__, id(function.__globals__), described, identity
 
     def __hash__(self) -> int:
         return hash(self._key)
@@ -70,7 +70,9 @@ _UNKNOWN = "unknown"  # described as itself, where a text is described with its 
 
 
 def _description(value: Any) -> Any:
-    """What is the same only for values that are the same and cannot change; ``_UNKNOWN`` for those that may."""
+    """Returns a description that is the same only for values that are the same and cannot change; ``_UNKNOWN`` for
+    values that may.
+    """
     if value is None or isinstance(value, bool | int | float | complex | str | bytes | np.generic):
         # As text, by which 1, 1.0 and True differ, and 0.0 and -0.0.
         return _UNKNOWN if value is _UNKNOWN else (type(value), repr(value))
@@ -90,7 +92,7 @@ def _is_of_known_library(value: Any) -> bool:
 
 
 def _find_used(function: types.FunctionType) -> list[Any]:
-    """The values of global names that a function uses."""
+    """Returns the values of global names that a function uses."""
     names = {name for code in codes_in(function.__code__) for name in code.co_names}
     return [function.__globals__[name] for name in sorted(names & function.__globals__.keys())]
 
@@ -207,21 +209,21 @@ class _Change:
         captured = tuple(cell.cell_contents for cell in cells if _is_filled(cell))
         held = [captured, function.__defaults__, function.__kwdefaults__]
         contents, defaults, words = new = [self(value, held=True) for value in held]
-        if not always and all(one is other for one, other in zip(new, held, strict=True)):
+        if not always and all(entry is other for entry, other in zip(new, held, strict=True)):
             return function
         remaining = iter(contents)
         closure = tuple(types.CellType(next(remaining)) if _is_filled(cell) else cell for cell in cells)
-        made = types.FunctionType(function.__code__, function.__globals__, function.__name__, defaults, closure)
-        made.__kwdefaults__, made.__qualname__ = words, function.__qualname__
-        made.__dict__.update(vars(function))
-        return made
+        clone = types.FunctionType(function.__code__, function.__globals__, function.__name__, defaults, closure)
+        clone.__kwdefaults__, clone.__qualname__ = words, function.__qualname__
+        clone.__dict__.update(vars(function))
+        return clone
 
 
 def _change_each(values: Iterable[Any], change: Callable) -> list[Any] | None:
-    """The values after a change; None if it changes nothing."""
+    """Returns the values after a change; None if it changes nothing."""
     old = list(values)
     new = list(map(change, old))
-    return None if all(one is other for one, other in zip(new, old, strict=True)) else new
+    return None if all(value is other for value, other in zip(new, old, strict=True)) else new
 
 
 def _is_filled(cell: types.CellType) -> bool:

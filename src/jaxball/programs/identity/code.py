@@ -80,7 +80,7 @@ class Used:
 
 
 def is_own(module: str) -> bool:
-    """Whether a module is one of jaxball's."""
+    """Returns whether a module is one of jaxball's."""
     return module.partition(".")[0] == OWN
 
 
@@ -95,16 +95,16 @@ def require_pure(module: str, path: str = "") -> None:
 
 
 def of_function(function: types.FunctionType, used: Used) -> tuple[Any, ...]:
-    """What a function consists of: its code, defaults and attributes, and the values that it holds and names.
+    """Returns the parts of a function: its code, defaults and attributes, and the values that it holds and names.
 
     What it uses of jaxball is added to ``used``.
 
     **Raises:** :class:`NoNameError`.
     """
     held = dict(zip(function.__code__.co_freevars, map(_content, function.__closure__ or ()), strict=True))
-    given = function.__name__, function.__defaults__, function.__kwdefaults__, vars(function)
+    attributes = function.__name__, function.__defaults__, function.__kwdefaults__, vars(function)
     if home_of(function) is not None:  # the rest of its module is known
-        return function.__code__, given, tuple(held.values())
+        return function.__code__, attributes, tuple(held.values())
     for code in codes_in(function.__code__):
         for imported in imports(code):
             raise NoNameError(f"{code.co_name} imports {imported.module}.")
@@ -117,19 +117,19 @@ def of_function(function: types.FunctionType, used: Used) -> tuple[Any, ...]:
             named.append((use.name, _load_attributes(value, use.attributes, used)))
         elif isinstance(held.get(use.name), types.ModuleType):
             named.append((use.name, _load_attributes(held[use.name], use.attributes, used)))
-    kept = tuple(None if isinstance(value, types.ModuleType) else value for value in held.values())
-    return function.__code__, given, kept, tuple(named)
+    contents = tuple(None if isinstance(value, types.ModuleType) else value for value in held.values())
+    return function.__code__, attributes, contents, tuple(named)
 
 
 def of_code(code: types.CodeType) -> tuple[Any, ...]:
-    """What code consists of, except for where it is written."""
+    """Returns the parts of code, except for where it is written."""
     counts = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
     names = code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
     return code.co_name, code.co_code, code.co_exceptiontable, counts, names, code.co_consts
 
 
 def of_class(of: type) -> tuple[Any, ...]:
-    """What a class consists of: its bases, its entries, and how PyTrees take its objects apart.
+    """Returns the parts of a class: its bases, its entries, and how PyTrees take its objects apart.
 
     **Raises:** :class:`NoNameError`.
     """
@@ -145,7 +145,7 @@ def of_class(of: type) -> tuple[Any, ...]:
 
 
 def of_other(value: Any) -> tuple[Any, ...] | None:
-    """What a value of Python's own classes, or a function that is compiled, consists of; None of anything else.
+    """Returns the parts of a value of Python's own classes, or of a function that is compiled; None for anything else.
 
     **Raises:** :class:`NoNameError`.
     """
@@ -159,7 +159,7 @@ def of_other(value: Any) -> tuple[Any, ...] | None:
 
 
 def names_of_caches(of: type) -> frozenset[str]:
-    """The names under which objects of a class keep what follows from the rest of them."""
+    """Returns the names under which objects of a class keep values that follow from the rest of them."""
     entries = ((name, entry) for base in of.__mro__ for name, entry in vars(base).items())
     cached = (name for name, entry in entries if isinstance(entry, functools.cached_property))
     return frozenset((*cached, *(getattr(of, "follows", ()) if home_of(of) else ())))
@@ -173,7 +173,7 @@ def _content(cell: Any) -> Any:
 
 
 def codes_in(code: types.CodeType) -> Iterator[types.CodeType]:
-    """The code, and that of all functions and classes that it makes."""
+    """Yields the code, and the code of all functions and classes that it makes."""
     yield code
     for constant in code.co_consts:
         if isinstance(constant, types.CodeType):
@@ -181,12 +181,18 @@ def codes_in(code: types.CodeType) -> Iterator[types.CodeType]:
 
 
 def uses(code: types.CodeType) -> Iterator[Use]:
-    """All values that code loads by names."""
-    instructions = [one for one in dis.get_instructions(code) if one.opname not in ("EXTENDED_ARG", "PUSH_NULL")]
-    for k, one in enumerate(instructions):
-        if one.opname in (*_GLOBAL, *_HELD):
+    """Yields all values that code loads by names."""
+    instructions = [
+        instruction
+        for instruction in dis.get_instructions(code)
+        if instruction.opname not in ("EXTENDED_ARG", "PUSH_NULL")
+    ]
+    for k, instruction in enumerate(instructions):
+        if instruction.opname in (*_GLOBAL, *_HELD):
             attributes = itertools.takewhile(lambda following: following.opname in _ATTRIBUTE, instructions[k + 1 :])
-            yield Use(one.argval, one.opname in _HELD, tuple(following.argval for following in attributes))
+            yield Use(
+                instruction.argval, instruction.opname in _HELD, tuple(following.argval for following in attributes)
+            )
 
 
 class Import(NamedTuple):
@@ -198,24 +204,24 @@ class Import(NamedTuple):
 
 
 def imports(code: types.CodeType) -> Iterator[Import]:
-    """What code imports when it runs."""
+    """Yields the imports that code makes when it runs."""
     if _IMPORT not in code.co_code[::2]:  # far faster than what follows
         return
-    instructions = [one for one in dis.get_instructions(code) if one.opname != "EXTENDED_ARG"]
-    for level, names, one in zip(instructions, instructions[1:], instructions[2:], strict=False):
-        if one.opcode == _IMPORT:
-            yield Import(one.argval, level.argval, names.argval or ())
+    instructions = [instruction for instruction in dis.get_instructions(code) if instruction.opname != "EXTENDED_ARG"]
+    for level, names, instruction in zip(instructions, instructions[1:], instructions[2:], strict=False):
+        if instruction.opcode == _IMPORT:
+            yield Import(instruction.argval, level.argval, names.argval or ())
 
 
 def names_in(code: types.CodeType) -> Iterator[str]:
-    """All names of globals and of attributes that code may load."""
+    """Yields all names of globals and of attributes that code may load."""
     yield from code.co_names
     if not _BY_STRINGS.isdisjoint(code.co_names):
         yield from (name for name in code.co_consts if isinstance(name, str))
 
 
 def _load_attributes(value: Any, attributes: tuple[str, ...], used: Used) -> Any:
-    """The value of which these attributes are loaded; of a module, the first one that is not a module."""
+    """Returns the value from which these attributes are loaded; for a module, the first one that is not a module."""
     if not isinstance(value, types.ModuleType):
         return value
     if not is_known(value.__name__):
@@ -225,15 +231,15 @@ def _load_attributes(value: Any, attributes: tuple[str, ...], used: Used) -> Any
     if not attributes:
         return value
     require_pure(value.__name__, attributes[0])
-    found = getattr(value, attributes[0], _MISSING)
-    if isinstance(found, types.ModuleType):
-        return _load_attributes(found, attributes[1:], used)
-    require_pure(getattr(found, "__module__", None) or "", getattr(found, "__qualname__", ""))
-    used.add(found, value.__name__)
+    member = getattr(value, attributes[0], _MISSING)
+    if isinstance(member, types.ModuleType):
+        return _load_attributes(member, attributes[1:], used)
+    require_pure(getattr(member, "__module__", None) or "", getattr(member, "__qualname__", ""))
+    used.add(member, value.__name__)
     # What a known module holds follows from its version, unless a user has put something else there.
-    replaced = isinstance(found, types.FunctionType | type) and home_of(found) is None
-    constant = isinstance(found, bool | int | float | complex | str)
-    return Member(value.__name__, attributes[0], found if replaced or constant else None)
+    replaced = isinstance(member, types.FunctionType | type) and home_of(member) is None
+    constant = isinstance(member, bool | int | float | complex | str)
+    return Member(value.__name__, attributes[0], member if replaced or constant else None)
 
 
 def _of_field(field: dataclasses.Field) -> tuple[Any, ...]:
@@ -242,12 +248,12 @@ def _of_field(field: dataclasses.Field) -> tuple[Any, ...]:
 
 
 def _of_parameter(parameter: inspect.Parameter) -> tuple[Any, ...]:
-    given = () if parameter.default is inspect.Parameter.empty else (parameter.default,)
-    return parameter.name, int(parameter.kind), given
+    defaults = () if parameter.default is inspect.Parameter.empty else (parameter.default,)
+    return parameter.name, int(parameter.kind), defaults
 
 
 def _of_builtin(function: Any) -> tuple[Any, ...] | None:
-    """That a method is bound to an object; None of a function of a module."""
+    """Returns the object to which a method is bound, and its name; None for a function of a module."""
     owner = function.__self__
     return None if owner is None or isinstance(owner, types.ModuleType) else (owner, function.__name__)
 

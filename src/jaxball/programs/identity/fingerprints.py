@@ -50,7 +50,7 @@ class Fingerprint(NamedTuple):
 
 
 def digest(*values: Any) -> str:
-    """A name for the values, usable as a file name.
+    """Returns a name for the values, usable as a file name.
 
     **Raises:** :class:`NoNameError`, also for what reads files and the like.
     """
@@ -60,7 +60,7 @@ def digest(*values: Any) -> str:
 
 
 def fingerprint(*values: Any) -> Fingerprint:
-    """What identifies the values.
+    """Returns the fingerprint that identifies the values.
 
     **Raises:** :class:`NoNameError`; for what of jaxball reads files and the like, :meth:`Fingerprint.require_pure`.
     """
@@ -80,7 +80,9 @@ class _Writer:
         self._of_users = of_users  # whether a user's function or class contains the value
 
     def of(self, value: Any) -> bytes:
-        """Tagged with the kind and, where it varies, preceded by the length, so that no two values have the same."""
+        """Returns the bytes that identify a value, tagged with the kind and, where it varies, preceded by the length,
+        so that no two values have the same.
+        """
         if isinstance(value, enum.Enum):
             return _tag("enum", self._class(type(value)), self._plain(value.name))
         if value is None or isinstance(value, bool | int | float | complex | str | bytes):
@@ -115,7 +117,7 @@ class _Writer:
         return _tag("set", of, *sorted(_Writer(self.used, self._of_users).of(item) for item in value))
 
     def _describe_definition(self, value: Any) -> bytes:
-        """Functions, modules, objects."""
+        """Describes functions, modules, objects."""
         if isinstance(value, types.ModuleType):
             if not is_known(value.__name__):
                 raise NoNameError(f"{value!r} may change without its name.")
@@ -171,14 +173,16 @@ class _Writer:
         return self._once(of, code.of_class) if name is None else name.encode()
 
     def _require_pure(self, value: Any, name: str) -> None:
-        """The fingerprints of the objects that a user's function or class uses."""
+        """Requires the objects that a user's function or class uses to be pure, and notes their use."""
         if self._of_users:
             module, _, path = name.partition(":")
             code.require_pure(module, path)
             self.used.add(value, module)
 
     def _once(self, value: Any, parts: Callable[[Any], tuple[Any, ...]]) -> bytes:
-        """What it consists of; the place among those reached if it is among them, as where a function calls itself."""
+        """Returns the bytes of its parts; its place among the values reached if it is among them, as where a function
+        calls itself.
+        """
         place = self._places.setdefault(id(value), len(self.reached))
         if place < len(self.reached):
             return _tag("again", str(place).encode())
@@ -191,7 +195,7 @@ class _Writer:
 
 
 def _name(value: Any) -> str | None:
-    """The name by which it is found in a known library, if it is."""
+    """Returns the name by which it is found in a known library, if it is."""
     try:
         return name_of(value)
     except NoNameError:

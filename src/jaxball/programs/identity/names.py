@@ -16,12 +16,12 @@ class NoNameError(TypeError):
 
 
 def is_known(module: str) -> bool:
-    """Whether a module belongs to a library whose version is known."""
+    """Returns whether a module belongs to a library whose version is known."""
     return module.split(".")[0] in _KNOWN
 
 
 def home_of(defined: Any) -> types.ModuleType | None:
-    """The module of a known library in which a function or a class was defined; None of any other."""
+    """Returns the module of a known library in which a function or a class was defined; None for any other."""
     if isinstance(defined, types.FunctionType):  # which may say that it is from elsewhere
         home = sys.modules.get(defined.__globals__.get("__name__", ""))
         return home if home and is_known(home.__name__) and vars(home) is defined.__globals__ else None
@@ -30,7 +30,7 @@ def home_of(defined: Any) -> types.ModuleType | None:
 
 
 def name_of(named: Any) -> str:
-    """The name by which a class or a function of a known library is found.
+    """Returns the name by which a class or a function of a known library is found.
 
     **Raises:** :class:`NoNameError` where it belongs to another library or is not found by its name.
     """

@@ -98,7 +98,7 @@ class _Reached:
         self._add_all(self._by_name.pop(name, ()))
 
     def _follow_module(self, module: types.ModuleType) -> None:
-        """Any of its members may be loaded of it."""
+        """Puts the members that may be loaded from a module, any of them, in reach."""
         if is_own(module.__name__):
             self._add_members(module, self.names)
         else:
@@ -107,7 +107,7 @@ class _Reached:
                 raise _reads(module, module.__name__)
 
     def _add_members(self, module: types.ModuleType, names: Iterable[str]) -> None:
-        """What may be loaded of a module of jaxball."""
+        """Adds the members that may be loaded from a module of jaxball."""
         for name in sorted(names):
             if name in vars(module) or name in getattr(module, "__all__", ()):
                 member = getattr(module, name)
@@ -186,7 +186,7 @@ class _Reached:
 
 
 def _require_no_reading(use: Use, value: Any, function: types.FunctionType) -> None:
-    """Of a global name, and the attributes loaded of it, in a function of jaxball."""
+    """Requires that a global name, and the attributes loaded from it, in a function of jaxball, read nothing."""
     if value is None:
         is_refused = not use.is_held and use.name in _FUNCTIONS_THAT_READ
     elif isinstance(value, types.ModuleType) and not _impure_in(value.__name__).isdisjoint(use.attributes):
@@ -198,13 +198,13 @@ def _require_no_reading(use: Use, value: Any, function: types.FunctionType) -> N
 
 
 def _impure_in(module: str) -> frozenset[str]:
-    """JAX's settings distinguish programs."""
+    """Returns the impure names of a module, without JAX's settings, because these distinguish programs."""
     return frozenset(IMPURE.get(module.partition(".")[0], "").split()) - {"config"}
 
 
 @functools.cache
 def _suspicious() -> frozenset[str]:
-    """The names that code has, among others, if it reads something."""
+    """Returns the names that code has, among others, if it reads something."""
     return _FUNCTIONS_THAT_READ.union(*(_impure_in(package) for package in IMPURE if package != "builtins"))
 
 
@@ -218,7 +218,9 @@ def _reads(value: Any, what: str) -> NoNameError:
 
 
 def _unwrap(value: Any) -> Any:
-    """A function of jaxball without what others have put around it, as where types are checked at run time."""
+    """Returns a function of jaxball without the wrappers that others have put around it, as where types are checked at
+    run time.
+    """
     while isinstance(value, types.FunctionType) and not is_own(_module_of(value)) and hasattr(value, "__wrapped__"):
         value = vars(value)["__wrapped__"]
     return value

@@ -33,7 +33,7 @@ def is_of_numpy(of: type) -> bool:
 
 
 def type_of(array: Any) -> jax.ShapeDtypeStruct:
-    """Shape and type of an array, or of a number that JAX takes for one."""
+    """Returns shape and type of an array, or of a number that JAX takes for one."""
     if type(array) is jax.ShapeDtypeStruct:
         return array
     weak = getattr(array, "weak_type", type(array) in (bool, int, float, complex))
@@ -42,7 +42,7 @@ def type_of(array: Any) -> jax.ShapeDtypeStruct:
 
 
 def implementation(array: Any) -> Any:
-    """How random keys make numbers; None for anything else."""
+    """Returns how random keys make numbers; None for anything else."""
     return jax.random.key_impl(array) if _is_key(array) else None
 
 
@@ -54,12 +54,12 @@ def _is_key(array: Any) -> bool:
 
 
 def numbers(array: Any) -> Any:
-    """The numbers of which random keys consist; anything else as it is."""
+    """Returns the numbers of which random keys consist; anything else as it is."""
     return jax.random.key_data(array) if _is_key(array) else array
 
 
 def as_keys(arrays: Sequence[Any], implementations: Sequence[Any]) -> list[Any]:
-    """Random keys of such numbers, where there is one of how they make others."""
+    """Makes random keys of such numbers, where it is known how they make others."""
     return [
         array if implementation is None else jax.random.wrap_key_data(array, impl=implementation)
         for array, implementation in zip(arrays, implementations, strict=True)
@@ -67,7 +67,7 @@ def as_keys(arrays: Sequence[Any], implementations: Sequence[Any]) -> list[Any]:
 
 
 def are_numbers(leaves: Sequence[Any]) -> bool:
-    """Whether all leaves are numbers, arrays of numbers, or random keys."""
+    """Returns whether all leaves are numbers, arrays of numbers, or random keys."""
     return all(map(_is_numbers, leaves))
 
 
@@ -78,12 +78,12 @@ def _is_numbers(leaf: Any) -> bool:
 
 
 def some_traced(leaves: Sequence[Any]) -> bool:
-    """Whether any of the leaves is traced."""
+    """Returns whether any of the leaves is traced."""
     return any(_is_tracer[of] for of in set(map(type, leaves)))
 
 
 def kind(array: Any) -> Any:
-    """The properties of an argument that a program depends on, for a key within a process."""
+    """Returns the properties of an argument that a program depends on, for a key within a process."""
     if isinstance(array, np.ndarray):
         return array.shape, array.dtype
     return getattr(array, "aval", None) or type(array)

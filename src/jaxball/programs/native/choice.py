@@ -54,7 +54,7 @@ def compiler(name: str) -> Iterator[None]:
 
 
 def explicit_choice() -> Compiler | None:
-    """The compiler chosen by name, if any.
+    """Returns the compiler chosen by name, if any.
 
     **Raises:** ``ValueError`` if the environment variable does not name one.
     """
@@ -65,14 +65,14 @@ def explicit_choice() -> Compiler | None:
 
 
 def current_choice() -> Compiler:
-    """The compiler of the library's own programs: the one chosen, or the default."""
+    """Returns the compiler of the library's own programs: the one chosen, or the default."""
     return explicit_choice() or DEFAULT
 
 
 def _check_name(name: str, what: str) -> Compiler:
-    for known in get_args(Compiler):
-        if name == known:
-            return known
+    for choice in get_args(Compiler):
+        if name == choice:
+            return choice
     raise ValueError(f"{what} must be 'native' or 'xla', but it is {name!r}.")
 
 
@@ -84,29 +84,31 @@ def warn_if_chosen_by_name(refusal: Refusal, name: str) -> None:
 
 
 def is_allowed() -> bool:
-    """Whether programs are compiled natively at all."""
+    """Returns whether programs are compiled natively at all."""
     return machine.is_present() and on_one_cpu()
 
 
 def is_allowed_on_gpu() -> bool:
-    """Whether programs are compiled natively for NVIDIA's GPUs."""
+    """Returns whether programs are compiled natively for NVIDIA's GPUs."""
     if not machine.is_present() or _is_debugging():
         return False
     return gpu.why_not() is None
 
 
 def identity_on_gpu() -> list[str]:
-    """What, besides its text, determines the code of a program for a GPU."""
+    """Lists everything that, besides its text, determines the code of a program for a GPU."""
     return gpu.identity()
 
 
 def is_usable(leaves: Sequence[Any]) -> bool:
-    """Whether programs can be compiled natively for such arguments: on the one device of a CPU, and with numbers."""
+    """Returns whether programs can be compiled natively for such arguments: on the one device of a CPU, and with
+    numbers.
+    """
     return is_allowed() and not some_traced(leaves) and are_numbers(leaves)
 
 
 def on_one_cpu() -> bool:
-    """Whether programs run on the one device of a CPU, and without settings that are for debugging."""
+    """Returns whether programs run on the one device of a CPU, and without settings that are for debugging."""
     config: Any = jax.config
     if _is_debugging():
         return False
@@ -121,7 +123,7 @@ def _is_debugging() -> bool:
 
 
 def settings() -> Any:
-    """The settings of JAX that determine, within a process, which program is run."""
+    """Returns the settings of JAX that determine, within a process, which program is run."""
     config: Any = jax.config
     debugging = config.jax_debug_nans, config.jax_debug_infs, config.jax_disable_jit
     return trace_context(), config.jax_default_device, debugging

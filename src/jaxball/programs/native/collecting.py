@@ -13,7 +13,8 @@ _running, _usual = 0, SELDOM
 
 @contextlib.contextmanager
 def seldom_collected() -> Iterator[None]:
-    """Within this block Python searches less often. Around functions that trace or compile, also as a decorator.
+    """Makes Python search for garbage less often within this block. Used around functions that trace or compile, also
+    as a decorator.
 
     They make hundreds of thousands of objects, most of which live on. By Python's own thresholds these are looked
     through again and again, which takes an eighth to a fifth of the time. The thresholds are those of the process:

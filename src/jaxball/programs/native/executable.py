@@ -73,7 +73,7 @@ class Program:
             (offset, shape, dtype) for offset, (shape, dtype, _) in zip(form.offsets, form.gives, strict=True)
         ]
         self._size, self._workspace = form.size, form.workspace
-        self._as_jax = _AsJax([array_type(*given) for given in form.gives])
+        self._as_jax = _AsJax([array_type(*result) for result in form.gives])
 
     def __call__(self, arrays: Sequence[Any]) -> list[jax.Array]:
         arguments = self._as_taken(arrays)
@@ -164,7 +164,7 @@ def _address(array: np.ndarray | jax.Array) -> int:
 
 
 def _empty(shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
-    """Room for an array that JAX takes without a copy."""
+    """Makes room for an array that JAX takes without a copy."""
     size = int(np.prod(shape, dtype=int)) * dtype.itemsize
     memory = np.empty(size + ALIGNMENT, np.uint8)
     start = -_address(memory) % ALIGNMENT
@@ -181,7 +181,7 @@ class _Workspace:
 
 
 def _take_workspace(size: int) -> _Workspace:
-    """Memory to work in, which the thread keeps: a handler of signals may run another program meanwhile."""
+    """Returns memory to work in, which the thread keeps: a handler of signals may run another program meanwhile."""
     workspace = getattr(_spare, "workspace", None)
     _spare.workspace = None
     return _Workspace(size) if workspace is None or workspace.size < size else workspace

@@ -73,13 +73,15 @@ def compile_for_gpus(ptx: str) -> bytes:
 
 
 def identity() -> list[str]:
-    """What, besides its text, determines the code of a program: LLVM, this processor, the driver and the GPUs."""
+    """Lists everything that, besides its text, determines the code of a program: LLVM, this processor, the driver and
+    the GPUs.
+    """
     gpu = driver()
     return [*machine.identity(), machine.OLDEST_GPU, machine.VERSION_OF_PTX, str(gpu.version), repr(gpu.capabilities())]
 
 
 def why_not() -> str | None:
-    """Why programs cannot be compiled for a GPU here; None where they can."""
+    """Says why programs cannot be compiled for a GPU here; None where they can."""
     try:
         driver()
     except CudaError as error:

@@ -100,7 +100,7 @@ def read_functions(module: Any, takes: int, large: bool = True) -> dict[str, Blo
 
 
 def _loops_over_large_arrays(functions: Mapping[str, Block]) -> bool:
-    """Whether half or more of the operations within a program's loops produce arrays with a long axis.
+    """Returns whether half or more of the operations within a program's loops produce arrays with a long axis.
 
     This is the case when many runs are solved side by side. A program of 64 lanes took as long to compile natively as
     by XLA, 22 s, and ten times as long to run. Outside loops large arrays cost little: observables at 201 times at

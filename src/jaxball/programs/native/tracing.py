@@ -23,7 +23,7 @@ _asked: set[int] = set()  # the threads in which `is_traced_natively` was true s
 
 
 def is_traced_natively() -> bool:
-    """Whether what is being traced is to be compiled natively.
+    """Returns whether the function being traced is to be compiled natively.
 
     Then a map of long computations is best a ``jax.lax.map``, whose turns are computed side by side. XLA would compute
     one after the other, and is best given ``jax.vmap``.
@@ -76,7 +76,9 @@ class Lowered:
         return self._lower()
 
     def for_cpu(self) -> Any:
-        """The trace, lowered to StableHLO for a CPU, without calls of libraries that only other devices have."""
+        """Returns the trace, lowered to StableHLO for a CPU, without calls of libraries that only other
+        devices have.
+        """
         return self.lowered if jax.default_backend() == "cpu" else self._lower("cpu")
 
     def _lower(self, *platforms: str) -> Any:
@@ -86,7 +88,7 @@ class Lowered:
 
     @contextlib.contextmanager
     def as_traced(self) -> Iterator[None]:
-        """The context in which it is traced, in which JAX finds the trace again."""
+        """Enters the context in which it is traced, in which JAX finds the trace again."""
         with seldom_collected(), traces.natively(self._natively), self._context(), same_mesh():
             yield
 
@@ -96,7 +98,7 @@ class Lowered:
         return [type_of(aval) for aval in self.traced.jaxpr.out_avals]
 
     def natively(self, large: bool = True, quickly: bool = False, rows: Any = None) -> Program | Refusal:
-        """The program; a refusal if it contains something unsupported.
+        """Returns the program; a refusal if it contains something unsupported.
 
         - ``large``: whether it is compiled even if its loops are over large arrays, which XLA runs faster.
         - ``quickly``: whether LLVM optimises it less.
@@ -114,7 +116,7 @@ class Lowered:
             return Refusal(str(error))
 
     def for_gpu(self, large: bool) -> GridProgram | Refusal:
-        """The program of a GPU's threads, each of which computes a row; otherwise like :meth:`natively`.
+        """Returns the program of a GPU's threads, each of which computes a row; otherwise like :meth:`natively`.
 
         **Raises:** :class:`~.cuda.CudaError` where the driver cannot compile it.
         """
@@ -129,7 +131,7 @@ class Lowered:
             return Refusal(str(error))
 
     def as_text(self) -> str:
-        """The program as LLVM's IR.
+        """Returns the program as LLVM's IR.
 
         **Raises:** :class:`~.elements.UnsupportedError` if it contains something unsupported.
         """
@@ -138,11 +140,11 @@ class Lowered:
         return cpu_text(emit(read_functions(self.lowered.compiler_ir("stablehlo"), len(self.takes))))
 
     def by_xla(self) -> Callable[[list[Any]], list[Any]]:
-        """The program."""
+        """Returns the program."""
         return self.for_xla().lowered.compile()
 
     def for_xla(self) -> "Lowered":
-        """The same, traced for XLA; this one, where that does not matter."""
+        """Returns the same, traced for XLA; this one, where that does not matter."""
         # A function that asked who compiles it may have been traced differently for the other one.
         if self.traced and not self._depends:
             return self

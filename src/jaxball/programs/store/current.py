@@ -15,11 +15,13 @@ class Store(Protocol):
     """Keeps contents by keys. Contents that cannot be read or written are treated as missing, without an error."""
 
     def identity(self) -> str:
-        """A digest of the versions, flags and processor with which programs are compiled; not of JAX's settings."""
+        """Returns a digest of the versions, flags and processor with which programs are compiled; not of JAX's
+        settings.
+        """
         ...
 
     def read(self, key: str) -> bytes | None:
-        """The content that was written, if it is intact."""
+        """Returns the content that was written, if it is intact."""
         ...
 
     def write(self, key: str, content: bytes) -> None:
@@ -27,11 +29,13 @@ class Store(Protocol):
         ...
 
     def alone(self, key: str) -> contextlib.AbstractContextManager[bytes | None]:
-        """A block in which no other process compiles this program; yields what another has written meanwhile."""
+        """Ensures that no other process compiles this program within a block; yields the content that another has
+        written meanwhile.
+        """
         ...
 
     def early(self, key: str) -> Any:
-        """As :func:`~.executables.load_program`, if loading was started early; otherwise None."""
+        """Returns the same as :func:`~.executables.load_program`, if loading was started early; otherwise None."""
         ...
 
 

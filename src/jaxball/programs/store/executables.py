@@ -24,12 +24,14 @@ class Loaded(NamedTuple):
     pickled: bytes
 
     def result(self, reached: Sequence[Any] = ()) -> Any:
-        """The rest of the result, without its arrays; imports the modules of its classes. ``reached`` as it was."""
+        """Returns the rest of the result, without its arrays; imports the modules of its classes. ``reached`` must be
+        as it was when the program was written.
+        """
         return _Unpickler(self.pickled, reached).load()
 
 
 def content(program: Any, takes: int, gives: int, result: Any, reached: Sequence[Any] = ()) -> bytes | None:
-    """A program that ``takes`` and ``gives`` these numbers of arrays, as bytes; None where it calls Python.
+    """Returns a program that ``takes`` and ``gives`` these numbers of arrays, as bytes; None where it calls Python.
 
     ``program`` is one of the native compiler, of a CPU or a GPU, or an executable of JAX; ``reached`` are functions and
     classes that the result may contain, without a name.
@@ -50,12 +52,12 @@ def content(program: Any, takes: int, gives: int, result: Any, reached: Sequence
 
 
 def content_of_refusal(refusal: native.Refusal) -> bytes:
-    """The note that a program is not compiled natively, so that this is not tried again."""
+    """Returns the note that a program is not compiled natively, so that this is not tried again."""
     return REFUSAL + refusal.reason.encode()
 
 
 def load_program(content: bytes | None) -> Loaded | native.Refusal | None:
-    """The program, or the note that it is refused; None if there is none or it cannot be loaded.
+    """Returns the program, or the note that it is refused; None if there is none or it cannot be loaded.
 
     Several threads may do this at once.
     """
@@ -107,7 +109,7 @@ class _Pickler(pickle.Pickler):
 
     def __init__(self, file: io.BytesIO, reached: Sequence[Any]):
         super().__init__(file)
-        self._places = {id(one): place for place, one in enumerate(reached)}
+        self._places = {id(value): place for place, value in enumerate(reached)}
 
     def persistent_id(self, obj: Any) -> int | None:
         return self._places.get(id(obj))

@@ -55,7 +55,9 @@ class Folder:
         self.path, self.limit = path, limit
 
     def objection(self) -> str | None:
-        """Why nothing can be read here, as the end of a sentence that begins with the folder; None if it can."""
+        """Returns why nothing can be read here, as the end of a sentence that begins with the folder; None if
+        it can.
+        """
         try:
             status = self.path.stat()
         except FileNotFoundError:
@@ -70,7 +72,7 @@ class Folder:
         return "can be written by others" if _is_open(status) else None
 
     def read(self, key: str) -> bytes | None:
-        """The content written under the key, verified; None if it is missing."""
+        """Returns the verified content written under the key; None if it is missing."""
         path = self._path(key)
         if self.objection() is not None:
             return None
@@ -104,7 +106,7 @@ class Folder:
 
     @contextlib.contextmanager
     def alone(self, key: str) -> Iterator[None]:
-        """A block for this key that no other process enters, as long as none takes longer than a compilation."""
+        """Keeps other processes out of the block for this key, as long as none takes longer than a compilation."""
         if not self._make():
             yield
             return
@@ -112,11 +114,11 @@ class Folder:
             yield
 
     def entries(self) -> list[Entry]:
-        """The programs, the least recently used first."""
+        """Returns the programs, the least recently used first."""
         return sorted(self._files(_ENTRY), key=lambda entry: entry.used)
 
     def count(self, beginning: bytes) -> int:
-        """How many contents begin with these bytes."""
+        """Counts the contents that begin with these bytes."""
         start, count = len(MAGIC) + CHECKSUM.digest_size, 0
         for entry in self.entries():
             with contextlib.suppress(OSError), open(entry.path, "rb") as file:
@@ -178,7 +180,7 @@ def _head(key: str, content: bytes) -> bytes:
 
 
 def _private_content(path: Path) -> bytes | None:
-    """The content of a file; None where it is not a file of this user's own, which nobody else can write."""
+    """Returns the content of a file; None where it is not a file of this user's own, which nobody else can write."""
     # Checked on the open file, because the path may be replaced meanwhile.
     with open(os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)), "rb") as file:
         status = os.fstat(file.fileno())
@@ -195,7 +197,7 @@ def _is_open(status: os.stat_result) -> bool:
 
 
 def _obstacle(path: Path) -> str | None:
-    """Why a folder cannot be created, in the words of the operating system; None if it can."""
+    """Returns why a folder cannot be created, in the words of the operating system; None if it can."""
     existing = next(place for place in (path, *path.absolute().parents) if os.path.lexists(place))
     tried = existing / f".part-{os.getpid()}-{os.urandom(4).hex()}"
     try:

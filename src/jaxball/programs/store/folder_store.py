@@ -47,11 +47,11 @@ class FolderStore:
         return sources()
 
     def identity(self) -> str:
-        """The same as long as the store is in use."""
+        """Returns a digest that stays the same as long as the store is in use."""
         return identity(self._sources)
 
     def read(self, key: str) -> bytes | None:
-        """The content that was written, if it is intact."""
+        """Returns the content that was written, if it is intact."""
         content = self.folder.read(key)
         if content is not None:
             self._used[key] = None
@@ -65,7 +65,8 @@ class FolderStore:
 
     @contextlib.contextmanager
     def alone(self, key: str) -> Iterator[bytes | None]:
-        """A block in which no other process compiles this program; yields what another has written meanwhile.
+        """Keeps other processes from compiling this program within the block; yields what another has written
+        meanwhile.
 
         Content that exists but cannot be loaded is compiled by each process.
         """
@@ -76,7 +77,7 @@ class FolderStore:
             yield self.read(key)
 
     def early(self, key: str) -> Any:
-        """The program, if :meth:`begin` has started loading it."""
+        """Returns the program, if :meth:`begin` has started loading it."""
         future = self._early.pop(key, None)
         loaded = None if future is None else future.result()
         if loaded is not None:
@@ -106,7 +107,9 @@ class FolderStore:
 
 @functools.cache
 def identity(sources: str) -> str:
-    """A digest of all of these; ``sources`` is that of jaxball's own files."""
+    """Returns a digest of everything that determines a compiled program; ``sources`` is the digest of jaxball's own
+    files.
+    """
     parts = [
         sys.version,
         platform.platform(),
@@ -123,7 +126,7 @@ def identity(sources: str) -> str:
 
 
 def sources() -> str:
-    """A digest of jaxball's own files; a different one each time if they cannot be read."""
+    """Returns a digest of jaxball's own files; a different one each time if they cannot be read."""
     digest = hashlib.blake2b(digest_size=20)
     try:
         paths = sorted(OWN.rglob("*.py"))
@@ -137,7 +140,7 @@ def sources() -> str:
 
 
 def _dates(package: Path) -> Iterator[str]:
-    """The size and modification time of each file."""
+    """Lists the size and modification time of each Python file of a package."""
     yield str(package)
     for path in sorted(package.rglob("*.py")):
         with contextlib.suppress(OSError):
@@ -146,7 +149,7 @@ def _dates(package: Path) -> Iterator[str]:
 
 
 def _processor() -> list[str]:
-    """The model and the instructions of the processor; if they cannot be read, the name of the machine."""
+    """Returns the model and the instructions of the processor; if they cannot be read, the name of the machine."""
     try:
         text = Path("/proc/cpuinfo").read_text()
     except OSError:

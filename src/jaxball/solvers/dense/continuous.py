@@ -61,12 +61,14 @@ class ContinuousMethod(NamedTuple):
         y0: Float[Array, " n"],
         k: Float[Array, "s n"],
     ) -> Float[Array, "degree n"]:
-        """The polynomial of a step, by ``increment(t, y)``, h times the field; ``k`` are those at the stages."""
+        """Computes the polynomial of a step from ``increment(t, y)``, h times the field; ``k`` are the increments at
+        the stages.
+        """
         stages, dtype = k.shape[0], k.dtype
         nodes, rows = jnp.asarray(self.nodes, t0.dtype), jnp.asarray(self.rows, dtype)
 
-        def stage(K: Array, at: tuple[Array, Array, Array]) -> tuple[Array, None]:
-            place, node, row = at
+        def stage(K: Array, entry: tuple[Array, Array, Array]) -> tuple[Array, None]:
+            place, node, row = entry
             y = y0 + jnp.sum(row[:, None] * K, axis=0)
             return K.at[place].set(increment(jnp.minimum(t0 + node * (t1 - t0), t1), y)), None
 
@@ -75,7 +77,7 @@ class ContinuousMethod(NamedTuple):
         return combine(self.expansion, K)
 
     def straight(self, k: Float[Array, "s n"]) -> Float[Array, "degree n"]:
-        """The straight line from one end of a step to the other, for a step within which no state is needed."""
+        """Returns the straight line from one end of a step to the other, for a step within which no state is needed."""
         line = combine(self.expansion[:1, : k.shape[0]], k)
         return jnp.concatenate([line, jnp.zeros((self.expansion.shape[0] - 1, *line.shape[1:]), line.dtype)])
 
@@ -93,7 +95,7 @@ class DenseOutput(NamedTuple):
 
     @classmethod
     def of(cls, solver: Any) -> "DenseOutput":
-        """The dense output of a solver."""
+        """Returns the dense output of a solver."""
         if isinstance(solver, Projected):
             inner = cls.of(solver.solver)
             return inner._replace(interpolation=solver.projecting(inner.interpolation), weights=None)
@@ -106,7 +108,9 @@ class DenseOutput(NamedTuple):
     def info(
         self, info: Any, terms: Any, t0: Float[Array, ""], t1: Float[Array, ""], args: Any, asked: Bool[Array, ""]
     ) -> Any:
-        """The data of the interpolation of a step, from the solver's ``info``, accurate within it where ``asked``."""
+        """Returns the data of the interpolation of a step, from the solver's ``info``, accurate within it where
+        ``asked``.
+        """
         if self.method is None:
             return info
         method, y0, k = self.method, info["y0"], info["k"]
@@ -120,7 +124,8 @@ class DenseOutput(NamedTuple):
     def sketch(
         self, info: Any, own: diffrax.AbstractLocalInterpolation, times: Float[Array, " m"]
     ) -> Float[Array, "m n"]:
-        """The vectors at a few times within a step by the method's ``own`` interpolation, which costs no evaluation.
+        """Evaluates the vectors at a few times within a step by the method's ``own`` interpolation, which needs no
+        evaluation of the field.
 
         The sum over the stages is written out, because it is short in vectors, one of the times in each lane.
         """
@@ -136,7 +141,7 @@ class DenseOutput(NamedTuple):
         return vectors
 
     def room(self, infos: Any, steps: int) -> Any:
-        """Room for the interpolation data of ``steps`` steps, from that for the solver's ``infos``."""
+        """Makes room for the interpolation data of ``steps`` steps, from the room for the solver's ``infos``."""
         if self.method is None:
             return infos
         y0, degree = infos["y0"], len(self.method.expansion)
@@ -144,7 +149,7 @@ class DenseOutput(NamedTuple):
 
 
 def has_one_tableau(solver: diffrax.AbstractSolver) -> bool:
-    """Whether this is an explicit method whose last stage is the slope at the end."""
+    """Returns whether this is an explicit method whose last stage is the slope at the end."""
     tableau = getattr(solver, "tableau", None)  # a wrapped method may lack it
     if not isinstance(solver, diffrax.AbstractERK) or not isinstance(tableau, diffrax.ButcherTableau):
         return False
@@ -152,25 +157,27 @@ def has_one_tableau(solver: diffrax.AbstractSolver) -> bool:
 
 
 def continuous(solver: Any) -> ContinuousMethod | None:
-    """The continuous extension of a method; None if its own interpolation is as good, or if it is not explicit."""
+    """Returns the continuous extension of a method; None if its own interpolation is as good, or if it is not
+    explicit.
+    """
     if not has_one_tableau(solver):
         return None
     order = min(solver.order(diffrax.ODETerm(lambda t, y, args: y)), HIGHEST_DENSE)
-    own = ORDERS.get(solver.interpolation_cls, CUBIC)
-    if order <= own:
+    base_order = ORDERS.get(solver.interpolation_cls, CUBIC)
+    if order <= base_order:
         return None
-    method = _make_extension(solver.tableau, own, order)
-    if own == CUBIC:
+    method = _make_extension(solver.tableau, base_order, order)
+    if base_order == CUBIC:
         return method
-    nodes, degree = method.nodes[: _count(own)], MOST_POWERS - 1
+    nodes, degree = method.nodes[: _count(base_order)], MOST_POWERS - 1
     from_places = legendre.legvander(2 * nodes - 1, degree) @ np.linalg.inv(legendre.legvander(2 * PLACES - 1, degree))
-    method.rows[: _count(own), : solver.tableau.num_stages] = from_places @ _own_weights(solver, default_dtype())
+    method.rows[: _count(base_order), : solver.tableau.num_stages] = from_places @ _own_weights(solver, default_dtype())
     return method
 
 
-def _make_extension(tableau: diffrax.ButcherTableau, own: int, order: int) -> ContinuousMethod:
+def _make_extension(tableau: diffrax.ButcherTableau, base_order: int, order: int) -> ContinuousMethod:
     """Makes the extension, in rounds that each gain an order, starting from the cubic."""
-    stages, counts = tableau.num_stages, [_count(q) for q in range(own, order)]
+    stages, counts = tableau.num_stages, [_count(q) for q in range(base_order, order)]
     slopes = np.eye(stages + sum(counts))
     step = tableau.b_sol @ slopes[:stages]
     nodes, rows = np.zeros(0), np.zeros((0, len(slopes)))
@@ -185,26 +192,30 @@ def _make_extension(tableau: diffrax.ButcherTableau, own: int, order: int) -> Co
 
 
 def _count(order: int) -> int:
-    """The number of intermediate slopes needed for a polynomial of one order more."""
+    """Returns the number of intermediate slopes needed for a polynomial of one order more."""
     return order - 2
 
 
 def _through(places: np.ndarray, slopes: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """The coefficients in P̃ₖ of the slope of a polynomial, which is ``slopes`` at places; its integral is ``step``."""
+    """Computes the coefficients in P̃ₖ of the slope of a polynomial, which is ``slopes`` at places; its integral is
+    ``step``.
+    """
     conditions = legendre.legvander(2 * places - 1, len(places))
     whole = np.eye(1, len(places) + 1)  # ∫₀¹ P̃ₖ = 0 for k > 0
-    found = np.linalg.solve(np.concatenate([conditions, whole]), np.concatenate([slopes, step[None]]))
-    return np.concatenate([step[None], found[1:]])
+    coefficients = np.linalg.solve(np.concatenate([conditions, whole]), np.concatenate([slopes, step[None]]))
+    return np.concatenate([step[None], coefficients[1:]])
 
 
 def _nodes(count: int) -> np.ndarray:
-    """All inner Gauss–Lobatto nodes except one: to leading order the polynomial has the right slope at that one too."""
+    """Returns all inner Gauss–Lobatto nodes except one: to leading order the polynomial has the right slope at that one
+    too.
+    """
     inner = np.real(legendre.Legendre.basis(count + 2).deriv().roots())
     return np.delete(0.5 + 0.5 * np.sort(inner), count // 2)
 
 
 def _polynomial(powers: np.ndarray, x: Float[Array, " m"]) -> Float[Array, " m"]:
-    """The polynomial with these coefficients, the lowest first."""
+    """Evaluates the polynomial with these coefficients, the lowest first."""
     value = jnp.full_like(x, powers[-1])
     for coefficient in powers[-2::-1]:
         value = value * x + coefficient
@@ -219,11 +230,11 @@ def _own_weights(solver: Any, dtype: Any) -> np.ndarray:
     """
 
     def evaluate(t0: Array, t1: Array, y1: Array, k: Array, places: Array) -> Array:
-        own = solver.interpolation_cls(t0=t0, t1=t1, y0=jnp.zeros_like(y1), y1=y1, k=k)
-        return jax.vmap(own.evaluate)(places)
+        interpolation = solver.interpolation_cls(t0=t0, t1=t1, y0=jnp.zeros_like(y1), y1=y1, k=k)
+        return jax.vmap(interpolation.evaluate)(places)
 
-    ends, one = np.array([0, 1], dtype), np.eye(solver.tableau.num_stages, dtype=dtype)
-    numbers = *ends, solver.tableau.b_sol.astype(dtype), one, PLACES.astype(dtype)
+    ends, each_stage = np.array([0, 1], dtype), np.eye(solver.tableau.num_stages, dtype=dtype)
+    numbers = *ends, solver.tableau.b_sol.astype(dtype), each_stage, PLACES.astype(dtype)
     # A program that is compiled here gives numbers within a trace as well. By `jax.ensure_compile_time_eval` each
     # operation would be a program of its own: some twenty, and half a second.
     return np.asarray(jax.jit(evaluate).lower(*numbers).compile()(*numbers), np.float64)

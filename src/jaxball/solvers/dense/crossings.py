@@ -381,16 +381,16 @@ def scan(functions: Functions, span: Span, seen: Glance, kinds: Kinds, log: Log,
     def go_on(scan: _Scan, times: Array, samples: Array) -> _Scan:
         piece = _Piece.of(samples)
         # Zero throughout, to rounding, and without a finite value there is nothing to be found.
-        known = piece.clear | piece.monotone | jnp.all(jnp.abs(samples) <= noise[None], axis=0)
-        known |= ~jnp.any(jnp.isfinite(samples), axis=0)
+        simple = piece.clear | piece.monotone | jnp.all(jnp.abs(samples) <= noise[None], axis=0)
+        simple |= ~jnp.any(jnp.isfinite(samples), axis=0)
         # A series that is trusted has two zeros close to each other, or touches zero: smaller pieces tell.
         smallest = jnp.where(piece.decayed, 1, pieces.unit >> min(SMALLEST_LEVEL, pieces.unit.bit_length() - 1))
         halvings, width = scan.log.halvings, longest >> scan.log.halvings
-        passes = scan.enters | jnp.all(known | (width <= smallest))
+        passes = scan.enters | jnp.all(simple | (width <= smallest))
         # A jump at the start of the step comes before all pieces: the first time, only the start is passed.
         place = scan.place + jnp.where(scan.enters, 0, width)
         end = jnp.where(scan.enters, 0, -1)
-        log, search = _pass_piece(span, piece, (times[end], samples[end]), known | scan.enters, noise, kinds, scan.log)
+        log, search = _pass_piece(span, piece, (times[end], samples[end]), simple | scan.enters, noise, kinds, scan.log)
         # The next piece is twice as long, if one of that length begins here in the tree of halves.
         doubles = ~scan.enters & (halvings > 0) & (place & (2 * width - 1) == 0)
         passed = _Scan(place, jnp.asarray(False), log._replace(halvings=halvings - jnp.where(doubles, 1, 0)), search)
@@ -408,14 +408,14 @@ def _pass_piece(
     span: Span,
     piece: _Piece,
     end: tuple[Float[Array, ""], Float[Array, " k"]],
-    known: Bool[Array, " k"],
+    simple: Bool[Array, " k"],
     noise: Float[Array, " k"],
     kinds: Kinds,
     log: Log,
 ) -> tuple[Log, _Search]:
     """Notes the signs at the end of a piece in which each changes once at most, and begins the search for these zeros.
 
-    ``end``: the end of the piece with the values there; ``known``: whether the piece is certain to be so.
+    ``end``: the end of the piece with the values there; ``simple``: whether the piece is certain to be so.
     """
     old, (t, values) = log.signs, end
     # A function that has fallen to zero, to rounding, as the run ends has crossed it.
@@ -427,7 +427,7 @@ def _pass_piece(
     crosses = (old.sign * sign < 0) & ((directions == 0) | (directions == sign))
     steps = jnp.diff(piece.samples, axis=0)
     in_order = jnp.all(steps >= 0, axis=0) | jnp.all(steps <= 0, axis=0)
-    missed = ~known & ~in_order & jnp.all(jnp.isfinite(piece.samples), axis=0)
+    missed = ~simple & ~in_order & jnp.all(jnp.isfinite(piece.samples), axis=0)
     log = log._replace(
         signs=Signs(sign, jnp.where(certain, t, old.since)), unresolved=log.unresolved + jnp.where(missed, 1, 0)
     )

@@ -47,13 +47,13 @@ class _Windows(NamedTuple):
     high: Float[Array, " n"]
 
     def times(self, fractions: Float[Array, " m"]) -> Float[Array, "n m"]:
-        """The times at fractions, of which the last is the end."""
+        """Returns the times at fractions, of which the last is the end."""
         times = self.low[:, None] + fractions[None] * (self.high - self.low)[:, None]
         return times.at[:, -1].set(self.high)
 
 
 def maxima(steps: Steps, values: Values, k: int) -> Largest:
-    """When each of k functions is largest, as constants; :func:`move` has the derivatives of times.
+    """Finds when each of k functions is largest, as constants; :func:`move` has the derivatives of times.
 
     ``values(t, x)`` are these functions and then ẋ, because shared parts are computed once.
 
@@ -74,8 +74,8 @@ def maxima(steps: Steps, values: Values, k: int) -> Largest:
         here = select_tree(looking, whole, around)
 
         def evaluate(window: Int[Array, ""], t: Float[Array, ""]) -> tuple[Array, ...]:
-            own = jnp.minimum(window, k - 1)
-            tangent = best.vectors[own] + (t - best.time[own]) * best.rates[own]
+            index = jnp.minimum(window, k - 1)
+            tangent = best.vectors[index] + (t - best.time[index]) * best.rates[index]
             x = jnp.where(lines & (window < k), tangent, steps.state(here.step[window], t))
             return x, *jnp.split(values(t, x), [k])
 
@@ -84,14 +84,14 @@ def maxima(steps: Steps, values: Values, k: int) -> Largest:
             return samples, vectors[0], rates[0]
 
         samples, vectors, rates = map_rows(sample, jnp.arange(width), here.times(nodes))
-        found = _largest(steps, here, samples, vectors, rates)
-        least = jnp.where(looking, jnp.minimum(best.least, found.least), best.least)
-        better = ~looking | ~(found.size <= best.size)
-        found = jax.tree.map(lambda a, b: jnp.where(better.reshape(-1, *(1,) * (a.ndim - 1)), a, b), found, best)
-        found = found._replace(curvature=jnp.where(r == rounds + CURVATURE_ROUND, best.curvature, found.curvature))
-        found = found._replace(least=least)
+        peaks = _largest(steps, here, samples, vectors, rates)
+        least = jnp.where(looking, jnp.minimum(best.least, peaks.least), best.least)
+        better = ~looking | ~(peaks.size <= best.size)
+        peaks = jax.tree.map(lambda a, b: jnp.where(better.reshape(-1, *(1,) * (a.ndim - 1)), a, b), peaks, best)
+        peaks = peaks._replace(curvature=jnp.where(r == rounds + CURVATURE_ROUND, best.curvature, peaks.curvature))
+        peaks = peaks._replace(least=least)
         exact = best._replace(time=_stationary(steps, best, here, samples[:k]))
-        return select_tree(lines, exact, found)
+        return select_tree(lines, exact, peaks)
 
     zero = jnp.zeros(k, steps.start.dtype)
     nothing = Largest(
@@ -108,24 +108,24 @@ def maxima(steps: Steps, values: Values, k: int) -> Largest:
 
 
 def _whole(steps: Steps, r: Int[Array, ""], width: int) -> _Windows:
-    """The next steps, whole."""
+    """Returns windows that are the next steps, whole."""
     index = jnp.minimum(r * width + jnp.arange(width), jnp.maximum(steps.count - 1, 0))
     return _Windows(index, steps.start[index], steps.end[index])
 
 
 def _around(steps: Steps, best: Largest, share: Float[Array, ""], width: int) -> _Windows:
-    """Windows around the best points, and, in the adjacent step, at the nearer end of their steps."""
+    """Returns windows around the best points, and, in the adjacent step, at the nearer end of their steps."""
     start, end = steps.start[best.step], steps.end[best.step]
     half = share * (end - start)
     late = best.time - start > end - best.time
     other = jnp.clip(best.step + jnp.where(late, 1, -1), 0, jnp.maximum(steps.count - 1, 0))
     first, last = steps.start[other], steps.end[other]
     length = share * (last - first)
-    own = _Windows(best.step, jnp.maximum(best.time - half, start), jnp.minimum(best.time + half, end))
+    inner = _Windows(best.step, jnp.maximum(best.time - half, start), jnp.minimum(best.time + half, end))
     beyond = _Windows(other, jnp.where(late, first, last - length), jnp.where(late, first + length, last))
     # The padding has no effect.
     filled = width - 2 * best.time.size
-    return jax.tree.map(lambda a, b: jnp.concatenate([a, b, jnp.repeat(a[:1], filled)]), own, beyond)
+    return jax.tree.map(lambda a, b: jnp.concatenate([a, b, jnp.repeat(a[:1], filled)]), inner, beyond)
 
 
 def _largest(
@@ -135,13 +135,15 @@ def _largest(
     vectors: Float[Array, "n size"],
     rates: Float[Array, "n size"],
 ) -> Largest:
-    """Where the quartics through samples are largest in windows; where a sample is not finite, the largest of them."""
-    at, k = sampling(), samples.shape[2]
+    """Finds where the quartics through samples are largest in windows; where a sample is not finite, the largest sample
+    counts.
+    """
+    grid, k = sampling(), samples.shape[2]
     curves = jnp.transpose(samples, (2, 0, 1))
     finite = jnp.all(jnp.isfinite(curves), axis=-1, keepdims=True)
-    fine = at.polynomials(jnp.where(finite, curves, 0.0))
+    fine = grid.polynomials(jnp.where(finite, curves, 0.0))
     fine = jnp.where(finite, fine, jnp.max(curves, axis=-1, keepdims=True))
-    fractions = jnp.asarray(at.fractions, samples.dtype)
+    fractions = jnp.asarray(grid.fractions, samples.dtype)
     times = here.times(fractions)
     ends = (times == steps.start[here.step][:, None]) | (times == steps.end[here.step][:, None])
     ends &= (times != steps.start[0]) & (times != steps.end[jnp.maximum(steps.count - 1, 0)])
@@ -152,7 +154,7 @@ def _largest(
     place = jnp.min(jnp.where(sizes == size[:, None], places, places.size - 1), axis=1)
     window, p = place // fractions.size, place % fractions.size
     length = (here.high - here.low)[window]
-    slope, bend = at.rates(jnp.where(finite, curves, 0.0)[jnp.arange(k), window], fractions[p])
+    slope, bend = grid.rates(jnp.where(finite, curves, 0.0)[jnp.arange(k), window], fractions[p])
     # A Newton step to the zero of the slope, except at the ends.
     smooth = (p > 0) & (p < fractions.size - 1) & (bend < 0)
     change = jnp.clip(jnp.where(smooth, -slope / jnp.where(smooth, bend, 1.0), 0.0), -1 / FINENESS, 1 / FINENESS)
@@ -169,7 +171,7 @@ def _largest(
 
 
 def _stationary(steps: Steps, best: Largest, here: _Windows, samples: Float[Array, "k nodes k"]) -> Float[Array, " k"]:
-    """The best times after a Newton step, with the slopes of samples along tangents of the motion."""
+    """Returns the best times after a Newton step, with the slopes of samples along tangents of the motion."""
     k = best.time.size
     low, length = here.low[:k], (here.high - here.low)[:k]
     smooth = (best.curvature < 0) & (length > 0)
@@ -189,12 +191,12 @@ def move(
     step, where a function may be largest because it jumps at one of ``kinks`` or because the run ends, times move with
     the kink or the end.
     """
-    taken = steps.taken[i]
-    step, (start, end), kinks = differentiate_where(taken, (steps.step(i), steps.ends(i), kinks))
+    valid = steps.taken[i]
+    step, (start, end), kinks = differentiate_where(valid, (steps.step(i), steps.ends(i), kinks))
     near = 16 * jnp.finfo(t.dtype).eps * jnp.maximum(jnp.abs(t), 1.0)
 
     def change(of: Array) -> Array:
-        """Zero, with the derivative of ``of``."""
+        """Returns zero, with the derivative of ``of``."""
         return of - jax.lax.stop_gradient(of)
 
     at_kink = jnp.abs(jax.lax.stop_gradient(kinks) - t) <= near

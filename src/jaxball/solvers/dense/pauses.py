@@ -26,7 +26,7 @@ class Pause(NamedTuple):
 
     @classmethod
     def empty(cls, like: Float[Array, " size"], steps: int) -> "Pause":
-        """Room for the pauses before ``steps`` steps."""
+        """Makes room for the pauses before ``steps`` steps."""
         vectors = jnp.zeros((steps, *like.shape), like.dtype)
         return cls(vectors, vectors, jnp.full(steps, -jnp.inf, like.dtype))
 

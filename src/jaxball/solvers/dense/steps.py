@@ -37,7 +37,7 @@ class Steps(eqx.Module):
 
     @classmethod
     def of(cls, solution: Any, until: Float[Array, ""], room: int | None = None) -> "Steps":
-        """The steps of a solution with dense output, or the first ``room`` of them, cut off at ``until``."""
+        """Returns the steps of a solution with dense output, or the first ``room`` of them, cut off at ``until``."""
         dense = solution.interpolation
         room = int(dense.ts.size) - 1 if room is None else room
         times = dense.ts[: room + 1]
@@ -68,17 +68,17 @@ class Steps(eqx.Module):
         return None
 
     def ends(self, index: Int[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
-        """The start and the end of a step, with derivatives."""
+        """Returns the start and the end of a step, with derivatives."""
         start, end = self.times[index], self.times[index + 1]
         return start, jnp.where(end < self.until, end, self.until)
 
     def step(self, index: Int[Array, ""]) -> diffrax.AbstractLocalInterpolation:
-        """The dense output of one step."""
+        """Returns the dense output of one step."""
         info = jax.tree.map(lambda leaf: leaf[index], self.infos)
         return self.interpolation(t0=self.times[index], t1=self.times[index + 1], **info)
 
     def state(self, index: Int[Array, ""], t: Float[Array, ""]) -> Float[Array, " size"]:
-        """The vector of the state at a time within a step."""
+        """Returns the vector of the state at a time within a step."""
         return self.step(index).evaluate(t)
 
     @property
@@ -87,7 +87,7 @@ class Steps(eqx.Module):
         return self.start[0], self.state(jnp.asarray(0), self.start[0])
 
     def states(self, index: Int[Array, " n"], times: Float[Array, "n m"]) -> Float[Array, "n m size"]:
-        """The vectors of the state at m times in each of n steps."""
+        """Returns the vectors of the state at m times in each of n steps."""
         return jax.vmap(lambda i, times: jax.vmap(self.step(i).evaluate)(times))(index, times)
 
 
@@ -104,11 +104,11 @@ class Sampling(NamedTuple):
     powers: np.ndarray
 
     def polynomials(self, samples: Float[Array, "*steps nodes"]) -> Float[Array, "*steps fractions"]:
-        """The values of the polynomials at the fractions; exact at the nodes."""
+        """Computes the values of the polynomials at the fractions; exact at the nodes."""
         return jnp.einsum("...n,fn->...f", samples, jnp.asarray(self.matrix, samples.dtype))
 
     def value(self, samples: Float[Array, "*steps nodes"], fraction: Float[Array, "*steps"]) -> Float[Array, "*steps"]:
-        """The polynomials at any fraction."""
+        """Evaluates the polynomials at any fraction."""
         a0, a1, a2, a3, a4 = jnp.einsum("...n,mn->m...", samples, jnp.asarray(self.powers, samples.dtype))
         u = fraction
         return a0 + u * (a1 + u * (a2 + u * (a3 + u * a4)))
@@ -116,7 +116,7 @@ class Sampling(NamedTuple):
     def rates(
         self, samples: Float[Array, "*steps nodes"], fraction: Float[Array, "*steps"]
     ) -> tuple[Float[Array, "*steps"], Float[Array, "*steps"]]:
-        """The first and the second derivative of the polynomials at any fraction."""
+        """Computes the first and the second derivative of the polynomials at any fraction."""
         _, a1, a2, a3, a4 = jnp.einsum("...n,mn->m...", samples, jnp.asarray(self.powers, samples.dtype))
         u = fraction
         return a1 + u * (2 * a2 + u * (3 * a3 + u * 4 * a4)), 2 * a2 + u * (6 * a3 + u * 12 * a4)
@@ -124,14 +124,14 @@ class Sampling(NamedTuple):
     def times(
         self, t0: Float[Array, "*steps"], t1: Float[Array, "*steps"], fractions: np.ndarray
     ) -> Float[Array, "*steps fractions"]:
-        """The times at some fractions of steps."""
+        """Returns the times at some fractions of steps."""
         parts = jnp.asarray(fractions, t0.dtype).reshape((1,) * t0.ndim + (-1,))
         return t0[..., None] + (t1 - t0)[..., None] * parts
 
 
 @cache
 def sampling() -> Sampling:
-    """The nodes of Gauss–Lobatto, the zeros of (1 − x²) P′, and 32 equal parts of a step."""
+    """Returns the nodes of Gauss–Lobatto, the zeros of (1 − x²) P′, and 32 equal parts of a step."""
     inner = np.real(np.polynomial.legendre.Legendre.basis(LOBATTO_NODES - 1).deriv().roots())
     nodes = np.concatenate([[0.0], 0.5 + 0.5 * inner, [1.0]])
     fractions = np.union1d(nodes, np.linspace(0.0, 1.0, FINENESS + 1))
@@ -141,14 +141,16 @@ def sampling() -> Sampling:
 
 @cache
 def lobatto_weights() -> np.ndarray:
-    """The weights of the nodes that integrate every polynomial of degree 4 exactly, and by symmetry of degree 7."""
+    """Computes the weights of the nodes that integrate every polynomial of degree 4 exactly, and by symmetry of degree
+    7.
+    """
     nodes = sampling().nodes
     powers = np.arange(nodes.size)
     return np.linalg.solve(nodes[None, :] ** powers[:, None], 1 / (powers + 1))
 
 
 def last_within(start: Float[Array, "*steps"], end: Float[Array, "*steps"]) -> Float[Array, "*steps"]:
-    """The last time of a step: a little before its end, so that a kink there is seen from before."""
+    """Returns the last time of a step: a little before its end, so that a kink there is seen from before."""
     return jnp.maximum(start, end - 4 * float(np.finfo(end.dtype).eps) * jnp.abs(end))
 
 
@@ -158,12 +160,12 @@ def place_of_largest(
     last: Float[Array, ""],
     rounds: int,
 ) -> Float[Array, ""]:
-    """Where a function of time is largest between ``first`` and ``last``, by quartics in ever narrower windows.
+    """Finds where a function of time is largest between ``first`` and ``last``, by quartics in ever narrower windows.
 
     Where a value in a window is not finite, the time before stays, which at first is ``first``.
     """
-    at = sampling()
-    nodes, fractions, matrix = (jnp.asarray(x, first.dtype) for x in (at.nodes, at.fractions, at.matrix))
+    grid = sampling()
+    nodes, fractions, matrix = (jnp.asarray(x, first.dtype) for x in (grid.nodes, grid.fractions, grid.matrix))
 
     def narrower(_, carry):
         t, half = carry

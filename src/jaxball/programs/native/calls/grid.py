@@ -50,7 +50,7 @@ def emulation(takes: Sequence[Part], gives: Sequence[Part], workspace: int) -> s
 
 
 def _compute_rows(takes: Sequence[Part], gives: Sequence[Part], workspace: int) -> Iterator[str]:
-    """The rows of thread ``%thread`` of ``%threads``."""
+    """Writes the computation of the rows of thread ``%thread`` of ``%threads``."""
     if uses_array(workspace):
         yield f"  %memory.place = getelementptr i8, ptr %shared, i64 {MEMORY}"
         yield "  %memory = load ptr, ptr %memory.place"
@@ -81,7 +81,7 @@ def _compute_rows(takes: Sequence[Part], gives: Sequence[Part], workspace: int) 
 
 
 def uses_array(workspace: int) -> bool:
-    """Whether threads work in an array of XLA's."""
+    """Returns whether threads work in an array of XLA's."""
     return workspace > MOST_LOCAL
 
 

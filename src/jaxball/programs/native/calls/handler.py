@@ -23,7 +23,9 @@ def handler(takes: Sequence[Part], gives: Sequence[Part], block: int) -> str:
 
 
 def _body_of_call(takes: Sequence[Part], gives: Sequence[Part], block: int) -> Iterator[str]:
-    """A call by XLA: what the handler is, or the blocks of the arrays that the frame names."""
+    """Writes the body of a call by XLA: it answers what the handler is, or computes the blocks of the arrays that the
+    frame names.
+    """
     parts = [*takes, *gives]
     yield from _ANSWER
     yield "  %one = alloca i64, align 8"

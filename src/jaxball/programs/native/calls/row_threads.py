@@ -33,7 +33,7 @@ def rows_in_threads(takes: Sequence[Part], gives: Sequence[Part], block: int, wo
 
 
 def _body_of_block(takes: Sequence[Part], gives: Sequence[Part], block: int, padded: int) -> Iterator[str]:
-    """Block number ``k``: where its rows lie, padded where there are fewer, and the program."""
+    """Writes block number ``k``: where its rows lie, padded where there are fewer, and the program."""
     parts = [*takes, *gives]
     yield f"  %first = mul i64 %k, {block}"
     yield from write_places(takes, gives, "%first")

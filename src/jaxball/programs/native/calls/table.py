@@ -41,7 +41,7 @@ def part_of(value: Value, in_rows: bool) -> Part:
 
 
 def bytes_of_table(parts: Sequence[Part]) -> int:
-    """How long the table is."""
+    """Returns the length of the table in bytes."""
     return PARTS + 16 * len(parts)
 
 

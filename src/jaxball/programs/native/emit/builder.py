@@ -41,7 +41,7 @@ class Builder(Instructions):
     # Numbers
 
     def convert(self, operation: str, source: np.dtype, target: np.dtype, x: Element) -> Name:
-        """An instruction that makes a number of another type."""
+        """Writes an instruction that converts a number to another type."""
         name = self.cast(operation, source, target, x)
         bounds = self.range_of(x) if source.kind == "i" == target.kind else None
         if bounds and np.iinfo(target).min <= bounds[0] and bounds[1] <= np.iinfo(target).max:
@@ -56,13 +56,13 @@ class Builder(Instructions):
             self._ranges[name] = bounds
 
     def range_of(self, x: Element) -> tuple[int, int] | None:
-        """The bounds of an integer, if known."""
+        """Returns the bounds of an integer, if known."""
         if isinstance(x, str):
             return self._ranges.get(x)
         return (int(x), int(x)) if isinstance(x, np.signedinteger | int) else None
 
     def binary(self, operation: str, dtype: np.dtype, x: Element, y: Element) -> Element:
-        """add, sub, mul and div of any type (integers' div apart); and, or, xor of integers and booleans."""
+        """Computes add, sub, mul and div of any type (integers' div apart); and, or, xor of integers and booleans."""
         # NumPy rounds as the processor does.
         if is_known(x) and is_known(y) and operation in FOLDED:
             with np.errstate(all="ignore"):
@@ -82,11 +82,11 @@ class Builder(Instructions):
         return self.apply(operation, dtype, x, y)
 
     def negative(self, dtype: np.dtype, x: Element) -> Element:
-        """−x of a float."""
+        """Computes −x of a float."""
         return -x if is_known(x) else self.apply("fneg", dtype, x)
 
     def _fuse(self, operation: str, dtype: np.dtype, x: Element, y: Element) -> Name | None:
-        """A sum or a difference with a product as one term, rounded once; None without such a term.
+        """Writes a sum or a difference with a product as one term, rounded once; returns None without such a term.
 
         LLVM may fuse them as well, but only when it optimises, and as what surrounds them suggests: written here, they
         give the same bits however a program is compiled.
@@ -105,7 +105,9 @@ class Builder(Instructions):
         return None
 
     def compare(self, predicate: str, dtype: np.dtype, x: Element, y: Element) -> Element:
-        """``predicate`` is LLVM's: ``olt``, ``une`` of floats, ``slt``, ``ult``, ``eq`` of integers."""
+        """Compares two numbers by LLVM's ``predicate``: ``olt``, ``une`` of floats, ``slt``, ``ult``, ``eq`` of
+        integers.
+        """
         kind = "fcmp" if dtype.kind == "f" else "icmp"
         if is_known(x) and is_known(y) and predicate in COMPARED:
             return np.bool_(COMPARED[predicate](x, y))
@@ -118,7 +120,7 @@ class Builder(Instructions):
         return self.apply(f"{kind} {predicate}", dtype, x, y)
 
     def select(self, dtype: np.dtype, condition: Element, x: Element, y: Element) -> Element:
-        """x where the condition holds, else y; no complex numbers."""
+        """Returns x where the condition holds, else y; no complex numbers."""
         if is_known(condition):
             return x if condition else y
         # By its text, because equal numbers of floats include 0 and −0.
@@ -138,7 +140,8 @@ class Builder(Instructions):
         flags: str = "",
         attributes: str = "memory(none)",
     ) -> Name:
-        """A function of LLVM's or of C's library of numbers of one type, which gives one of that or of type ``to``.
+        """Calls a function of LLVM's or of C's library with numbers of one type, which gives one of that or of type
+        ``to``.
 
         It is written once for equal operands. LLVM's take vectors as well, C's are called for one lane after another.
         ``flags``: one more operand of an intrinsic.
@@ -175,13 +178,13 @@ class Builder(Instructions):
         return i if factor == 1 else self.apply("mul nsw", INDEX, i, factor)
 
     def within(self, i: Index, low: Index, high: Index) -> Element:
-        """Whether low ≤ i < high."""
+        """Returns whether low ≤ i < high."""
         if all(isinstance(number, int) for number in (i, low, high)):
             return np.bool_(low <= i < high)  # type: ignore[operator]
         return self.apply("and", BOOL, self.apply("icmp sge", INDEX, i, low), self.apply("icmp slt", INDEX, i, high))
 
     def clamp(self, i: Index, high: int) -> Index:
-        """The index in [0, high] that is next to i."""
+        """Returns the index in [0, high] that is next to i."""
         if isinstance(i, int):
             return min(max(i, 0), high)
         if high == 0:
@@ -194,7 +197,7 @@ class Builder(Instructions):
         return self.select(INDEX, self.apply("icmp sgt", INDEX, i, high), high, i)
 
     def as_index(self, element: Element, dtype: np.dtype) -> Index:
-        """An integer as an index."""
+        """Returns an integer as an index."""
         if is_known(element):
             return int(element)
         if dtype.itemsize == 8:
@@ -204,11 +207,11 @@ class Builder(Instructions):
     # Memory
 
     def address(self, base: Name, offset: Index) -> Name:
-        """An address ``offset`` bytes behind another."""
+        """Returns an address ``offset`` bytes behind another."""
         return base if offset == 0 else self.pure(f"getelementptr i8, ptr {base}, i64 {self.operand(INDEX, offset)}")
 
     def allocate(self, size: int) -> Name:
-        """Memory of ``size`` bytes, which belongs to the function while it runs."""
+        """Allocates memory of ``size`` bytes, which belongs to the function while it runs."""
         name = self._new_name()
         if size <= self.module.target.most_on_stack:
             self._allocated.append(f"{name} = alloca [{size} x i8], align {ALIGNMENT}")
@@ -229,12 +232,12 @@ class Builder(Instructions):
     # Scopes, branches and loops
 
     def scope(self) -> contextlib.AbstractContextManager[None]:
-        """Values computed in this Python block are unknown after it, because it may not have been executed."""
+        """Makes values computed in this Python block unknown after it, because it may not have been executed."""
         return self._scopes.scope()
 
     @contextlib.contextmanager
     def write_loop(self) -> Iterator[None]:
-        """The instructions written in this Python block are a loop, preceded by its invariants."""
+        """Makes the instructions written in this Python block a loop, preceded by its invariants."""
         with self._scopes.write_loop(self.reserve()) as loop:
             yield
         self.fill(loop.place, "\n".join(loop.before))
@@ -245,7 +248,7 @@ class Builder(Instructions):
 
     @contextlib.contextmanager
     def loop(self, start: Index, end: Index, *carried: tuple[np.dtype, Element]) -> Iterator["Turn"]:
-        """A loop over indices from start to before end, at least one of them.
+        """Writes a loop over indices from start to before end, at least one of them.
 
         ``carried``: numbers with which it begins; the block of Python sets ``following`` of the turn, with which the
         next one begins, and which are the loop's results after it.
@@ -276,7 +279,7 @@ class Builder(Instructions):
         self.begin(after)
 
     def like(self, dtype: np.dtype, x: Element, name: Name) -> Element:
-        """The element, as a vector where the name stands for one.
+        """Returns the element, as a vector where the name stands for one.
 
         **Raises:** ``UnsupportedError`` for a vector where the name stands for a single number.
         """
@@ -288,7 +291,9 @@ class Builder(Instructions):
 
     @contextlib.contextmanager
     def where(self, condition: Element) -> Iterator[None]:
-        """The instructions written in this Python block are executed where the condition holds; in lanes, by masks."""
+        """Makes the instructions written in this Python block be executed where the condition holds; in lanes, by
+        masks.
+        """
         if is_known(condition) and condition:
             yield
             return
@@ -308,7 +313,7 @@ class Builder(Instructions):
 
     @contextlib.contextmanager
     def mask_writes(self, condition: Vector) -> Iterator[Vector]:
-        """The instructions written in this Python block change older memory only in the lanes of the condition.
+        """Makes the instructions written in this Python block change older memory only in the lanes of the condition.
 
         Yields the lanes: those of the condition within those of the block around this one.
         """

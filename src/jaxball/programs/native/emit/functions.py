@@ -61,12 +61,12 @@ class Signature:
         self.type = f"{{ {', '.join(kinds)} }}" if kinds else "void"
 
     def types_of_results(self) -> list[tuple[np.dtype, bool]]:
-        """The types of the numbers that are returned, and whether they are vectors."""
+        """Returns the types of the numbers that are returned, and whether they are vectors."""
         return [kind for form in self.results for kind in form.kinds]
 
 
 def compile_function(caller: Function, name: str, varying: Sequence[bool]) -> Signature:
-    """A function of the program as an LLVM function, written when it is first needed."""
+    """Compiles a function of the program to an LLVM function, written when it is first needed."""
     compiler = caller.compiler
     block = compiler.functions[name]
     signature = Signature(caller, name, block, varying)
@@ -117,7 +117,7 @@ def compile_function(caller: Function, name: str, varying: Sequence[bool]) -> Si
 
 
 def call_function(function: Function, name: str, block: Block, operands: Sequence[Array]) -> list[Array]:
-    """The results of a call."""
+    """Writes a call of a function, and returns its results."""
     signature = compile_function(function, name, [array.varying for array in operands])
     b, storage = function.builder, function.storage
     operand_texts = ["ptr %control", "ptr %workspace"]

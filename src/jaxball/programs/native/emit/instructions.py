@@ -45,7 +45,7 @@ class Instructions:
         self._lanes: dict[Name, tuple[str, set[int]]] = {}
 
     def function(self, head: str) -> str:
-        """The function's text. ``head``: its result, name and parameters."""
+        """Returns the function's text. ``head``: its result, name and parameters."""
         lines = [*self._allocated, *self._lines]
         return "\n".join([f"define {head} {{", "entry:", *self._take_lanes(lines), "}"])
 
@@ -55,30 +55,32 @@ class Instructions:
         return len(self._lines)
 
     def write(self, line: str) -> None:
-        """An instruction without a result."""
+        """Writes an instruction without a result."""
         self._lines.append(line)
         self.cost += 1
         self.module.count_line()
 
     def effect(self, instruction: str, wide: int = 0) -> Name:
-        """An instruction with an effect besides its result: a memory read, a call. ``wide``: its lanes, of a vector."""
+        """Writes an instruction with an effect besides its result: a memory read, a call. ``wide``: its lanes, of a
+        vector.
+        """
         name = self.fresh(wide)
         self.write(f"{name} = {instruction}")
         return name
 
     def load(self, kind: str, address: Name, wide: int = 0) -> Name:
-        """A number, or a vector, in memory."""
+        """Loads a number, or a vector, from memory."""
         # Not found again by its text: the same address may hold another number by then.
         name = self.effect(f"load {kind}, ptr {address}", wide)
         self._loaded.add(name)
         return name
 
     def is_loaded(self, element: Element) -> bool:
-        """Whether a number was read from memory and nothing was computed of it yet."""
+        """Returns whether a number was read from memory and nothing was computed from it yet."""
         return element in self._loaded
 
     def pure(self, instruction: str, wide: int = 0) -> Name:
-        """A pure instruction, which cannot fail. ``wide``: its lanes, of a vector."""
+        """Writes a pure instruction, which cannot fail. ``wide``: its lanes, of a vector."""
         scopes = self._scopes
         # A name is given once, so equal texts are equal numbers.
         name = scopes.find(instruction)
@@ -106,7 +108,7 @@ class Instructions:
     # Lanes
 
     def operand(self, dtype: np.dtype, x: Element, wide: int = 0) -> str:
-        """An element as an operand; ``wide``: as a vector, in which all lanes are the same if x is not a vector.
+        """Writes an element as an operand; ``wide``: as a vector, in which all lanes are the same if x is not a vector.
 
         Every element that an instruction reads is written by this method, which notes the lanes among them.
         """
@@ -121,7 +123,7 @@ class Instructions:
         return f"splat ({llvm_type(dtype)} {write_element(x)})" if is_known(x) else self.spread(dtype, x, wide)
 
     def spread(self, dtype: np.dtype, x: Element, width: int = LANES) -> Element:
-        """A vector in which all lanes have the same number, or the vector that x is already."""
+        """Returns a vector in which all lanes have the same number, or the vector that x is already."""
         if isinstance(x, Vector):
             return x
         kind = vector_type(dtype, width)
@@ -133,11 +135,11 @@ class Instructions:
         return self.pure(f"shufflevector {kind} {first}, {kind} poison, <{width} x i32> zeroinitializer", width)
 
     def lane(self, dtype: np.dtype, x: Element, lane: int) -> Element:
-        """The number of one lane."""
+        """Returns the number of one lane."""
         return self.pure(f"extractelement {vector_type(dtype, x.width)} {x}, i64 {lane}") if in_lanes(x) else x
 
     def lanes_of(self, dtype: np.dtype, x: Element, count: int) -> list[Element]:
-        """The numbers of the first lanes. Nothing is written for those that no instruction reads."""
+        """Returns the numbers of the first lanes. Nothing is written for those that no instruction reads."""
         if not isinstance(x, Vector):
             return [x] * count
         # Known numbers are folded further where they are read one by one.
@@ -164,14 +166,14 @@ class Instructions:
             if vector not in self._lanes:
                 continue
             kind, read = self._lanes[vector]
-            taken = [f"{vector}.{lane} = extractelement {kind} {vector}, i64 {lane}" for lane in sorted(read)]
+            extractions = [f"{vector}.{lane} = extractelement {kind} {vector}, i64 {lane}" for lane in sorted(read)]
             if is_phi:
-                waiting += taken
+                waiting += extractions
             else:
-                yield from taken
+                yield from extractions
 
     def shuffle(self, dtype: np.dtype, x: Vector, y: Vector | None, lanes: Sequence[int]) -> Vector:
-        """A vector of lanes of one vector, or of two, of which those of the second are numbered from its width on."""
+        """Makes a vector of lanes of one vector, or of two; the lanes of the second are numbered from its width on."""
         kind, places = vector_type(dtype, x.width), ", ".join(f"i32 {lane}" for lane in lanes)
         other = f"{kind} {'poison' if y is None else y}"
         return Vector(
@@ -179,7 +181,7 @@ class Instructions:
         )
 
     def gather(self, dtype: np.dtype, numbers: Sequence[Element], width: int = LANES) -> Vector:
-        """A vector of the numbers of the lanes."""
+        """Makes a vector of the numbers of the lanes."""
         vector: Name = "poison"
         for lane, number in enumerate(numbers):
             item = f"{llvm_type(dtype)} {self.operand(dtype, number)}"
@@ -187,11 +189,11 @@ class Instructions:
         return Vector(vector, width)
 
     def is_same_in_every_turn(self, element: Element) -> bool:
-        """Whether a number is computed before the innermost loop that is being written."""
+        """Returns whether a number is computed before the innermost loop that is being written."""
         return is_known(element) or not self._scopes.is_of_this_turn(element)
 
     def any_lane(self, condition: Element) -> Element:
-        """Whether a condition holds in any of the lanes."""
+        """Returns whether a condition holds in any of the lanes."""
         if not isinstance(condition, Vector):
             return condition
         name, kind = f"@llvm.vector.reduce.or.v{condition.width}i1", vector_type(BOOL, condition.width)
@@ -199,20 +201,20 @@ class Instructions:
         return self.pure(f"call i1 {name}({kind} {condition})")
 
     def apply(self, operation: str, dtype: np.dtype, *operands: Element) -> Name:
-        """An instruction on numbers of one type, on vectors where one of them is one."""
+        """Applies an instruction to numbers of one type, to vectors where one of them is one."""
         wide = width_of(*operands)
         kind = vector_type(dtype, wide)
         numbers = ", ".join([self.operand(dtype, x, wide) for x in operands])
         return self.pure(f"{operation} {kind} {numbers}", wide)
 
     def cast(self, operation: str, source: np.dtype, target: np.dtype, x: Element) -> Name:
-        """An instruction that makes a number of another type."""
+        """Writes an instruction that converts a number to another type."""
         wide = width_of(x)
         old, new = (vector_type(kind, wide) for kind in (source, target))
         return self.pure(f"{operation} {old} {self.operand(source, x)} to {new}", wide)
 
     def choose(self, dtype: np.dtype, condition: Name, x: Element, y: Element) -> Name:
-        """x where a condition holds that is not known, else y."""
+        """Returns x where a condition that is not known holds, else y."""
         wide = width_of(condition, x, y)
         kind = vector_type(dtype, wide)
         choice = f"{vector_type(BOOL, width_of(condition))} {self.operand(BOOL, condition)}"
@@ -222,7 +224,7 @@ class Instructions:
     def intrinsic(
         self, function: str, dtype: np.dtype, *operands: Element, to: np.dtype | None = None, flags: str = ""
     ) -> Name:
-        """A function of LLVM's; ``to``: the type of its result, if another; ``flags``: one more operand."""
+        """Calls a function of LLVM's; ``to``: the type of its result, if another; ``flags``: one more operand."""
         result, wide = to or dtype, width_of(*operands)
         operand_type, result_type = (vector_type(kind, wide) for kind in (dtype, result))
         types = (dtype,) if to is None else (result, dtype)
@@ -246,7 +248,7 @@ class Instructions:
         self.write(f"br i1 {self.operand(BOOL, condition)}, label %{yes}, label %{no}")
 
     def reserve(self) -> int:
-        """A place for a line that is written later, by :meth:`fill`."""
+        """Reserves a place for a line that is written later, by :meth:`fill`."""
         self._lines.append("")
         return len(self._lines) - 1
 
@@ -261,8 +263,8 @@ class Instructions:
         self.fill(place, f"{name} = phi {kind} {ways}")
 
     def phi(self, dtype: np.dtype, cases: Sequence[tuple[Element, str]]) -> Element:
-        """The number that the block before this one gives; a vector where one of them is, and then so must all be that
-        are not known.
+        """Returns the number that the block before this one gives; a vector where one of them is one, and then all that
+        are not known must be vectors.
         """
         texts = [write_element(element) for element, _ in cases]
         if len(set(texts)) == 1 and all(is_known(element) for element, _ in cases):

@@ -40,7 +40,7 @@ class Compiler:
             raise UnsupportedError("A callback of Python")
 
     def _always_executed(self, block: Block) -> Iterator[Operation]:
-        """The operations of a block that no branch decides about."""
+        """Yields the operations of a block that no branch decides about."""
         for operation in block.operations:
             yield operation
             inner = operation.regions if operation.name == "stablehlo.while" else []
@@ -78,11 +78,11 @@ class Compiler:
                     self.indexed.add(value)
 
     def stays_function(self, name: str) -> bool:
-        """Whether a function is not written where it is called."""
+        """Returns whether a function is not written where it is called."""
         return self._calls[name] > 1 and self._sizes[name] > MOST_INLINED
 
     def in_registers(self, value: Value, most: int = 0) -> bool:
-        """Whether a value that is handed on, to a function or to a loop's next turn, is in registers."""
+        """Returns whether a value that is handed on, to a function or to a loop's next turn, is in registers."""
         # A register has no place that a number could index: such an array would be written to memory at each handing
         # on.
         return (is_small(value.shape) or value.size <= most) and value not in self.indexed
@@ -159,7 +159,8 @@ class Function:
         return Varying(self.compiler.functions, lambda value: self.values[value].varying)
 
     def transfer_owner(self, operation: Operation, value: Value) -> None:
-        """Leaves a value that only this operation still reads, once, to what is written in the operation's place.
+        """Leaves a value that only this operation still reads, once, to the instructions that are written in the
+        operation's place.
 
         Its buffers are not free meanwhile, but have no owner until the argument there is bound, which may then be
         overwritten.
@@ -169,7 +170,7 @@ class Function:
                 buffer.owners -= 1
 
     def overwritable(self, operation: Operation, position: int, array: Array, lanes: bool = False) -> Memory:
-        """An operand in memory that the operation may write to: in place where :mod:`buffers` allows it.
+        """Returns an operand in memory that the operation may write to: in place where :mod:`buffers` allows it.
 
         ``lanes``: each lane has an array of its own, unless it is one of which each writes its own part.
         """
@@ -196,7 +197,7 @@ class Function:
                 self.values[other] = evaluated
 
     def combination(self, block: Block) -> Callable[..., Sequence[Element]]:
-        """What a region computes of single numbers."""
+        """Returns the function that a region computes of single numbers."""
         # Here, because its module imports this one.
         from .operations.elementwise import ELEMENTWISE, scalar
 
@@ -256,5 +257,5 @@ class Function:
 
 
 def is_callback(operation: Operation) -> bool:
-    """Whether an operation calls a function of Python."""
+    """Returns whether an operation calls a function of Python."""
     return operation.name == "stablehlo.custom_call" and "python" in operation.attribute("call_target_name")

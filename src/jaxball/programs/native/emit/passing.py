@@ -29,25 +29,27 @@ class Passing:
             self.kinds = [(dtype, True)] * number_of_vectors(shape)
 
     def within(self, function: Function) -> "Passing":
-        """The same in another function, where what one that is called reads and returns is written."""
+        """Returns the same for another function, one that is called, where the numbers that it reads and returns are
+        written.
+        """
         other = copy.copy(self)
         other.function = function
         return other
 
     def split(self, array: Array) -> list[Element]:
-        """The numbers of the registers. Where lanes have each their own, a single one may be that of all."""
+        """Returns the numbers of the registers. Where lanes have each their own, a single one may stand for all."""
         flat = list(self.function.storage.to_registers(array).objects().reshape(-1))
         if self.stacked:
             return in_vectors(self.function.builder, self.dtype, self.shape, flat)
         return [number for _, number in parts([self.dtype] * len(flat), flat)]
 
     def spread(self, array: Array) -> list[Element]:
-        """The numbers of the registers, each a vector where lanes have each their own."""
+        """Returns the numbers of the registers, each a vector where lanes have each their own."""
         spread, numbers = self.function.builder.spread, self.split(array)
         return [spread(kind, x) if wide else x for (kind, wide), x in zip(self.kinds, numbers, strict=True)]
 
     def join(self, numbers: Sequence[Element]) -> Registers:
-        """The array of these numbers."""
+        """Returns the array of these numbers."""
         if self.stacked:
             numbers = one_by_one(self.function.builder, self.dtype, self.shape, numbers)
         return registers(self.dtype, join_parts([self.dtype] * size_of(self.shape), numbers), self.shape)

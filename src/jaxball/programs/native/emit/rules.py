@@ -29,5 +29,5 @@ def rule(*names: str) -> Callable[[Rule], Rule]:
 
 
 def short(name: str) -> str:
-    """An operation's name without its dialect."""
+    """Returns an operation's name without its dialect."""
     return name.partition(".")[2]

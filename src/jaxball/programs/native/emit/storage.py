@@ -15,13 +15,13 @@ class Storage(Buffers):
     """The arrays of one function."""
 
     def allocate(self, shape: Sequence[int], dtype: np.dtype, lanes: bool = False) -> Memory:
-        """An array with nothing in it yet; ``lanes``: one for each lane."""
+        """Allocates an array with nothing in it yet; ``lanes``: one for each lane."""
         # An empty array has an address too, and a size of 0 would mean that its memory is not used again.
         size = max(size_of(shape) * dtype.itemsize, 8) * (LANES if lanes else 1)
         return Memory(tuple(shape), dtype, self.allocate_buffer(size, lanes))
 
     def to_memory(self, array: Array) -> Memory:
-        """The same numbers in memory."""
+        """Returns the same numbers in memory."""
         if isinstance(array, Memory):
             return array
         if isinstance(array, Registers) and array.twin is not None:
@@ -32,7 +32,7 @@ class Storage(Buffers):
         return self.copy_of(array)
 
     def to_registers(self, array: Array) -> Registers:
-        """The same numbers in registers, however many they are."""
+        """Returns the same numbers in registers, however many they are."""
         if isinstance(array, Registers):
             return array
         elements = np.empty(array.shape, object)
@@ -42,13 +42,13 @@ class Storage(Buffers):
         return Registers(array.dtype, elements)
 
     def evaluate(self, array: Array) -> Registers | Memory:
-        """The same numbers, computed: in registers where they are few."""
+        """Returns the same numbers, computed: in registers where they are few."""
         if not isinstance(array, Formula):
             return array
         return self.to_registers(array) if is_small(array.shape) else self.to_memory(array)
 
     def anywhere(self, array: Array) -> Array:
-        """The same numbers where an index need not be known; a single number may stay in its register."""
+        """Returns the same numbers where an index need not be known; a single number may stay in its register."""
         if not isinstance(array, Registers) or size_of(array.shape) == 1:
             return array
         # A constant of equal numbers, such as zeros, needs no memory.
@@ -76,7 +76,9 @@ class Storage(Buffers):
                 target.put(builder, index, source.element(builder, index))
 
     def copy_of(self, array: Array, lanes: bool = False) -> Memory:
-        """The same numbers in memory of their own; ``lanes``: of each lane's own, also where they are the same."""
+        """Copies the numbers to memory of their own; ``lanes``: to memory of each lane's own, also where they are the
+        same.
+        """
         target = self.allocate(array.shape, array.dtype, lanes or array.varying)
         self.fill(target, array)
         return target
@@ -100,7 +102,7 @@ class Storage(Buffers):
         target.put(self.builder, index, element)
 
     def view_of(self, array: Memory, shape: tuple[int, ...]) -> Memory:
-        """The same memory as an array of another shape."""
+        """Returns the same memory as an array of another shape."""
         return Memory(shape, array.dtype, array.buffer)
 
     def accumulate(
@@ -111,7 +113,8 @@ class Storage(Buffers):
         most_steps: int = MOST_TERMS,
         varying: bool = False,
     ) -> list[Element]:
-        """What is left of numbers to which ``step(index, numbers)`` was applied for every index of a shape, in order.
+        """Applies ``step(index, numbers)`` to some numbers for every index of a shape, in order, and returns the
+        numbers that result.
 
         Up to ``most_steps`` are written one after another, more are a loop. ``varying``: they become vectors.
         """
@@ -126,7 +129,7 @@ class Storage(Buffers):
         return self._accumulate(list(shape), [], dtypes, numbers, step)
 
     def spread(self, dtype: np.dtype, number: Element) -> Element:
-        """A number that all lanes have."""
+        """Returns a number that all lanes have."""
         if isinstance(number, Pair):
             return Pair(*(self.builder.spread(part_of(dtype), part) for part in (number.real, number.imag)))
         return self.builder.spread(dtype, number)
@@ -160,7 +163,7 @@ class Storage(Buffers):
 
 
 def parts(dtypes: Sequence[np.dtype], numbers: Sequence[Element]) -> Iterator[tuple[np.dtype, Element]]:
-    """Numbers that have a place in a register: of a complex one its two parts."""
+    """Yields numbers that have a place in a register: for a complex one its two parts."""
     for dtype, number in zip(dtypes, numbers, strict=True):
         if dtype.kind == "c":
             yield part_of(dtype), number.real
@@ -170,18 +173,18 @@ def parts(dtypes: Sequence[np.dtype], numbers: Sequence[Element]) -> Iterator[tu
 
 
 def parts_of(dtype: np.dtype, count: int) -> list[np.dtype]:
-    """The types of the parts that ``count`` numbers are made of."""
+    """Returns the types of the parts that ``count`` numbers are made of."""
     return [part_of(dtype)] * (2 * count if dtype.kind == "c" else count)
 
 
 def join_parts(dtypes: Sequence[np.dtype], numbers: Sequence[Element]) -> list[Element]:
-    """The numbers of those parts."""
+    """Joins the parts of numbers to these numbers again."""
     rest = iter(numbers)
     return [Pair(next(rest), next(rest)) if dtype.kind == "c" else next(rest) for dtype in dtypes]
 
 
 def is_uniform(numbers: np.ndarray) -> bool:
-    """Whether an array is one number, viewed or repeated, to the last bit."""
+    """Returns whether an array is one number, viewed or repeated, to the last bit."""
     if not numbers.size:
         return False
     if not any(numbers.strides):

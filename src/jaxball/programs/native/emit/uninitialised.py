@@ -9,7 +9,9 @@ NAME = "jaxball_uninitialised"  # of a function of StableHLO whose results are n
 
 
 def empty_array(shape: tuple[int, ...], dtype: np.dtype) -> Array:
-    """An array of any numbers; zeros where XLA compiles the program. Natively it costs no time, however large it is."""
+    """Makes an array of any numbers; zeros where XLA compiles the program. Natively it costs no time, however large it
+    is.
+    """
 
     def zeros() -> Array:
         return jnp.zeros(shape, dtype)

@@ -64,24 +64,24 @@ class Registers:
         return self.elements.dtype != object
 
     def objects(self) -> np.ndarray:
-        """The elements, those that are known as scalars."""
+        """Returns the elements, the known ones as scalars."""
         return as_elements(self.elements) if self.known else self.elements
 
     def flat(self) -> list[Element]:
-        """The elements, row by row."""
+        """Lists the elements, row by row."""
         if self.known and self.dtype.kind != "c":
             return list(self.elements.reshape(-1))
         return self.objects().reshape(-1).tolist()
 
     def element(self, builder: Builder, index: Sequence[Index]) -> Element:
-        """The element at an index, which must be known in dimensions longer than one."""
+        """Returns the element at an index, which must be known in dimensions longer than one."""
         # An index along a dimension of length one may be unknown, and is 0 all the same.
         position: Any = tuple(0 if length == 1 else i for i, length in zip(index, self.shape, strict=True))
         element: Any = self.elements[position]
         return Pair(element.real, element.imag) if self.known and self.dtype.kind == "c" else element
 
     def has(self, index: Sequence[Index]) -> bool:
-        """Whether such an index says which element."""
+        """Returns whether such an index says which element."""
         return all(isinstance(i, int) or length == 1 for i, length in zip(index, self.shape, strict=True))
 
 
@@ -126,14 +126,14 @@ class Memory:
             store(builder, self.dtype, number, self._of_lane(builder, place, lane), False, lane_mask)
 
     def _parts(self, builder: Builder, place: Index) -> list[Name]:
-        """Where the number at a place is, or the two parts of a complex one."""
+        """Returns where the number at a place is, or the two parts of a complex one."""
         size = part_of(self.dtype).itemsize * (LANES if self.buffer.lanes else 1)
         count = self.dtype.itemsize // part_of(self.dtype).itemsize
         first = builder.address(self.buffer.name, builder.times(place, count * size))
         return [builder.address(first, part * size) for part in range(count)]
 
     def _of_lane(self, builder: Builder, places: Vector, lane: int) -> list[Name]:
-        """Where one lane's number at its own place is, or its parts."""
+        """Returns where one lane's number at its own place is, or its parts."""
         offset = lane * part_of(self.dtype).itemsize if self.buffer.lanes else 0
         places_of = self._parts(builder, builder.lane(INDEX, places, lane))
         return [builder.address(part, offset) for part in places_of]
@@ -182,7 +182,7 @@ def size_of(shape: Sequence[int]) -> int:
 
 
 def is_small(shape: Sequence[int]) -> bool:
-    """Whether an array of that shape is kept in registers."""
+    """Returns whether an array of that shape is kept in registers."""
     size = size_of(shape)
     # A first axis in vectors divides the number of registers by its length, so such arrays may be larger.
     if size <= MOST_REGISTERS:
@@ -194,7 +194,7 @@ def is_small(shape: Sequence[int]) -> bool:
 
 
 def linear(builder: Builder, shape: Sequence[int], index: Sequence[Index]) -> Index:
-    """The position of an index, row by row."""
+    """Computes the position of an index, row by row."""
     position: Index = 0
     for i, length in zip(index, shape, strict=True):
         position = builder.plus(builder.times(position, length), 0 if length == 1 else i)
@@ -202,7 +202,7 @@ def linear(builder: Builder, shape: Sequence[int], index: Sequence[Index]) -> In
 
 
 def unravel(builder: Builder, shape: Sequence[int], position: Index) -> list[Index]:
-    """The index of a position, row by row."""
+    """Computes the index of a position, row by row."""
     if isinstance(position, int):
         return [int(i) for i in np.unravel_index(position, shape)] if shape else []
     index: list[Index] = []
@@ -216,7 +216,7 @@ def unravel(builder: Builder, shape: Sequence[int], position: Index) -> list[Ind
 
 
 def lane_of(builder: Builder, dtype: np.dtype, element: Element, lane: int) -> Element:
-    """One lane's number of an element."""
+    """Returns one lane's number of an element."""
     if isinstance(element, Pair):
         part = part_of(dtype)
         return Pair(builder.lane(part, element.real, lane), builder.lane(part, element.imag, lane))
@@ -224,7 +224,9 @@ def lane_of(builder: Builder, dtype: np.dtype, element: Element, lane: int) -> E
 
 
 def load(builder: Builder, dtype: np.dtype, parts: Sequence[Name], wide: bool = False) -> Element:
-    """The number at an address, a complex one at two; a boolean is a byte. ``wide``: a vector of the lanes'."""
+    """Loads the number at an address, a complex one at two; a boolean is a byte. ``wide``: a vector of the lanes'
+    numbers.
+    """
     if dtype.kind == "c":
         return Pair(*(load(builder, part_of(dtype), [part], wide) for part in parts))
     # NumPy keeps a boolean in a byte, LLVM in a bit.
@@ -256,5 +258,5 @@ def store(
 
 
 def indices(shape: Sequence[int]) -> Iterator[tuple[int, ...]]:
-    """All indices, row by row."""
+    """Yields all indices, row by row."""
     return iter(np.ndindex(*shape))

@@ -32,7 +32,7 @@ def side_by_side(
     columns: Sequence[Sequence[Element]],
     compute: Callable[..., Sequence[Element]],
 ) -> list[list[Element]]:
-    """What ``compute`` gives for each lane, computed in vectors where that takes less time, else lane by lane.
+    """Evaluates ``compute`` for each lane, in vectors where that takes less time, else lane by lane.
 
     - ``columns``: of each operand the numbers of the lanes; ``dtypes``: their types.
     - ``results``: the types of the results; the list has the numbers of the lanes of each.
@@ -49,7 +49,7 @@ def side_by_side(
 
 
 def _pays(builder: Builder, dtypes: Sequence[np.dtype], columns: Sequence[Sequence[Element]]) -> bool:
-    """Whether numbers of these types are computed in vectors."""
+    """Returns whether numbers of these types are computed in vectors."""
     if any(dtype.kind == "c" for dtype in dtypes):
         return False
     all_known = True
@@ -68,31 +68,31 @@ def _pays(builder: Builder, dtypes: Sequence[np.dtype], columns: Sequence[Sequen
 
 
 def _parts(columns: Sequence[Sequence[Element]]) -> tuple[int, list[list[Sequence[Element]]]]:
-    """The width of the vectors that columns take, and the lanes of each."""
+    """Returns the width of the vectors that columns take, and the lanes of each."""
     count = len(columns[0])
     return width_for(count), [[column[part] for column in columns] for part in vectors_of(count)]
 
 
 def is_of_vectors(shape: Sequence[int]) -> bool:
-    """Whether operations on an array of that shape may be computed in vectors along its first axis."""
+    """Returns whether operations on an array of that shape may be computed in vectors along its first axis."""
     return bool(shape) and SHORTEST_AXIS <= shape[0] <= MOST_ROWS
 
 
 def width_for(count: int) -> int:
-    """The numbers of lanes of the vectors that ``count`` elements take."""
+    """Returns the number of lanes of the vectors that ``count`` elements take."""
     return LANES if count >= FEWEST_ALWAYS else LANES // 2
 
 
 @functools.cache
 def vectors_of(count: int) -> tuple[slice, ...]:
-    """The elements of each of the vectors that a first axis takes, of about equal length."""
+    """Returns the elements of each of the vectors that a first axis takes, of about equal length."""
     parts = -(-count // LANES)
     ends = [count * k // parts for k in range(parts + 1)]
     return tuple(itertools.starmap(slice, itertools.pairwise(ends)))
 
 
 def pack(builder: Builder, dtype: np.dtype, numbers: Sequence[Element], width: int) -> Element:
-    """The numbers of the lanes as a vector, or the number that all of them are."""
+    """Packs the numbers of the lanes into a vector, or returns the number that all of them are."""
     if _is_uniform(numbers):
         return numbers[0]
     if all(map(is_known, numbers)):
@@ -113,17 +113,17 @@ def pack(builder: Builder, dtype: np.dtype, numbers: Sequence[Element], width: i
 
 
 def are_handed_on(shape: Sequence[int], dtype: np.dtype) -> bool:
-    """Whether loops and branches hand the numbers of such an array on in vectors."""
+    """Returns whether loops and branches hand the numbers of such an array on in vectors."""
     return len(shape) > 1 and FEWEST_ALWAYS <= shape[0] <= MOST_ROWS and dtype.kind != "c"
 
 
 def number_of_vectors(shape: Sequence[int]) -> int:
-    """How many vectors along its first axis an array takes."""
+    """Counts the vectors along its first axis that an array takes."""
     return len(vectors_of(shape[0])) * math.prod(shape[1:])
 
 
 def in_vectors(builder: Builder, dtype: np.dtype, shape: Sequence[int], numbers: Sequence[Element]) -> list[Element]:
-    """The numbers of an array, row by row, as vectors along its first axis."""
+    """Returns the numbers of an array, row by row, as vectors along its first axis."""
     places = len(numbers) // shape[0]
     columns = [numbers[place::places] for place in range(places)]
     # All of one width, and never a single number: the other end of the jump or of the call expects these types.
@@ -132,7 +132,7 @@ def in_vectors(builder: Builder, dtype: np.dtype, shape: Sequence[int], numbers:
 
 
 def one_by_one(builder: Builder, dtype: np.dtype, shape: Sequence[int], vectors: Sequence[Element]) -> list[Element]:
-    """The numbers of an array, row by row, of vectors along its first axis."""
+    """Returns the numbers of an array, row by row, from vectors along its first axis."""
     counts = [part.stop - part.start for part in vectors_of(shape[0])]
     lanes = [builder.lanes_of(dtype, vector, count) for vector, count in zip(vectors, itertools.cycle(counts))]
     columns = [list(itertools.chain(*lanes[k : k + len(counts)])) for k in range(0, len(lanes), len(counts))]
@@ -146,7 +146,9 @@ def _is_uniform(numbers: Sequence[Element]) -> bool:
 
 
 def _sources(numbers: Sequence[Element], width: int) -> tuple[list[Vector], list[int]]:
-    """The vectors of one width, two at most, whose lanes the numbers are, and which; no vectors where they are not."""
+    """Returns the vectors of one width, two at most, whose lanes the numbers are, and which lanes; no vectors where
+    they are not.
+    """
     vectors: list[Vector] = []
     lanes = []
     for number in numbers:
@@ -159,7 +161,7 @@ def _sources(numbers: Sequence[Element], width: int) -> tuple[list[Vector], list
 
 
 def _cost(builder: Builder, numbers: Sequence[Element], width: int) -> int:
-    """Instructions, in every turn of the loop that is being written, that make a vector of numbers."""
+    """Counts the instructions, in every turn of the loop that is being written, that make a vector of numbers."""
     # Made once before the loop.
     if all(map(builder.is_same_in_every_turn, numbers)):
         return 0
@@ -175,12 +177,14 @@ def _cost(builder: Builder, numbers: Sequence[Element], width: int) -> int:
 
 
 def row_by_row(columns: Sequence[Sequence[Element]]) -> list[Element]:
-    """The elements of an array, of those along the first axis for each place along the other axes."""
+    """Lists the elements of an array row by row, from its elements along the first axis for each place along the other
+    axes.
+    """
     return [element for row in zip(*columns, strict=True) for element in row]
 
 
 def in_columns(shape: Sequence[int], arrays: Sequence[Sequence[Element]]) -> Iterator[list[Sequence[Element]]]:
-    """For each place along the other axes, of each array the elements along the first one.
+    """Yields, for each place along the other axes, the elements along the first axis, for each array.
 
     - ``arrays``: the elements row by row, or a single one.
     """

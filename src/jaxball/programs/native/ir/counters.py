@@ -52,7 +52,7 @@ def find_counters(operation: Operation) -> dict[int, Counter]:
 
 
 def constant_of(makers: dict[Value, Operation], value: Value) -> int | None:
-    """The integer or boolean that all elements of a value are, if a constant of the program says so.
+    """Returns the integer or boolean that all elements of a value are, if a constant of the program says so.
 
     - ``makers``: of the block in which the value is made.
     """
@@ -66,7 +66,7 @@ def constant_of(makers: dict[Value, Operation], value: Value) -> int | None:
 
 
 def _limits(value: Value, block: Block, makers: dict[Value, Operation]) -> Iterator[tuple[Value, int]]:
-    """Arguments of a block with what they are less than, wherever a value of it is true."""
+    """Finds the arguments of a block with what they are less than, wherever a value of it is true."""
     operation = makers.get(value)
     if operation is None:
         return

@@ -66,14 +66,14 @@ _NAMED = {name: np.dtype(dtype) for name, dtype in _DTYPES.items()}
 
 
 def dtype_named(name: str) -> np.dtype:
-    """The dtype of an element type of StableHLO."""
+    """Returns the dtype of an element type of StableHLO."""
     if name not in _NAMED:
         raise UnsupportedError(f"An array of {name}")
     return _NAMED[name]
 
 
 def llvm_type(dtype: np.dtype) -> str:
-    """LLVM's type of a number in a register: complex ones have none, their parts do."""
+    """Returns LLVM's type of a number in a register: complex ones have none, their parts do."""
     if dtype.kind == "f":
         return "double" if dtype.itemsize == 8 else "float"
     return "i1" if dtype.kind == "b" else f"i{8 * dtype.itemsize}"
@@ -81,12 +81,12 @@ def llvm_type(dtype: np.dtype) -> str:
 
 @functools.cache
 def vector_type(dtype: np.dtype, width: int = LANES) -> str:
-    """LLVM's type of one number for each lane; of a single number where there is none."""
+    """Returns LLVM's type of one number for each lane; of a single number where there is none."""
     return f"<{width} x {llvm_type(dtype)}>" if width else llvm_type(dtype)
 
 
 def width_of(*elements: Element) -> int:
-    """How many lanes those of the elements have that are vectors; 0 where none is."""
+    """Returns how many lanes the vectors among the elements have; 0 where none is a vector."""
     for element in elements:
         if isinstance(element, Vector):
             return element.width
@@ -94,12 +94,12 @@ def width_of(*elements: Element) -> int:
 
 
 def part_of(dtype: np.dtype) -> np.dtype:
-    """The type of a complex type's parts; any other as it is."""
+    """Returns the type of a complex type's parts; any other as it is."""
     return np.dtype(f"f{dtype.itemsize // 2}") if dtype.kind == "c" else dtype
 
 
 def in_lanes(*elements: Element) -> bool:
-    """Whether any of the elements has one number for each lane."""
+    """Returns whether any of the elements has one number for each lane."""
     for element in elements:
         if isinstance(element, Vector) or (isinstance(element, Pair) and in_lanes(element.real, element.imag)):
             return True
@@ -107,14 +107,14 @@ def in_lanes(*elements: Element) -> bool:
 
 
 def is_known(element: Element) -> bool:
-    """Whether an element's number is known while compiling."""
+    """Returns whether an element's number is known while compiling."""
     if isinstance(element, str):
         return False
     return not isinstance(element, Pair) or (is_known(element.real) and is_known(element.imag))
 
 
 def write_element(element: Element) -> str:
-    """A number as LLVM writes it; a name as it is."""
+    """Formats a number as LLVM writes it; a name as it is."""
     if isinstance(element, str):
         return element
     if isinstance(element, np.bool_ | bool):
@@ -125,7 +125,7 @@ def write_element(element: Element) -> str:
 
 
 def as_elements(numbers: np.ndarray) -> np.ndarray:
-    """An array of elements of an array of numbers."""
+    """Converts an array of numbers to an array of elements."""
     elements = np.empty(numbers.shape, object)
     # One by one: NumPy would make Python's numbers of them, which have no type.
     flat = elements.reshape(-1)

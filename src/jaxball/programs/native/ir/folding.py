@@ -38,7 +38,7 @@ COMPARED: dict[str, Callable[[Any, Any], Any]] = {
 
 
 def read(dtype: np.dtype, number: str) -> Element:
-    """A number as LLVM writes it."""
+    """Reads a number as LLVM writes it."""
     if dtype.kind == "b":
         return np.bool_(number == "true")
     if dtype.kind == "f":
@@ -47,12 +47,12 @@ def read(dtype: np.dtype, number: str) -> Element:
 
 
 def suffix(dtype: np.dtype) -> str:
-    """A type as intrinsics' names have it."""
+    """Returns a type as intrinsics' names have it."""
     return f"{'f' if dtype.kind == 'f' else 'i'}{1 if dtype.kind == 'b' else 8 * dtype.itemsize}"
 
 
 def simpler_float(operation: str, x: Element, y: Element) -> Element | None:
-    """What equals the result whatever the other number is: also for −0, infinities and NaN."""
+    """Returns the operand that equals the result whatever the other number is: also for −0, infinities and NaN."""
     # Not x + 0, which is 0 where x is −0, and not 0 x, which is −0 of a negative number, and NaN of an infinite one.
     if operation in ("mul", "div") and is_known(y) and y == 1:
         return x

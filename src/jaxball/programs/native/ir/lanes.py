@@ -40,7 +40,7 @@ class Independent:
 def independent(
     operation: Operation, start: Sequence[int | None], functions: Mapping[str, Block]
 ) -> Independent | None:
-    """What is known of a ``stablehlo.while`` whose turns are independent; None of another.
+    """Describes a ``stablehlo.while`` whose turns are independent; None for another.
 
     - ``start``: the numbers with which the loop begins, where they are single and known.
     """
@@ -73,7 +73,7 @@ def independent(
 
 
 def _work(block: Block, functions: Mapping[str, Block]) -> tuple[int, int]:
-    """How many numbers a block moves to or from where an index says, and how many it computes of floats."""
+    """Counts the numbers that a block moves to or from where an index says, and the floats that it computes."""
     moved = computed = 0
     for operation in block.every_operation():
         if operation.name in _MOVING:
@@ -87,7 +87,7 @@ def _work(block: Block, functions: Mapping[str, Block]) -> tuple[int, int]:
 
 
 def _is_written_at(result: Value, array: Value, index: Value, block: Block, functions: Mapping[str, Block]) -> bool:
-    """Whether a value is an array of whose elements along the first dimension that of an index was replaced."""
+    """Returns whether a value is an array in which the element of an index, along the first dimension, was replaced."""
     makers = block.makers()
     operation = makers.get(result)
     if operation is None:
@@ -108,7 +108,7 @@ def _is_written_at(result: Value, array: Value, index: Value, block: Block, func
 
 
 def _is_wrapped(makers: dict[Value, Operation], value: Value, index: Value) -> bool:
-    """Whether a value is an index as JAX writes it, i + n where i < 0."""
+    """Returns whether a value is an index as JAX writes it, i + n where i < 0."""
     select = makers.get(value)
     if select is None or select.name != "stablehlo.select" or select.operands[2] is not index:
         return False
@@ -139,7 +139,7 @@ class Varying:
         self._called: dict[tuple[str, tuple[bool, ...]], list[bool]] = {}
 
     def results(self, block: Block, arguments: Sequence[bool]) -> list[bool]:
-        """Of a block's results, by its arguments."""
+        """Returns which results of a block differ between lanes, by its arguments."""
         self._values.update(zip(block.arguments, arguments, strict=True))
         for operation in block.operations:
             self._values.update(zip(operation.results, self._of(operation), strict=True))
@@ -151,7 +151,7 @@ class Varying:
         return self._values[value]
 
     def loop(self, operation: Operation, start: Sequence[bool]) -> tuple[bool, list[bool]]:
-        """Whether lanes leave a ``stablehlo.while`` at different turns, and which carried values differ."""
+        """Returns whether lanes leave a ``stablehlo.while`` at different turns, and which carried values differ."""
         condition, body = operation.regions
         carried = list(start)
         while True:
@@ -168,12 +168,14 @@ class Varying:
             carried = new
 
     def branches(self, operation: Operation, chosen: bool) -> list[bool]:
-        """Of the results of a ``stablehlo.case`` or ``if``, by whether lanes go different ways."""
+        """Returns which results of a ``stablehlo.case`` or ``if`` differ between lanes, by whether lanes go different
+        ways.
+        """
         rows = [self.results(region, []) for region in operation.regions]
         return [chosen or any(column) for column in zip(*rows, strict=True)]
 
     def call(self, name: str, arguments: Sequence[bool]) -> list[bool]:
-        """Of a function's results."""
+        """Returns which results of a function differ between lanes."""
         key = name, tuple(arguments)
         if key not in self._called:
             # With values of its own: elsewhere the same function is called with other arguments.

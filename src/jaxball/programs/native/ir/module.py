@@ -33,7 +33,7 @@ class Module:
             raise UnsupportedError(f"A program of more than {MOST_LINES:,} instructions")
 
     def constant(self, numbers: np.ndarray) -> Name:
-        """The address of numbers that the program contains."""
+        """Returns the address of numbers that the program contains."""
         content = np.ascontiguousarray(numbers).tobytes()
         if content not in self.constants:
             name = f"@constant.{len(self.constants)}"
@@ -43,6 +43,6 @@ class Module:
         return self.constants[content][0]
 
     def text(self) -> str:
-        """The module."""
+        """Returns the text of the module."""
         constants = [line for _, line in self.constants.values()]
         return "\n".join([*self.declared.values(), *constants, *self.functions, ""])

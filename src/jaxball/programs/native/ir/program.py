@@ -63,7 +63,9 @@ class Operation:
         return name in self._attributes
 
     def attribute(self, name: str) -> Any:
-        """An attribute: a number, a text, a list of integers, a dictionary, an array of NumPy, or StableHLO's."""
+        """Returns an attribute: a number, a text, a list of integers, a dictionary, an array of NumPy, or
+        StableHLO's.
+        """
         if name not in self._read:
             self._read[name] = self._attribute(name)
         return self._read[name]
@@ -82,12 +84,12 @@ class Operation:
         return _OF_STABLEHLO[name](attribute)
 
     def has_effects(self) -> bool:
-        """Whether it does more than to make its results, or something within it does."""
+        """Returns whether it does more than to make its results, or something within it does."""
         acts_itself = not self.results or (self.has("has_side_effect") and self.attribute("has_side_effect"))
         return acts_itself or any(inner.has_effects() for region in self.regions for inner in region.operations)
 
     def constant(self) -> np.ndarray:
-        """The array of a ``stablehlo.constant``, which views one number where all are equal."""
+        """Returns the array of a ``stablehlo.constant``, which views one number where all are equal."""
         if "value" not in self._read:
             self._read["value"] = self._constant()
         return self._read["value"]
@@ -116,11 +118,11 @@ class Block:
         self.results: list[Value] = []
 
     def reads(self) -> dict[Value, int]:
-        """The values of blocks around this one that it reads, with how often."""
+        """Returns the values of blocks around this one that it reads, with how often."""
         return {value: times for value, times in self.reads_within().items() if value.block is not self}
 
     def reads_within(self) -> dict[Value, int]:
-        """All values that it reads, its own too, with how often."""
+        """Returns all values that it reads, its own too, with how often."""
         reads: dict[Value, int] = {}
         for value in self.results:
             reads[value] = reads.get(value, 0) + 1
@@ -129,11 +131,11 @@ class Block:
         return reads
 
     def makers(self) -> dict[Value, Operation]:
-        """The operation that makes each value."""
+        """Returns the operation that makes each value."""
         return {result: operation for operation in self.operations for result in operation.results}
 
     def every_operation(self) -> Iterator[Operation]:
-        """The operations, and those within them."""
+        """Yields the operations, and the operations within them."""
         for operation in self.operations:
             yield operation
             for region in operation.regions:
@@ -146,7 +148,7 @@ def _add(reads: dict[Value, int], others: dict[Value, int]) -> None:
 
 
 def functions_of(module: Any, known: Container[str]) -> dict[str, Block]:
-    """The functions of a module by name; that of the program is ``main``.
+    """Returns the functions of a module by name; the program's own is ``main``.
 
     - ``known``: names of operations; where a module has others that consist of simpler ones, it is changed so that
       these stand in their places.
@@ -160,8 +162,8 @@ def functions_of(module: Any, known: Container[str]) -> dict[str, Block]:
         return _read(module, known)
 
 
-def _read(module: Any, known: Container[str]) -> dict[str, Block]:
-    functions, reader = {}, _Reader(known)
+def _read(module: Any, operation_names: Container[str]) -> dict[str, Block]:
+    functions, reader = {}, _Reader(operation_names)
     for function in module.body.operations:
         operation = function.operation
         if operation.name == "sdy.mesh":  # of devices: there is one
@@ -208,18 +210,18 @@ class _Reader:
                 break
             if name.startswith(_COMPOSED) and name not in self._known:
                 raise _ComposedError(name)
-            made = Operation(name, operation, operands)
+            node = Operation(name, operation, operands)
             for result in operation.results:
                 values[result] = value = self._value(result.type, block)
-                made.results.append(value)
+                node.results.append(value)
             for region in operation.regions:
                 if len(region.blocks) != 1:
                     raise UnsupportedError(f"{name} of several blocks")
                 # A region sees the values around it, so an operation reads what its regions read.
                 inner = self.block(region.blocks[0])
-                made.regions.append(inner)
-                _add(made.reads, inner.reads())
-            block.operations.append(made)
+                node.regions.append(inner)
+                _add(node.reads, inner.reads())
+            block.operations.append(node)
         # Derivatives leave much that nothing reads. It must go before reads are counted, or it would count as read.
         _drop_unread(block)
         _count(block)
@@ -244,12 +246,12 @@ def _shape_and_type(type: Any) -> tuple[tuple[int, ...], np.dtype]:
 
 def _drop_unread(block: Block) -> None:
     """Leaves out pure operations whose results are not used."""
-    read, kept = set(block.results), []
+    read, operations = set(block.results), []
     for operation in reversed(block.operations):
         if any(result in read for result in operation.results) or operation.has_effects():
-            kept.append(operation)
+            operations.append(operation)
             read.update(operation.reads)
-    block.operations = kept[::-1]
+    block.operations = operations[::-1]
 
 
 def _count(block: Block) -> None:

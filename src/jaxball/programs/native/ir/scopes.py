@@ -37,7 +37,7 @@ class Scopes:
         self._homes: dict[Name, Loop] = {}  # the innermost loop around a name, if any
 
     def find(self, instruction: str) -> Name | None:
-        """The result of an instruction that was written already."""
+        """Returns the result of an instruction that was written already."""
         return self._known.get(instruction)
 
     def note(self, instruction: str, name: Name) -> Loop | None:
@@ -58,7 +58,9 @@ class Scopes:
             self._homes[name] = self.loop
 
     def _home(self, instruction: str) -> Loop | None:
-        """The innermost loop outside of which an instruction lacks an operand; None where it lacks none anywhere."""
+        """Finds the innermost loop outside of which an instruction lacks an operand; None where it lacks none
+        anywhere.
+        """
         # The innermost home of an operand decides. Most operands are of the innermost loop, and end the search at once.
         loop = self.loop
         if loop is None:
@@ -74,7 +76,9 @@ class Scopes:
         return loop
 
     def is_of_this_turn(self, element: Name) -> bool:
-        """Whether a name, or the vector that it is a lane of, is of the innermost loop that is being written."""
+        """Returns whether a name, or the vector that it is a lane of, is of the innermost loop that is being
+        written.
+        """
         return self._home_of(element.vector if isinstance(element, Lane) else element) is self.loop
 
     def _home_of(self, name: Name) -> Loop | None:
@@ -85,7 +89,7 @@ class Scopes:
 
     @contextlib.contextmanager
     def scope(self) -> Iterator[None]:
-        """Values computed in this Python block are unknown after it, because it may not have been executed."""
+        """Makes values computed in this Python block unknown after it, because it may not have been executed."""
         self._added.append([])
         try:
             yield
@@ -95,7 +99,9 @@ class Scopes:
 
     @contextlib.contextmanager
     def write_loop(self, place: int) -> Iterator[Loop]:
-        """The instructions written in this Python block are a loop; ``place`` is where to write what goes before it."""
+        """Makes the instructions written in this Python block a loop; ``place`` is where to write the instructions that
+        go before it.
+        """
         loop = self.loop = Loop(self.loop, place, len(self._added) - 1)
         try:
             yield loop

@@ -55,11 +55,11 @@ class Driver:
         return value.value
 
     def capabilities(self) -> list[tuple[int, int]]:
-        """The compute capability of each GPU."""
+        """Returns the compute capability of each GPU."""
         return [(self._attribute(_MAJOR, device), self._attribute(_MINOR, device)) for device in self._devices]
 
     def resident(self) -> int:
-        """How many threads of programs with all registers the largest GPU runs at once."""
+        """Returns how many threads of programs with all registers the largest GPU runs at once."""
         return THREADS_OF_EACH * max(self._attribute(_MULTIPROCESSORS, device) for device in self._devices)
 
     def compile(self, ptx: str) -> bytes:
@@ -84,7 +84,7 @@ class Driver:
 
     @contextlib.contextmanager
     def _context(self) -> Iterator[None]:
-        """The first GPU's context, which JAX uses as well."""
+        """Enters the first GPU's context, which JAX uses as well."""
         context, popped = ctypes.c_void_p(), ctypes.c_void_p()
         self._call("cuDevicePrimaryCtxRetain", ctypes.byref(context), 0)
         try:
@@ -114,7 +114,7 @@ class Driver:
 
 @functools.cache
 def driver() -> Driver:
-    """The driver of this machine.
+    """Returns the driver of this machine.
 
     **Raises:** :class:`CudaError` where there is none that works.
     """

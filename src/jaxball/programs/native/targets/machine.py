@@ -25,7 +25,7 @@ _ROUTINE = re.compile(r"declare void @scipy\.(lapack|blas)\.(\w+)\(")
 
 @functools.cache
 def is_present() -> bool:
-    """Whether llvmlite is installed."""
+    """Returns whether llvmlite is installed."""
     try:
         return importlib.util.find_spec("llvmlite") is not None
     except ValueError:  # if None is in its place
@@ -33,7 +33,9 @@ def is_present() -> bool:
 
 
 def identity() -> list[str]:
-    """What, besides its text, determines the code of a program: the versions of LLVM and llvmlite, the processor."""
+    """Lists everything that, besides its text, determines the code of a program: the versions of LLVM and llvmlite, the
+    processor.
+    """
     import llvmlite
 
     llvm = _llvm()
@@ -42,17 +44,17 @@ def identity() -> list[str]:
 
 
 def processor_name() -> str:
-    """LLVM's name of this processor."""
+    """Returns LLVM's name of this processor."""
     return _processor()[0]
 
 
 def triple() -> str:
-    """LLVM's name of the target."""
+    """Returns LLVM's name of the target."""
     return _llvm().get_default_triple()
 
 
 def object_code(text: str, quickly: bool = False) -> bytes:
-    """The machine code of a module of LLVM's IR, which :class:`Code` loads, in this process or in another one.
+    """Returns the machine code of a module of LLVM's IR, which :class:`Code` loads, in this process or in another one.
 
     - ``quickly``: in a third of the time, as code that runs up to twice as long, with the same results to the last bit.
     """
@@ -61,7 +63,7 @@ def object_code(text: str, quickly: bool = False) -> bytes:
 
 
 def ptx(text: str) -> str:
-    """The PTX of a module of LLVM's IR that has a ``kernel``."""
+    """Returns the PTX of a module of LLVM's IR that has a ``kernel``."""
     return _emit(text, _pipeline_to_ptx, lambda machine, module: machine.emit_assembly(module))
 
 
@@ -81,7 +83,7 @@ def _emit(text: str, pipeline: Callable[[], tuple[Any, Callable[[Any], None]]], 
 
 
 def routines_in(text: str) -> tuple[tuple[str, str], ...]:
-    """The routines of LAPACK and BLAS that a module calls: the library and the name of each."""
+    """Returns the routines of LAPACK and BLAS that a module calls: the library and the name of each."""
     return tuple(sorted(set(_ROUTINE.findall(text))))
 
 
@@ -100,7 +102,7 @@ class Code:
             self._engine.finalize_object()
 
     def address(self, name: str) -> int:
-        """The address of a function."""
+        """Returns the address of a function."""
         return self._engine.get_function_address(name)
 
     def close(self) -> None:
@@ -115,15 +117,17 @@ class Code:
 
 @functools.cache
 def multiplies_and_adds() -> bool:
-    """Whether the processor has x y + z, rounded once, as an instruction; functions for it take 50 times as long."""
+    """Returns whether the processor has x y + z, rounded once, as an instruction; functions for it take 50 times as
+    long.
+    """
     features = _llvm().get_host_cpu_features()
     return bool(features.get("fma") or features.get("neon"))
 
 
 @functools.cache
 def routine(library: str, name: str) -> int | None:
-    """Where a routine of ``lapack`` or ``blas`` is in this process, as SciPy has it; None where it takes no integers
-    of 32 bits, or where there is none.
+    """Returns where a routine of ``lapack`` or ``blas`` is in this process, as SciPy has it; None where it takes no
+    integers of 32 bits, or where there is none.
     """
     capsule = importlib.import_module(f"scipy.linalg.cython_{library}").__pyx_capi__.get(name)
     if capsule is None:
@@ -150,7 +154,7 @@ def _llvm() -> Any:
 
 @functools.cache
 def _processor() -> tuple[str, str]:
-    """The processor's name and its features."""
+    """Returns the processor's name and its features."""
     llvm = _llvm()
     return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
@@ -164,7 +168,7 @@ def _machine(quickly: bool = False) -> Any:
 
 @contextlib.contextmanager
 def _in_proportion(llvm: Any, text: str) -> Iterator[None]:
-    """Process-wide LLVM settings with which compile time is proportional to the length of a program.
+    """Applies process-wide LLVM settings with which compile time is proportional to the length of a program.
 
     CodeGenPrepare takes a time quadratic in a block's length (60 s, against 4 s for the rest, for an event of an Adams
     method), and made none of the programs faster. So do the scheduler's lists of accesses to the same memory (50 s
@@ -184,7 +188,7 @@ def _in_proportion(llvm: Any, text: str) -> Iterator[None]:
 
 @functools.cache
 def _pipeline(quickly: bool) -> tuple[Any, Callable[[Any], None]]:
-    """The machine of this processor, and what optimises a module for it.
+    """Returns the machine of this processor, and the function that optimises a module for it.
 
     Common subexpressions and constants were found, and products and sums fused, when the program was written. None of
     LLVM's other passes made the programs faster, and its new GVN, in LLVM 22, confused numbers of different loop
@@ -198,7 +202,9 @@ def _pipeline(quickly: bool) -> tuple[Any, Callable[[Any], None]]:
 
 @functools.cache
 def _pipeline_to_ptx() -> tuple[Any, Callable[[Any], None]]:
-    """The same of the oldest GPUs that programs run on; their drivers compile it for all newer ones."""
+    """Returns the machine of the oldest GPUs that programs run on, and the function that optimises a module for it;
+    drivers compile the code for all newer ones.
+    """
     llvm = _llvm()
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
@@ -208,7 +214,7 @@ def _pipeline_to_ptx() -> tuple[Any, Callable[[Any], None]]:
 
 
 def _passes(machine: Any, quickly: bool) -> Callable[[Any], None]:
-    """The passes that pay for the time they take."""
+    """Returns the passes that pay for the time they take."""
     llvm = _llvm()
     passes = llvm.create_new_module_pass_manager()
     if not quickly:

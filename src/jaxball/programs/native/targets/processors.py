@@ -30,7 +30,7 @@ THREAD = Target(
 
 
 def host_for(rows: bool) -> Target:
-    """The processor of this machine.
+    """Returns the processor of this machine.
 
     - ``rows``: for a program that computes rows, which have the bits of a GPU's threads if they are computed in lanes.
       Lanes never call the C library; what all rows share does not, either.

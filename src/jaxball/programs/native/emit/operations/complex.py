@@ -25,7 +25,9 @@ def _by_parts(compute: Callable[..., Element]) -> Callable[..., Pair]:
 
 
 def library(name: str) -> Callable[..., Pair]:
-    """A function of C's library, in double precision: C's complex numbers of single precision are passed packed."""
+    """Returns a function of C's library, in double precision: C's complex numbers of single precision are passed
+    packed.
+    """
 
     def compute(b: Builder, dtype: np.dtype, *operands: Pair) -> Pair:
         part = part_of(dtype)
@@ -45,7 +47,7 @@ def library(name: str) -> Callable[..., Pair]:
 
 
 def own(name: str, otherwise: Callable[..., Pair]) -> Callable[..., Pair]:
-    """A function of :mod:`complex_functions` where there is no C library, else another."""
+    """Returns a function of :mod:`complex_functions` where there is no C library, else another."""
 
     def compute(b: Builder, dtype: np.dtype, *operands: Pair) -> Pair:
         if b.module.target.has_library:
@@ -71,7 +73,7 @@ def multiply(b: Builder, dtype: np.dtype, x: Pair, y: Pair) -> Pair:
 
 
 def divide(b: Builder, dtype: np.dtype, x: Pair, y: Pair) -> Pair:
-    """By Smith's method (1962), so that nothing overflows on the way."""
+    """Divides by Smith's method (1962), so that nothing overflows on the way."""
     part = part_of(dtype)
 
     def op(operation: str, u: Element, v: Element) -> Element:
@@ -96,7 +98,7 @@ def absolute(b: Builder, dtype: np.dtype, x: Pair) -> Element:
 
 
 def sign(b: Builder, dtype: np.dtype, x: Pair) -> Pair:
-    """z/|z|; 0 of 0."""
+    """Computes z/|z|; 0 for 0."""
     part = part_of(dtype)
     size = absolute(b, dtype, x)
     zero = b.compare("oeq", part, size, part.type(0))
@@ -121,7 +123,7 @@ def comparison(direction: str, total: bool) -> Callable[..., Element]:
 
 
 def convert(b: Builder, source: np.dtype, target: np.dtype, x: Element) -> Element:
-    """To and from complex types: of a complex number the real part."""
+    """Converts to and from complex types: of a complex number the real part."""
     if source.kind != "c":
         return Pair(real.convert(b, source, part_of(target), x), part_of(target).type(0))
     if target.kind == "c":

@@ -255,12 +255,14 @@ Function = Callable[..., Pair]
 
 
 def _turn(function: Function) -> Function:
-    """−i f(i z): of sinh it is sin, and likewise tan, arcsin and arctan; no numbers cancel, because none are added."""
+    """Returns the function −i f(i z): for sinh it is sin, and likewise tan, arcsin and arctan; no numbers cancel,
+    because none are added.
+    """
     return lambda c, z: _times_minus_i(function(c, _times_i(z, c)), c)
 
 
 def _turn_back(function: Function) -> Function:
-    """i f(−i z)."""
+    """Returns the function i f(−i z)."""
     return lambda c, z: _times_i(function(c, _times_minus_i(z, c)), c)
 
 

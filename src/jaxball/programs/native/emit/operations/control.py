@@ -18,7 +18,7 @@ from ..values import Array, Memory, is_small
 
 @rule("func.call")
 def call(function: Function, operation: Operation, operands: list[Array]) -> list[Array]:
-    """A function's operations in the place of the call, or a call, where they are many and called again."""
+    """Writes a function's operations in the place of the call, or a call, where they are many and called again."""
     name = operation.attribute("callee")
     block = function.compiler.functions[name]
     if name.startswith(uninitialised.NAME):
@@ -38,7 +38,7 @@ def call(function: Function, operation: Operation, operands: list[Array]) -> lis
 
 @rule("stablehlo.case", "stablehlo.if")
 def case(function: Function, operation: Operation, operands: list[Array]) -> list[Array]:
-    """One of several regions: by number, of which those out of range mean the last; or by a condition."""
+    """Writes one of several regions: by number, where numbers out of range mean the last; or by a condition."""
     b, storage = function.builder, function.storage
     chosen = storage.to_registers(operands[0]).element(b, ())
     regions, after = operation.regions, b.new_label("after")
@@ -150,26 +150,29 @@ class _OneWay(_Branches):
         self.end_branch(mark)
 
     def _choose_target(self, position: int, region: Block, array: Array) -> None:
-        """The memory of a result: where the first branch has it already, if nothing else reads it there.
+        """Chooses the memory of a result: where the first branch has it already, if nothing else reads it there.
 
         That may be an array from before the branches, which the branch returns as it is, if nothing reads it behind
         them. Two results need two memories.
         """
-        value, taken = region.results[position], {target.buffer.name for target in self.targets if target is not None}
+        value, target_names = (
+            region.results[position],
+            {target.buffer.name for target in self.targets if target is not None},
+        )
         stays = isinstance(array, Memory) and array.buffer.writable and array.buffer.owners == 1
         stays &= value.block is region or value in self.last
         # Another branch may give each lane an array of its own, for which one of all lanes has no room.
         stays &= array.varying == self.varying[position]
-        if not isinstance(array, Memory) or not stays or array.buffer.name in taken:
+        if not isinstance(array, Memory) or not stays or array.buffer.name in target_names:
             array = self.function.storage.allocate(array.shape, array.dtype, self.varying[position])
         self.set_target(position, array)
 
     def results(self) -> list[Array]:
-        """The results, behind all branches."""
+        """Returns the results, behind all branches."""
         return self.end(self._phis())
 
     def _phis(self) -> Iterator[Element]:
-        """The numbers of the results in registers, each of the branch that was taken."""
+        """Yields the numbers of the results in registers, each from the branch that was taken."""
         for passing, cases in zip(self.passing, self.cases, strict=True):
             labels = [label for _, label in cases]
             columns = zip(*(numbers for numbers, _ in cases), strict=True)
@@ -178,7 +181,7 @@ class _OneWay(_Branches):
 
 
 def _each_way(function: Function, operation: Operation, chosen: Vector) -> list[Array]:
-    """Each region in the lanes that go its way, if there are any."""
+    """Writes each region in the lanes that go its way, if there are any."""
     b, storage = function.builder, function.storage
     branches = _Branches(function, operation, [True] * len(operation.results))
     for position, value in enumerate(operation.results):
@@ -209,7 +212,7 @@ def _each_way(function: Function, operation: Operation, chosen: Vector) -> list[
 
 
 def _ways(function: Function, operation: Operation, chosen: Vector) -> list[Vector]:
-    """In which lanes each region is executed."""
+    """Returns in which lanes each region is executed."""
     b, dtype = function.builder, operation.operands[0].dtype
     if operation.name == "stablehlo.if":
         return [chosen, Vector(b.binary("xor", BOOL, chosen, np.bool_(True)))]

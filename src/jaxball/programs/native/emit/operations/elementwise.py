@@ -16,7 +16,7 @@ from . import complex, real
 def map_elements(
     function: Function, shape: tuple[int, ...], dtype: np.dtype, compute: Callable[..., Element], of: Sequence[Array]
 ) -> Array:
-    """The array of the results of ``compute`` for the elements; an operand of shape () is the same for all."""
+    """Returns the array of the results of ``compute`` for the elements; an operand of shape () is the same for all."""
     builder, storage = function.builder, function.storage
     if is_small(shape):
         if function.uses_vectors and is_of_vectors(shape):
@@ -38,7 +38,7 @@ def map_elements(
 def _in_vectors(
     function: Function, shape: tuple[int, ...], dtype: np.dtype, compute: Callable[..., Element], of: Sequence[Array]
 ) -> Array:
-    """The same in vectors along the first axis, where that takes less time."""
+    """Maps elements as :func:`map_elements`, but in vectors along the first axis, where that takes less time."""
     dtypes = [array.dtype for array in of]
     rows = [
         side_by_side(function.builder, dtypes, [dtype], columns, lambda *xs: (compute(*xs),))[0]
@@ -48,14 +48,15 @@ def _in_vectors(
 
 
 def as_array(elements: Sequence[Element], shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
-    """An array of elements: of numbers if all are known."""
+    """Returns an array of elements: of numbers if all are known."""
     if dtype.kind != "c" and not any(isinstance(element, str) for element in elements):
         return np.array(elements, dtype).reshape(shape)
     return registers(dtype, elements, shape).elements
 
 
 def scalar(operation: Operation) -> Callable[..., Element]:
-    """What an operation computes of single numbers: a function of the builder and those.
+    """Returns the function that an operation computes of single numbers; its arguments are the builder and these
+    numbers.
 
     **Raises:** ``UnsupportedError`` for an operation that is not elementwise or is not known.
     """
@@ -88,7 +89,7 @@ def elementwise(function: Function, operation: Operation, operands: list[Array])
 
 @rule("stablehlo.select")
 def select(function: Function, operation: Operation, operands: list[Array]) -> Array:
-    """Where the condition holds, of the second, else of the third."""
+    """Selects elements of the second operand where the condition holds, else of the third."""
     result, builder = operation.results[0], function.builder
     family = complex if result.dtype.kind == "c" else real
     compute = lambda condition, x, y: family.select(builder, result.dtype, condition, x, y)  # noqa: E731
@@ -97,7 +98,7 @@ def select(function: Function, operation: Operation, operands: list[Array]) -> A
 
 @rule("stablehlo.clamp")
 def clamp(function: Function, operation: Operation, operands: list[Array]) -> Array:
-    """Of (low, x, high) the number in [low, high] next to x."""
+    """Returns, for (low, x, high), the number in [low, high] next to x."""
     result, builder = operation.results[0], function.builder
     compute = lambda low, x, high: real.clamp(builder, result.dtype, low, x, high)  # noqa: E731
     return map_elements(function, result.shape, result.dtype, compute, operands)
@@ -111,7 +112,7 @@ def complex_of(function: Function, operation: Operation, operands: list[Array]) 
 
 @rule("stablehlo.real", "stablehlo.imag")
 def part(function: Function, operation: Operation, operands: list[Array]) -> Array:
-    """Of a real number itself and 0."""
+    """Returns the real or the imaginary part; for a real number these are itself and 0."""
     result = operation.results[0]
     if operands[0].dtype.kind == "c":
         compute = scalar(operation)
@@ -131,7 +132,9 @@ def reduce_precision(function: Function, operation: Operation, operands: list[Ar
 
 @rule("stablehlo.bitcast_convert")
 def bitcast_convert(function: Function, operation: Operation, operands: list[Array]) -> Array:
-    """The same bits as numbers of another type; of another length, as a dimension more or less, the lowest first."""
+    """Returns the same bits as numbers of another type; where its length differs, with a dimension more or less, the
+    lowest first.
+    """
     (array,), result, storage = operands, operation.results[0], function.storage
     if array.dtype.itemsize == result.dtype.itemsize:
         compute = scalar(operation)
@@ -143,6 +146,6 @@ def bitcast_convert(function: Function, operation: Operation, operands: list[Arr
 
 @rule("stablehlo.map")
 def map_(function: Function, operation: Operation, operands: list[Array]) -> Array:
-    """What the region computes of the elements."""
+    """Applies the region to the elements."""
     result, combine = operation.results[0], function.combination(operation.regions[0])
     return map_elements(function, result.shape, result.dtype, lambda *xs: combine(*xs)[0], operands)

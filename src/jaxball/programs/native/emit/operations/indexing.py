@@ -14,7 +14,7 @@ from ..values import Array, Formula, Memory, Registers, is_small, size_of
 
 
 def _starts(function: Function, operation: Operation, numbers: Sequence[Array], sizes: Sequence[int]) -> list[Index]:
-    """Where a slice begins, moved so that it lies within the array."""
+    """Returns where a slice begins, moved so that it lies within the array."""
     builder, shape = function.builder, operation.operands[0].shape
     starts = []
     for array, length, size in zip(numbers, shape, sizes, strict=True):
@@ -25,7 +25,7 @@ def _starts(function: Function, operation: Operation, numbers: Sequence[Array], 
 
 @rule("stablehlo.dynamic_slice")
 def dynamic_slice(function: Function, operation: Operation, operands: list[Array]) -> Array:
-    """A slice of known lengths; one that would reach over the end begins earlier."""
+    """Returns a slice of known lengths; one that would reach over the end begins earlier."""
     array, *numbers = operands
     result, builder = operation.results[0], function.builder
     starts = _starts(function, operation, numbers, result.shape)
@@ -44,7 +44,7 @@ def dynamic_slice(function: Function, operation: Operation, operands: list[Array
 
 @rule("stablehlo.dynamic_update_slice")
 def dynamic_update_slice(function: Function, operation: Operation, operands: list[Array]) -> Array:
-    """The array with a slice replaced, in place where nobody reads the array afterwards."""
+    """Returns the array with a slice replaced, in place where nobody reads the array afterwards."""
     array, update, *numbers = operands
     storage, builder = function.storage, function.builder
     starts = _starts(function, operation, numbers, update.shape)
@@ -74,7 +74,9 @@ def gather(function: Function, operation: Operation, operands: list[Array]) -> A
     n, sizes = operation.attribute("dimension_numbers"), operation.attribute("slice_sizes")
     offset = list(n.offset_dims)
     batch = [k for k in range(len(result.shape)) if k not in offset]
-    kept = [k for k in range(len(array.shape)) if k not in (*n.collapsed_slice_dims, *n.operand_batching_dims)]
+    slice_dimensions = [
+        k for k in range(len(array.shape)) if k not in (*n.collapsed_slice_dims, *n.operand_batching_dims)
+    ]
     indices_known = isinstance(numbers, Registers) and numbers.known and is_small(result.shape)
     numbers = storage.evaluate(numbers)
     # An index that is not known reads from memory, and then so do all. What only moves numbers that are there is not
@@ -92,7 +94,7 @@ def gather(function: Function, operation: Operation, operands: list[Array]) -> A
             place[dimension] = builder.clamp(i, array.shape[dimension] - sizes[dimension])
         for dimension, k in zip(n.operand_batching_dims, n.start_indices_batching_dims, strict=True):
             place[dimension] = of_batch[k - (k > n.index_vector_dim)]
-        for dimension, k in zip(kept, offset, strict=True):
+        for dimension, k in zip(slice_dimensions, offset, strict=True):
             place[dimension] = builder.plus(place[dimension], index[k])
         return array.element(builder, place)
 
@@ -100,7 +102,7 @@ def gather(function: Function, operation: Operation, operands: list[Array]) -> A
 
 
 def _index_at(function: Function, numbers: Array, of_batch: Sequence[Index], vector: int, k: int) -> Index:
-    """Component k of the vector of indices of one slice."""
+    """Returns component k of the vector of indices of one slice."""
     place = list(of_batch)
     if vector < len(numbers.shape):
         place.insert(vector, k)
@@ -161,7 +163,7 @@ class _Places:
         self.batch = [k for k in range(len(update)) if k not in windows]
 
     def slices(self) -> Iterator[list[tuple[int, ...]]]:
-        """The indices of the updates, slice by slice."""
+        """Yields the indices of the updates, slice by slice."""
         for of_batch in np.ndindex(*(self.update[k] for k in self.batch)):
             indices = []
             for of_window in np.ndindex(*(self.update[k] for k in self.windows)):
@@ -172,7 +174,7 @@ class _Places:
             yield indices
 
     def of(self, index: Sequence[Index]) -> tuple[Element, list[Index]]:
-        """Whether the slice of an update lies within the array, and where the update goes."""
+        """Returns whether the slice of an update lies within the array, and where the update goes."""
         b, n = self.function.builder, self.n
         of_batch = [index[k] for k in self.batch]
         start: list[Index] = [0] * len(self.shape)

@@ -32,15 +32,17 @@ class _Routine:
         self.dtype = _LETTERS[letter]
 
     def option(self, name: str) -> str:
-        """A letter that JAX gives as its code."""
+        """Returns a letter that JAX gives as its code."""
         return chr(self.operation.attribute("mhlo.backend_config")[name])
 
     def memory(self, dtype: np.dtype, *lengths: int) -> Memory:
-        """Memory of one matrix, as the transposed one, or of numbers to work in."""
+        """Allocates memory for one matrix, as the transposed one, or for numbers to work in."""
         return self.function.storage.allocate([max(length, 1) for length in lengths[::-1]], dtype)
 
     def call(self, name: str, *arguments: Any, library: str = "lapack") -> None:
-        """Arguments are letters, integers, numbers of a type, which are passed by their addresses, and memory."""
+        """Calls a routine: its arguments are letters, integers, numbers of a type, which are passed by their addresses,
+        and memory.
+        """
         b, symbol = self.function.builder, f"scipy.{library}.{self.letter}{name}"
         if not b.module.target.has_routines or machine.routine(library, f"{self.letter}{name}") is None:
             raise UnsupportedError(f"{self.letter}{name} of SciPy's {library.upper()}")
@@ -118,12 +120,14 @@ def _eigenvalues_of_symmetric(r: _Routine, operands: list[Memory]) -> list[Memor
 
 
 def _eigenvalues(r: _Routine, operands: list[Memory]) -> list[Memory]:
-    """Of a real matrix, LAPACK gives the parts of a complex vector as the vectors of it and of the next value."""
+    """Computes eigenvalues and vectors: for a real matrix, LAPACK gives the parts of a complex vector as the vectors of
+    it and of the next value.
+    """
     (a,), b, storage = operands, r.function.builder, r.function.storage
     n, info = a.shape[0], r.memory(INTEGER, 1)
     count = 4 * max(n, 1)
-    wanted = [r.option("compute_left"), r.option("compute_right")]
-    vectors = [r.memory(r.dtype, n, n) for _ in wanted]
+    options = [r.option("compute_left"), r.option("compute_right")]
+    vectors = [r.memory(r.dtype, n, n) for _ in options]
     values = [r.memory(r.dtype, n) for _ in range(1 if r.dtype.kind == "c" else 2)]
     work: list[Any] = [r.memory(r.dtype, count), count]
     if r.dtype.kind == "c":
@@ -133,7 +137,7 @@ def _eigenvalues(r: _Routine, operands: list[Memory]) -> list[Memory]:
     with storage.every_index(info.shape) as index:
         storage.put(info, index, np.int32(-4))
     with b.where(_all_finite(r, a)):  # a search for eigenvalues may not end
-        r.call("geev", *wanted, n, a, n, *values, left, n, right, n, *work, info)
+        r.call("geev", *options, n, a, n, *values, left, n, right, n, *work, info)
     if r.dtype.kind == "c":
         return [*values, left, right, info]
     pairs = [r.memory(np.dtype(f"c{2 * r.dtype.itemsize}"), n, n) for _ in vectors]
@@ -184,7 +188,7 @@ def _singular_values(r: _Routine, operands: list[Memory]) -> list[Memory]:
 
 
 def _tridiagonal_solution(r: _Routine, operands: list[Memory]) -> list[Memory]:
-    """The lower diagonal has a first element without a meaning."""
+    """Solves a tridiagonal system, whose lower diagonal has a first element without a meaning."""
     low, middle, high, x = operands
     (m,), info = middle.shape, r.memory(INTEGER, 1)
     lower = r.memory(r.dtype, m)
@@ -212,7 +216,7 @@ _ROUTINES: dict[str, Factorisation] = {
 
 @rule("stablehlo.custom_call")
 def custom_call(function: Function, operation: Operation, operands: list[Array]) -> list[Array]:
-    """A routine of LAPACK; a callback ends the program, which is then run by XLA."""
+    """Calls a routine of LAPACK; a callback ends the program, which is then run by XLA."""
     if is_callback(operation):
         function.refuse()
         return [Registers(result.dtype, np.zeros(result.shape, result.dtype)) for result in operation.results]
@@ -224,13 +228,13 @@ def custom_call(function: Function, operation: Operation, operands: list[Array])
 
 
 def _routine_named(target: str) -> tuple[str, str] | None:
-    """The letter and the name of a routine that is known, of ``lapack_dgetrf_ffi``."""
+    """Returns the letter and the name of a routine that is known, from a name like ``lapack_dgetrf_ffi``."""
     letter, name = target[7:8], target[8:].removesuffix("_ffi")
     return (letter, name) if target.startswith("lapack_") and letter in _LETTERS and name in _ROUTINES else None
 
 
 def _call(function: Function, operation: Operation, operands: list[Array], letter: str, name: str) -> list[Array]:
-    """A routine of LAPACK's or BLAS's, of each matrix."""
+    """Calls a routine of LAPACK's or BLAS's, for each matrix."""
     storage, compute = function.storage, _ROUTINES[name]
     routine = _Routine(function, operation, letter)
     # LAPACK overwrites its matrices, and has them column by column: each is copied, its indices exchanged.

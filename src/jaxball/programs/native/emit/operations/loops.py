@@ -24,7 +24,7 @@ _OF_CONDITIONS = {
 
 @rule("stablehlo.while")
 def while_(function: Function, operation: Operation, operands: list[Array]) -> list[Array]:
-    """The body's results are the next turn's arguments, for as long as the condition holds."""
+    """Writes a loop: the body's results are the next turn's arguments, for as long as the condition holds."""
     # Within a loop in lanes, one of its own could only be in vectors of vectors: it turns for all lanes at once.
     if not function.in_lanes:
         loop = independent(operation, [_read_integer(array) for array in operands], function.compiler.functions)
@@ -127,7 +127,7 @@ class _Loop:
 
 
 def _with_twin(function: Function, array: Array) -> Registers:
-    """The numbers of an array in registers, and in memory as well where they are there."""
+    """Returns the numbers of an array in registers, and in memory as well where they are there."""
     numbers = function.storage.to_registers(array)
     if isinstance(array, Memory):
         numbers.twin, numbers.buffers = array, array.buffers
@@ -182,7 +182,9 @@ class _Carry:
         self.array = self.passing.join([name for _, _, name in self.phis])
 
     def following(self, array: Array, going: Vector | None) -> list[Element]:
-        """The numbers with which the next turn begins: where lanes have left the loop, those they left with."""
+        """Returns the numbers with which the next turn begins: where lanes have left the loop, the numbers they left
+        with.
+        """
         if self.passing is None:
             return []
         b, numbers = self.function.builder, self.passing.spread(array)
@@ -212,14 +214,14 @@ class _Carry:
 
 
 def _read_integer(array: Array) -> int | None:
-    """The single integer that an array is."""
+    """Returns the single integer that an array is."""
     if not isinstance(array, Registers) or not array.known or array.elements.size != 1 or array.dtype.kind not in "iu":
         return None
     return int(array.elements.reshape(-1)[0])
 
 
 def _few_turns(function: Function, operation: Operation, operands: list[Array]) -> int | None:
-    """How many turns a loop has that counts from a known number to a known one, and is short enough to be written out.
+    """Counts the turns of a loop that counts from a known number to a known one, and is short enough to be written out.
 
     Then indices are known, and what the loop fills need not be in memory.
     """
@@ -246,7 +248,7 @@ def _few_turns(function: Function, operation: Operation, operands: list[Array]) 
 
 
 def _operations_within(function: Function, block: Block) -> Iterator[Operation]:
-    """The operations of a block, with those of the functions that are written where it calls them."""
+    """Yields the operations of a block, with those of the functions that are written where it calls them."""
     for operation in block.every_operation():
         yield operation
         if operation.name == "func.call" and not function.compiler.stays_function(operation.attribute("callee")):
@@ -254,7 +256,7 @@ def _operations_within(function: Function, block: Block) -> Iterator[Operation]:
 
 
 def _write_turns(function: Function, operation: Operation, operands: list[Array], turns: int) -> list[Array]:
-    """One turn after another."""
+    """Writes one turn after another."""
     storage, arrays = function.storage, [function.storage.evaluate(array) for array in operands]
     for array in arrays:
         storage.pin(array)
@@ -272,7 +274,7 @@ def _write_turns(function: Function, operation: Operation, operands: list[Array]
 
 
 def _in_lanes(function: Function, operation: Operation, operands: list[Array], loop: Independent) -> list[Array]:
-    """As many turns at a time as a vector has lanes; in the last ones some are computed again."""
+    """Writes as many turns at a time as a vector has lanes; in the last ones some are computed again."""
     b, storage = function.builder, function.storage
     _, body = operation.regions
     arrays: list[Array] = []

@@ -28,10 +28,10 @@ def dot_general(function: Function, operation: Operation, operands: list[Array])
             return products.in_vectors(shape)
         # Factors in registers have no index that a loop could count.
         if count <= MOST_TERMS or in_registers:
-            at = products.write_sum
+            element = products.write_sum
         else:
-            products.operands, at = [storage.anywhere(array) for array in products.operands], products.in_loop
-        elements = [at(index) for index in np.ndindex(*shape)]
+            products.operands, element = [storage.anywhere(array) for array in products.operands], products.in_loop
+        elements = [element(index) for index in np.ndindex(*shape)]
         return Registers(result.dtype, as_array(elements, shape, result.dtype))
     products.operands = [storage.anywhere(array) for array in products.operands]
     return storage.to_memory(Formula(shape, result.dtype, products.in_loop, products.operands))
@@ -57,7 +57,7 @@ class _Products:
         self._family = complex if self.dtype.kind == "c" else real
 
     def in_vectors(self, shape: tuple[int, ...]) -> Array:
-        """All sums, in vectors along the first dimension."""
+        """Computes all sums, in vectors along the first dimension."""
         sums = []
         for place in np.ndindex(*shape[1:]):
             rows = [self._factors_at((lane, *place)) for lane in range(shape[0])]
@@ -66,11 +66,11 @@ class _Products:
         return Registers(self.dtype, as_array(row_by_row(sums), shape, self.dtype))
 
     def write_sum(self, index: Sequence[Index]) -> Element:
-        """The sum at an index of the result."""
+        """Writes the sum at an index of the result."""
         return self._sum(self._factors_at(index)) if size_of(self.lengths) else self._zero()
 
     def in_loop(self, index: Sequence[Index]) -> Element:
-        """The same, one product after another."""
+        """Computes the sum at an index of the result in a loop, one product after another."""
         if not size_of(self.lengths):
             return self._zero()
         # −0 is what leaves every number as it is.
@@ -84,7 +84,7 @@ class _Products:
         return self._storage.accumulate(self.lengths, start, step, varying=varying)[0]
 
     def _factors_at(self, index: Sequence[Index]) -> list[Element]:
-        """The factors of all products of one sum."""
+        """Lists the factors of all products of one sum."""
         return [x for within in np.ndindex(*self.lengths) for x in self._factors(index, within)]
 
     def _factors(self, index: Sequence[Index], within: Sequence[Index]) -> list[Element]:
@@ -117,7 +117,7 @@ class _Products:
         return self._family.SCALARS["add"](self._builder, self.dtype, x, y)
 
     def _sum(self, factors: Sequence[Element]) -> Element:
-        """A sum of many products as that of several sums, which a processor adds at once."""
+        """Computes a sum of many products from several partial sums, which a processor adds at once."""
         numbers = list(map(self._multiply, factors[::2], factors[1::2]))
         constants, variables = [x for x in numbers if is_known(x)], [x for x in numbers if not is_known(x)]
         apart = PARTIAL_SUMS if len(variables) >= 2 * PARTIAL_SUMS else 1

@@ -15,7 +15,7 @@ from . import elementary
 
 
 def intrinsic(name: str) -> Callable[..., Element]:
-    """A function that LLVM supports."""
+    """Returns a function that LLVM supports."""
 
     def compute(builder: Builder, dtype: np.dtype, *operands: Element) -> Element:
         if dtype.kind != "f":
@@ -26,7 +26,7 @@ def intrinsic(name: str) -> Callable[..., Element]:
 
 
 def library(name: str) -> Callable[..., Element]:
-    """A function of C's library, which has one for each type."""
+    """Returns a function of C's library, which has one for each type."""
 
     def compute(builder: Builder, dtype: np.dtype, *operands: Element) -> Element:
         if dtype.kind != "f":
@@ -41,7 +41,7 @@ def library(name: str) -> Callable[..., Element]:
 def own(
     name: str, otherwise: Callable[..., Element], part: int | None = None, in_vectors: bool = True
 ) -> Callable[..., Element]:
-    """A function of :mod:`elementary`, of which one part may be meant, for vectors; for single numbers, another.
+    """Returns a function of :mod:`elementary`, or one part of its result, for vectors; for single numbers, another.
 
     Where there is no C library, it is for these too, and for known ones. Numbers of 32 bits are computed in 64, and
     rounded.
@@ -78,14 +78,14 @@ def multiply(b: Builder, dtype: np.dtype, x: Element, y: Element) -> Element:
 
 
 def divide(b: Builder, dtype: np.dtype, x: Element, y: Element) -> Element:
-    """Of integers: −1 (all bits set) where y is 0; the least integer divided by −1 is itself."""
+    """Divides x by y: for integers, −1 (all bits set) where y is 0; the least integer divided by −1 is itself."""
     if dtype.kind == "f":
         return b.binary("div", dtype, x, y)
     return _divide(b, "div", dtype, x, y, -1, np.iinfo(dtype).min)
 
 
 def remainder(b: Builder, dtype: np.dtype, x: Element, y: Element) -> Element:
-    """With the sign of x. Of integers: x where y is 0."""
+    """Computes the remainder, with the sign of x. Of integers: x where y is 0."""
     if dtype.kind == "f":
         return _remainder_of_floats(b, dtype, x, y)
     return _divide(b, "rem", dtype, x, y, None, 0)
@@ -97,7 +97,7 @@ _remainder_of_floats = own("fmod", lambda b, dtype, x, y: b.apply("frem", dtype,
 def _divide(
     b: Builder, operation: str, dtype: np.dtype, x: Element, y: Element, by_zero: int | None, overflowed: int
 ) -> Element:
-    """Division of integers, whose divisor is replaced by 1 where LLVM does not define the result."""
+    """Divides integers, with the divisor replaced by 1 where LLVM does not define the result."""
     signed = dtype.kind == "i"
     zero = b.compare("eq", dtype, y, dtype.type(0))
     overflow: Element = np.bool_(False)
@@ -123,13 +123,13 @@ def absolute(b: Builder, dtype: np.dtype, x: Element) -> Element:
 
 
 def sign(b: Builder, dtype: np.dtype, x: Element) -> Element:
-    """−1, 0 or 1; NaN and zeros are their own signs."""
-    one, zero = dtype.type(1), dtype.type(0)
+    """Returns −1, 0 or 1; NaN and zeros are their own signs."""
+    unit, zero = dtype.type(1), dtype.type(0)
     if dtype.kind == "f":
         # Unordered or equal: true of NaN, 0 and −0.
         itself = b.apply("fcmp ueq", dtype, x, zero)
-        return b.select(dtype, itself, x, b.call("llvm.copysign", dtype, one, x))
-    above = b.select(dtype, b.compare("eq", dtype, x, zero), zero, one)
+        return b.select(dtype, itself, x, b.call("llvm.copysign", dtype, unit, x))
+    above = b.select(dtype, b.compare("eq", dtype, x, zero), zero, unit)
     return above if dtype.kind == "u" else b.select(dtype, b.compare("slt", dtype, x, zero), dtype.type(-1), above)
 
 
@@ -194,9 +194,9 @@ hypot = own("hypot", library("hypot"))
 
 
 def logistic(b: Builder, dtype: np.dtype, x: Element) -> Element:
-    one = dtype.type(1)
+    unit = dtype.type(1)
     grown = SCALARS["exponential"](b, dtype, negate(b, dtype, x))
-    return b.binary("div", dtype, one, b.binary("add", dtype, one, grown))
+    return b.binary("div", dtype, unit, b.binary("add", dtype, unit, grown))
 
 
 def square(b: Builder, dtype: np.dtype, x: Element) -> Element:
@@ -209,7 +209,7 @@ UNSIGNED = {"EQ": "eq", "NE": "ne", "LT": "ult", "LE": "ule", "GT": "ugt", "GE":
 
 
 def comparison(direction: str, total: bool) -> Callable[..., Element]:
-    """``total``: by IEEE 754's total order, −NaN < −∞ < … < −0 < +0 < … < ∞ < NaN."""
+    """Returns a comparison; ``total``: by IEEE 754's total order, −NaN < −∞ < … < −0 < +0 < … < ∞ < NaN."""
 
     def compute(b: Builder, dtype: np.dtype, x: Element, y: Element) -> Element:
         if dtype.kind == "f" and total:
@@ -238,7 +238,7 @@ def next_after(b: Builder, dtype: np.dtype, x: Element, y: Element) -> Element:
 
 
 def _in_order(b: Builder, dtype: np.dtype, integer: np.dtype, x: Element) -> Element:
-    """An integer that is ordered as the number is."""
+    """Returns an integer that is ordered as the number is."""
     bits = bitcast(b, dtype, integer, x)
     # The bits of negative numbers grow as these fall: all but the sign are inverted.
     sign = b.apply("ashr", integer, bits, integer.type(8 * integer.itemsize - 1))
@@ -246,7 +246,7 @@ def _in_order(b: Builder, dtype: np.dtype, integer: np.dtype, x: Element) -> Ele
 
 
 def bitcast(b: Builder, source: np.dtype, target: np.dtype, x: Element) -> Element:
-    """The number with the same bits."""
+    """Returns the number with the same bits."""
     if source.itemsize != target.itemsize or "b" in (source.kind, target.kind) or "c" in (source.kind, target.kind):
         raise UnsupportedError(f"Bits of {source} as {target}")
     if llvm_type(source) == llvm_type(target):
@@ -255,7 +255,7 @@ def bitcast(b: Builder, source: np.dtype, target: np.dtype, x: Element) -> Eleme
 
 
 def convert(b: Builder, source: np.dtype, target: np.dtype, x: Element) -> Element:
-    """A number as the nearest of another type; where there is none, the last one, and of NaN 0."""
+    """Converts a number to the nearest of another type; where there is none, the last one, and for NaN 0."""
     if source == target:
         return x
     if is_known(x) and (source.kind != "f" or target.kind == "f"):

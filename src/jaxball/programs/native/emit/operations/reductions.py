@@ -19,7 +19,7 @@ from .elementwise import as_array
 
 @rule("stablehlo.reduce")
 def reduce(function: Function, operation: Operation, operands: list[Array]) -> list[Array]:
-    """The elements along some dimensions combined by the region, from the first to the last."""
+    """Combines the elements along some dimensions by the region, from the first to the last."""
     storage, builder = function.storage, function.builder
     count = len(operands) // 2
     reduced = operation.attribute("dimensions")
@@ -33,12 +33,12 @@ def reduce(function: Function, operation: Operation, operands: list[Array]) -> l
     first = [storage.to_registers(array).element(builder, ()) for array in operands[count:]]
     combine = function.combination(operation.regions[0])
     varying = in_lanes(*first) or any(array.varying for array in arrays)
-    kept = [k for k in range(len(shape)) if k not in reduced]
+    result_dimensions = [k for k in range(len(shape)) if k not in reduced]
     lengths = [shape[k] for k in reduced]
 
     def at(index: Sequence[Index]) -> list[Element]:
         place: list[Index] = [0] * len(shape)
-        for k, i in zip(kept, index, strict=True):
+        for k, i in zip(result_dimensions, index, strict=True):
             place[k] = i
 
         def step(within: list[Index], numbers: list[Element]) -> Sequence[Element]:
@@ -49,7 +49,7 @@ def reduce(function: Function, operation: Operation, operands: list[Array]) -> l
         most = size_of(lengths) if written_out else MOST_TERMS
         return storage.accumulate(lengths, list(zip(dtypes, first, strict=True)), step, most, varying)
 
-    if written_out and kept[:1] == [0] and function.uses_vectors and is_of_vectors(shape):
+    if written_out and result_dimensions[:1] == [0] and function.uses_vectors and is_of_vectors(shape):
         return _in_vectors(function, operation, arrays, first, reduced, combine)
     return several(function, operation, at, arrays, varying)
 
@@ -62,7 +62,7 @@ def _in_vectors(
     reduced: Any,
     combine: Any,
 ) -> list[Array]:
-    """The same where the first axis stays and is as long as vectors are."""
+    """Combines the elements by the region in vectors, where the first axis stays and is as long as vectors are."""
     results = operation.results
     dtypes = [result.dtype for result in results]
     shape = results[0].shape
@@ -82,7 +82,7 @@ def _in_vectors(
 
 
 def several(function: Function, operation: Operation, at: Any, of: Sequence[Array], varying: bool) -> list[Array]:
-    """Results of one shape, whose elements are computed together; ``varying``: they are vectors."""
+    """Returns results of one shape, whose elements are computed together; ``varying``: they are vectors."""
     storage, results = function.storage, operation.results
     shape, dtypes = results[0].shape, [result.dtype for result in results]
     loops = any(not isinstance(array, Registers) for array in of)
@@ -106,7 +106,7 @@ def several(function: Function, operation: Operation, at: Any, of: Sequence[Arra
 
 @rule("stablehlo.reduce_window")
 def reduce_window(function: Function, operation: Operation, operands: list[Array]) -> list[Array]:
-    """The elements within each window combined by the region."""
+    """Combines the elements within each window by the region."""
     storage, builder = function.storage, function.builder
     count = len(operands) // 2
     arrays = [storage.evaluate(array) for array in operands[:count]]
@@ -135,8 +135,8 @@ def reduce_window(function: Function, operation: Operation, operands: list[Array
 
 @rule("stablehlo.select_and_scatter")
 def select_and_scatter(function: Function, operation: Operation, operands: list[Array]) -> Array:
-    """Of each window of the first operand, the place that the first region selects is combined with a number of the
-    second, by the second region, to begin with the third.
+    """Combines the place that the first region selects in each window of the first operand with a number of the second,
+    by the second region, to begin with the third.
     """
     storage, builder = function.storage, function.builder
     array, source = (storage.anywhere(storage.evaluate(operand)) for operand in operands[:2])
@@ -154,13 +154,13 @@ def select_and_scatter(function: Function, operation: Operation, operands: list[
             inside, place = window.place(builder, index, within)
             number, is_found, *chosen = best
             other = array.element(builder, place)
-            kept = builder.binary("and", BOOL, is_found, selects(number, other)[0])
+            stays = builder.binary("and", BOOL, is_found, selects(number, other)[0])
             # Padding is never chosen, whatever would be compared with it.
-            kept = builder.binary("or", BOOL, kept, builder.binary("xor", BOOL, inside, np.bool_(True)))
+            stays = builder.binary("or", BOOL, stays, builder.binary("xor", BOOL, inside, np.bool_(True)))
             pairs = zip(parts([dtype], [number]), parts([dtype], [other]), strict=True)
-            new = join_parts([dtype], [builder.select(part, kept, x, y) for (part, x), (_, y) in pairs])
+            new = join_parts([dtype], [builder.select(part, stays, x, y) for (part, x), (_, y) in pairs])
             numbers = [np.int64(i) if isinstance(i, int) else i for i in place]
-            moved = [builder.select(INDEX, kept, i, j) for i, j in zip(chosen, numbers, strict=True)]
+            moved = [builder.select(INDEX, stays, i, j) for i, j in zip(chosen, numbers, strict=True)]
             return [*new, builder.binary("or", BOOL, is_found, inside), *moved]
 
         start = [(dtype, zero), (BOOL, np.bool_(False)), *[(INDEX, np.int64(0))] * len(array.shape)]
@@ -189,7 +189,7 @@ class _Window:
         self.high = [int(high) for _, high in edges]
 
     def running(self) -> int | None:
-        """The dimension along which each window holds all elements up to its own, as in a cumulative sum."""
+        """Returns the dimension along which each window holds all elements up to its own, as in a cumulative sum."""
         long = [k for k, length in enumerate(self.lengths) if length > 1]
         plain = {*self.strides, *self.apart, *self.spread} <= {1}
         if len(long) != 1 or not plain or self.lengths[long[0]] != self.shape[long[0]]:
@@ -200,7 +200,7 @@ class _Window:
         return k if not any(others) and edges == {0, self.lengths[k] - 1} else None
 
     def place(self, builder: Any, index: Sequence[Index], within: Sequence[Index]) -> tuple[Element, list[Index]]:
-        """Whether there is an element at a place in the window of an index, and the index of that element."""
+        """Returns whether there is an element at a place in the window of an index, and the index of that element."""
         inside, place = np.bool_(True), []
         for k, (i, j) in enumerate(zip(index, within, strict=True)):
             position = builder.plus(builder.times(i, self.strides[k]), builder.times(j, self.apart[k]))
@@ -226,7 +226,7 @@ def _running(
     dimension: int,
     backwards: bool,
 ) -> list[Array]:
-    """All elements up to each one combined; ``backwards``: from each one on."""
+    """Combines all elements up to each one; ``backwards``: from each one on."""
     storage, builder = function.storage, function.builder
     shape, dtypes = arrays[0].shape, [array.dtype for array in arrays]
     length = shape[dimension]

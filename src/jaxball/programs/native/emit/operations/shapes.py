@@ -20,7 +20,9 @@ def rearrange(
     of_registers: Callable[[np.ndarray], np.ndarray],
     source: Callable[[Sequence[Index]], Sequence[Index]],
 ) -> Array:
-    """Another arrangement: of an array of NumPy, and where the element of an index comes from."""
+    """Rearranges an array: ``of_registers`` does so for an array of NumPy, and ``source`` says where the element of an
+    index comes from.
+    """
     result = operation.results[0]
     if isinstance(array, Registers) and (array.known or is_small(result.shape)):
         return Registers(array.dtype, of_registers(array.elements))
@@ -45,7 +47,7 @@ def constant(function: Function, operation: Operation, operands: list[Array]) ->
 
 @rule("stablehlo.iota")
 def iota(function: Function, operation: Operation, operands: list[Array]) -> Array:
-    """Each element is its own index in one dimension."""
+    """Makes an array in which each element is its own index in one dimension."""
     result, dimension = operation.results[0], operation.attribute("iota_dimension")
     shape, dtype, builder = result.shape, result.dtype, function.builder
     if is_small(shape):
@@ -63,7 +65,7 @@ def iota(function: Function, operation: Operation, operands: list[Array]) -> Arr
 
 @rule("stablehlo.broadcast_in_dim")
 def broadcast_in_dim(function: Function, operation: Operation, operands: list[Array]) -> Array:
-    """Dimension k of the operand is dimension d[k] of the result; one of length 1 is repeated."""
+    """Broadcasts the operand: its dimension k is dimension d[k] of the result; one of length 1 is repeated."""
     dimensions, shape = operation.attribute("broadcast_dimensions"), operation.results[0].shape
     old = operands[0].shape
 
@@ -82,7 +84,7 @@ def broadcast_in_dim(function: Function, operation: Operation, operands: list[Ar
 
 @rule("stablehlo.reshape")
 def reshape(function: Function, operation: Operation, operands: list[Array]) -> Array:
-    """The same elements in the same order."""
+    """Returns the same elements in the same order, in the shape of the result."""
     array, shape = operands[0], operation.results[0].shape
     builder = function.builder
     if not isinstance(array, Registers) and not is_small(shape) and _unit_free(array.shape) == _unit_free(shape):
@@ -112,7 +114,7 @@ def _unit_free(shape: Sequence[int]) -> list[int]:
 
 @rule("stablehlo.transpose")
 def transpose(function: Function, operation: Operation, operands: list[Array]) -> Array:
-    """Dimension k of the result is dimension p[k] of the operand."""
+    """Permutes dimensions: dimension k of the result is dimension p[k] of the operand."""
     permutation = operation.attribute("permutation")
 
     def source(index: Sequence[Index]) -> list[Index]:
@@ -149,7 +151,7 @@ def reverse(function: Function, operation: Operation, operands: list[Array]) -> 
 
 @rule("stablehlo.concatenate")
 def concatenate(function: Function, operation: Operation, operands: list[Array]) -> Array:
-    """One after another along a dimension."""
+    """Joins the operands one after another along a dimension."""
     result, dimension = operation.results[0], operation.attribute("dimension")
     storage = function.storage
     if is_small(result.shape):
@@ -176,7 +178,7 @@ def write_part(function: Function, target: Any, array: Array, dimension: int, of
 
 @rule("stablehlo.pad")
 def pad(function: Function, operation: Operation, operands: list[Array]) -> Array:
-    """The operand with a number around it and between its elements; negative edges cut off."""
+    """Puts a number around the operand and between its elements; negative edges are cut off."""
     array, fill = operands
     result = operation.results[0]
     low, interior = operation.attribute("edge_padding_low"), operation.attribute("interior_padding")

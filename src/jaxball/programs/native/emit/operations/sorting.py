@@ -14,7 +14,7 @@ from . import complex, real
 
 @rule("stablehlo.sort")
 def sort(function: Function, operation: Operation, operands: list[Array]) -> list[Array]:
-    """Arrays brought along one dimension into the order in which the region says what comes before what."""
+    """Sorts arrays along one dimension into the order in which the region says which element comes before which."""
     storage, dimension = function.storage, operation.attribute("dimension")
     shape = operands[0].shape
     sources = [storage.anywhere(storage.evaluate(array)) for array in operands]
@@ -38,7 +38,7 @@ def sort(function: Function, operation: Operation, operands: list[Array]) -> lis
 
 
 def _sort(function: Function, operation: Operation, length: int, rows: list[Memory], spare: list[Memory]) -> None:
-    """Rows sorted: sorted parts of 1, 2, 4, … elements are merged two by two."""
+    """Sorts rows: sorted parts of 1, 2, 4, … elements are merged two by two."""
     b, storage = function.builder, function.storage
     if length < 2:
         return
@@ -56,8 +56,8 @@ def _sort(function: Function, operation: Operation, length: int, rows: list[Memo
             middle, end = least(b.plus(start, part), length), least(b.plus(start, twice), length)
             varying = rows[0].varying
             firsts = [b.spread(INDEX, i) if varying else i for i in (start, middle)]
-            with b.loop(start, end, *((INDEX, i) for i in firsts)) as one:
-                i, j = one.carried
+            with b.loop(start, end, *((INDEX, i) for i in firsts)) as slot:
+                i, j = slot.carried
                 first, second = ([row.element(b, (least(k, length - 1),)) for row in rows] for k in (i, j))
                 later = comes_before(*(element for two in zip(second, first, strict=True) for element in two))[0]
                 has_first, has_second = b.compare("slt", INDEX, i, middle), b.compare("slt", INDEX, j, end)
@@ -65,9 +65,9 @@ def _sort(function: Function, operation: Operation, length: int, rows: list[Memo
                 takes_second = b.binary("and", BOOL, later, has_second)
                 takes_second = b.binary("or", BOOL, takes_second, b.binary("xor", BOOL, has_first, np.bool_(True)))
                 for row, x, y in zip(spare, second, first, strict=True):
-                    storage.put(row, (one.index,), _choose(function, row.dtype, takes_second, x, y))
+                    storage.put(row, (slot.index,), _choose(function, row.dtype, takes_second, x, y))
                 step = b.convert("zext", BOOL, INDEX, takes_second)
-                one.following = [b.plus(i, b.apply("sub", INDEX, 1, step)), b.plus(j, step)]
+                slot.following = [b.plus(i, b.apply("sub", INDEX, 1, step)), b.plus(j, step)]
         # Copied back in each round, so that the loop over rounds has the same two memories in each.
         for row, other in zip(rows, spare, strict=True):
             b.copy(row.buffer.name, other.buffer.name, length * row.dtype.itemsize * (LANES if row.varying else 1))

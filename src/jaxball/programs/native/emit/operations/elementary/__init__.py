@@ -48,17 +48,17 @@ FUNCTIONS: dict[str, tuple[Function, int]] = {
 
 
 def name_of(name: str, lanes: int = 1) -> str:
-    """The name of a function in LLVM's IR."""
+    """Returns the name of a function in LLVM's IR."""
     return f"@elementary.{name}.f64" if lanes == 1 else f"@elementary.{name}.v{lanes}f64"
 
 
 def definition(name: str, lanes: int = 1) -> str:
-    """A function in LLVM's IR, without what it calls."""
+    """Returns a function in LLVM's IR, without the functions that it calls."""
     return _write_function(name, lanes)[0]
 
 
 def declarations(name: str, lanes: int = 1) -> dict[str, str]:
-    """The functions that a function calls, by name: declarations of LLVM's own, and definitions."""
+    """Returns the functions that a function calls, by name: declarations of LLVM's own, and definitions."""
     return _write_function(name, lanes)[1]
 
 
@@ -81,7 +81,9 @@ def _write_function(name: str, lanes: int) -> tuple[str, dict[str, str]]:
 
 
 def write_call(b: Builder, name: str, *operands: Element, part: int | None = None) -> Name:
-    """A call, for vectors where an operand is one, written once for equal operands; ``part`` of several results."""
+    """Writes a call, for vectors where an operand is one, once for equal operands; ``part`` chooses one of several
+    results.
+    """
     width = width_of(*operands)
     lanes = width or 1
     # Written once in a process, and part of each module that calls it.

@@ -23,7 +23,7 @@ _EXP = tuple(1 / math.factorial(k) for k in range(2, 14))  # (eʳ − 1 − r)/r
 
 
 def _exponent(w: Writer, x: str) -> tuple[str, str, str]:
-    """n and r, with the rest of r, of x = n ln 2 + r, |r| ≤ ln 2/2."""
+    """Computes n and r, with the rest of r, of x = n ln 2 + r, |r| ≤ ln 2/2."""
     n, shifted = w.nearest(w.mul(x, 1 / math.log(2)))
     minus = w.neg(n)
     first = w.fma(minus, _LN2_NEAREST[0], x)  # exact
@@ -56,7 +56,7 @@ def exp(w: Writer, operands: list[str]) -> list[str]:
 
 
 def expm1(w: Writer, operands: list[str]) -> list[str]:
-    """2ⁿ (eʳ − 1) + 2ⁿ − 1."""
+    """Computes 2ⁿ (eʳ − 1) + 2ⁿ − 1."""
     (x,) = operands
     n, r, rest = _exponent(w, between(w, x, -60.0, 709.9))
     tail = w.fma(w.mul(r, r), w.polynomial(r, _EXP), w.fma(rest, r, rest))
@@ -71,7 +71,7 @@ def expm1(w: Writer, operands: list[str]) -> list[str]:
 
 
 def mantissa(w: Writer, x: str) -> tuple[str, str]:
-    """n and m of x = 2ⁿ m, √½ ≤ m < √2, of a positive number."""
+    """Computes n and m of x = 2ⁿ m, √½ ≤ m < √2, for a positive number."""
     small = w.compare("olt", x, 2.0**-1022)
     bits = w.bits(w.select(small, w.mul(x, 2.0**54), x))
     above = w.integer("sub", bits, int(np.float64(math.sqrt(0.5)).view(np.int64)))
@@ -88,7 +88,7 @@ def log_beside_ends(w: Writer, x: str, result: str) -> str:
 
 
 def log_of_sum(w: Writer, x: str, more: str | None, doublings: str | None = None) -> str:
-    """log((x + c) 2ᵏ) of a small c, given as c/x; ``doublings``: k, else 0."""
+    """Computes log((x + c) 2ᵏ) for a small c, given as c/x; ``doublings``: k, else 0."""
     n, m = mantissa(w, x)
     n = n if doublings is None else w.add(n, doublings)
     f = w.sub(m, 1.0)
@@ -124,7 +124,7 @@ def log1p_of_pair(w: Writer, u: str, rest: str, x: str) -> str:
 
 
 def _log_as_pair(w: Writer, x: str) -> tuple[str, str]:
-    """The logarithm of a positive number as a sum of two, to 2⁻⁶⁵ of itself."""
+    """Computes the logarithm of a positive number as a sum of two, to 2⁻⁶⁵ of itself."""
     n, m = mantissa(w, x)
     f = w.sub(m, 1.0)
     above, below = w.sum(2.0, f)
@@ -145,7 +145,7 @@ def _log_as_pair(w: Writer, x: str) -> tuple[str, str]:
 
 
 def pow(w: Writer, operands: list[str]) -> list[str]:
-    """exp(y log |x|), with the sign and the exceptions of IEEE 754's pow."""
+    """Computes exp(y log |x|), with the sign and the exceptions of IEEE 754's pow."""
     x, y = operands
     size = w.call("fabs", x)
     high, low = _log_as_pair(w, size)

@@ -34,7 +34,7 @@ def cosh(w: Writer, operands: list[str]) -> list[str]:
 
 
 def tanh(w: Writer, operands: list[str]) -> list[str]:
-    """t/(t + 2), t = exp(2 |x|) − 1."""
+    """Computes t/(t + 2), t = exp(2 |x|) − 1."""
     (x,) = operands
     (t,) = expm1(w, [w.mul(between(w, w.call("fabs", x), 0.0, 22.0), 2.0)])
     return [w.call("copysign", w.div(t, w.add(t, 2.0)), x)]

@@ -71,11 +71,11 @@ def log_hypot(w: Writer, operands: list[str]) -> list[str]:
     above, second_error = w.sum_of_any(above, squares[1])
     above, third_error = w.sum_of_any(above, rest)
     above_rest = w.add(w.add(first_error, second_error), w.add(third_error, last))
-    one, one_rest = w.sum_of_any(1.0, above)
+    near_total, one_rest = w.sum_of_any(1.0, above)
     shift = w.select(large, 1200.0, w.select(small, -1200.0, 0.0))
     near = w.both(w.compare("ogt", total, 0.25), w.compare("olt", total, 4.0))
     near = w.both(near, w.compare("oeq", shift, 0.0))
-    y = w.select(near, one, total)
+    y = w.select(near, near_total, total)
     more = w.div(w.select(near, w.add(one_rest, above_rest), w.add(error, rest)), y)
     result = w.mul(log_beside_ends(w, y, log_of_sum(w, y, more, shift)), 0.5)
     return [_or_endless(w, operands, result)]

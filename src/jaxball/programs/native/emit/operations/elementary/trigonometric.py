@@ -78,7 +78,7 @@ def tan(w: Writer, operands: list[str]) -> list[str]:
 
 
 def _angle(w: Writer, y: str, x: str | float, y_rest: str | float = 0.0, x_rest: str | float = 0.0) -> str:
-    """j π/4 ± arctan q, |q| ≤ √2 − 1: q is the ratio of the smaller to the larger, or turned by π/4.
+    """Computes j π/4 ± arctan q, |q| ≤ √2 − 1: q is the ratio of the smaller to the larger, or turned by π/4.
 
     A positive one may be a sum of two numbers if x² + y² is 1.
     """

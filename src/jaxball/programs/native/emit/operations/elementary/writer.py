@@ -23,15 +23,17 @@ class Writer(Instructions):
         self.lanes = lanes
 
     def pure(self, instruction: str, wide: int = 0) -> Name:
-        """An instruction where it stands: the functions have blocks, and LLVM finds what is computed twice."""
+        """Writes an instruction where it stands: the functions have blocks, and LLVM finds numbers that are computed
+        twice.
+        """
         return self.effect(instruction, wide)
 
     def argument(self, name: str) -> Name:
-        """An argument of the function."""
+        """Returns an argument of the function."""
         return name if self.lanes == 1 else Vector(name, self.lanes)
 
     def everywhere(self, x: float) -> Element:
-        """A number in all lanes, where an operation has no other operand that says how many these are."""
+        """Returns a number in all lanes, where an operation has no other operand that says how many these are."""
         return x if self.lanes == 1 else Vector(f"splat (double {write_element(x)})", self.lanes)
 
     # Numbers
@@ -52,11 +54,11 @@ class Writer(Instructions):
         return self.apply("fneg", DOUBLE, x)
 
     def call(self, name: str, *operands: Element) -> Name:
-        """A function that LLVM has instructions for."""
+        """Calls a function that LLVM has instructions for."""
         return self.intrinsic(f"llvm.{name}", DOUBLE, *operands)
 
     def fma(self, x: Element, y: Element, z: Element) -> Name:
-        """x y + z, rounded once."""
+        """Computes x y + z, rounded once."""
         return self.call("fma", x, y, z)
 
     def compare(self, predicate: str, x: Element, y: Element) -> Name:
@@ -83,25 +85,25 @@ class Writer(Instructions):
         return self.apply(operation, LONG, x, y)
 
     def is_negative(self, x: Element) -> Name:
-        """Whether the sign of a number is set, that of −0 too."""
+        """Returns whether the sign of a number is set, also for −0."""
         return self.integer("icmp slt", self.bits(x), 0)
 
     def is_set(self, bits: Name, mask: int) -> Name:
         return self.integer("icmp ne", self.integer("and", bits, mask), 0)
 
     def nearest(self, x: Name) -> tuple[Name, Name]:
-        """The integer nearest to a number of less than 2⁵¹: as a number, and in the lowest bits."""
+        """Finds the integer nearest to a number of less than 2⁵¹: as a number, and in the lowest bits."""
         shifted = self.add(x, SHIFT)
         return self.sub(shifted, SHIFT), self.bits(shifted)
 
     def power_of_two(self, exponent: Name) -> Name:
-        """2ⁿ of an integer −1022 ≤ n ≤ 1023."""
+        """Computes 2ⁿ for an integer −1022 ≤ n ≤ 1023."""
         return self.number(self.integer("shl", self.integer("add", exponent, 1023), 52))
 
     # Parts of formulas
 
     def polynomial(self, x: str, coefficients: Sequence[float]) -> str:
-        """c₀ + c₁ x + c₂ x² + …, by halves (Estrin, 1960), which a processor computes side by side."""
+        """Computes c₀ + c₁ x + c₂ x² + …, by halves (Estrin, 1960), which a processor computes side by side."""
         terms: list[Element] = list(coefficients)
         power = x
         while len(terms) > 1:
@@ -112,30 +114,30 @@ class Writer(Instructions):
         return terms[0]
 
     def sum(self, x: Element, y: Element) -> tuple[str, str]:
-        """x + y and its rounding error, which is exact where |x| ≥ |y| or x = 0."""
+        """Computes x + y and its rounding error, which is exact where |x| ≥ |y| or x = 0."""
         total = self.add(x, y)
         return total, self.sub(y, self.sub(total, x))
 
     def sum_of_any(self, x: Element, y: Element) -> tuple[str, str]:
-        """x + y and its rounding error (Knuth)."""
+        """Computes x + y and its rounding error (Knuth)."""
         total = self.add(x, y)
         part = self.sub(total, x)
         return total, self.add(self.sub(x, self.sub(total, part)), self.sub(y, part))
 
     def product(self, x: str, y: Element) -> tuple[str, str]:
-        """x y and its rounding error."""
+        """Computes x y and its rounding error."""
         result = self.mul(x, y)
         return result, self.fma(x, y, self.neg(result))
 
     def quotient(self, x: str, x_rest: str | None, y: str, y_rest: str) -> tuple[str, str]:
-        """(x + x′)/(y + y′) as a sum of two."""
+        """Computes (x + x′)/(y + y′) as a sum of two."""
         result = self.div(x, y)
         rest = self.fma(self.neg(result), y, x)
         rest = self.sub(rest if x_rest is None else self.add(rest, x_rest), self.mul(result, y_rest))
         return result, self.div(rest, y)
 
     def root(self, x: str, x_rest: str) -> tuple[str, str]:
-        """√(x + x′) as a sum of two; 0 of 0."""
+        """Computes √(x + x′) as a sum of two; 0 for 0."""
         result = self.call("sqrt", x)
         rest = self.add(self.fma(self.neg(result), result, x), x_rest)
         return result, self.div(rest, self.select(self.compare("oeq", x, 0.0), 1.0, self.mul(result, 2.0)))
@@ -145,12 +147,12 @@ Function = Callable[[Writer, "list[str]"], "list[str]"]
 
 
 def scale(w: Writer, x: str, exponent: str) -> str:
-    """x 2ⁿ, |n| ≤ 1100, rounded once where it is a subnormal number."""
+    """Computes x 2ⁿ, |n| ≤ 1100, rounded once where it is a subnormal number."""
     half = w.integer("ashr", exponent, 1)
     return w.mul(w.mul(x, w.power_of_two(half)), w.power_of_two(w.integer("sub", exponent, half)))
 
 
 def between(w: Writer, x: str, low: float, high: float) -> str:
-    """x, or the end of an interval beyond which it is; NaN stays."""
+    """Returns x, or the end of an interval beyond which it is; NaN stays."""
     x = w.select(w.compare("olt", x, low), low, x)
     return w.select(w.compare("ogt", x, high), high, x)
