@@ -76,23 +76,16 @@ def _next_mode(
     tolerance: Float[Array, ""],
 ) -> Progress:
     """The state that follows the end of a mode: after the end of a slip or of rolling, or an impact."""
-    starts, decides = cause == START, (cause == START) | (cause >= 0)
-    rise = plane.rise(t, state)
-    lands = (cause == int(SwitchCause.LANDS)) | starts & (state.height <= 0) & (rise < 0)
-    still = (cause == int(SwitchCause.GIVES_WAY)) | state.is_in(Mode.ROLLING)
-    flies = (cause == int(SwitchCause.LIFTS)) | starts & ((state.height > 0) | (rise > 0))
+    done, no = Progress.of(plane, t, state, cause), jnp.asarray(False)
     none = Beginning.none(state.height)
-    begun, rolling = (select_tree(decides | (x.until <= t), none, x) for x in (state.begun, state.rolling))
+    begun, rolling = (select_tree(done.decides | (x.until <= t), none, x) for x in (state.begun, state.rolling))
     if plane.body.planar:
         rolling = state.rolling  # that of a disk does not turn
-    now = eqx.tree_at(
-        lambda x: (x.height, x.begun, x.rolling), state, (jnp.where(starts, state.height, 0.0), begun, rolling)
-    )
-    no = jnp.asarray(False)
-    done = Progress(t, state, now, still, flies, lands, decides, no, stands=no, turns=no)
+    now = eqx.tree_at(lambda x: (x.begun, x.rolling), done.state, (begun, rolling))
+    done = done._replace(state=now, stands=no, turns=no)
     done = only_if(cause == int(SwitchCause.STOPS), end_slip, plane, done, tolerance)
     done = only_if(cause == int(SwitchCause.ROLLING_ENDS), _end_rolling, plane, done, tolerance)
-    done = only_if(lands, strike, plane, done)
+    done = only_if(done.lands, strike, plane, done)
     done = only_if(done.decides, _decide, plane, done, cause)
     return done._replace(state=_begin(plane, done))
 

@@ -9,16 +9,21 @@ In an impact no joint is held. The friction that holds a joint is finite, and gi
 does. So joints take their part of an impact freely, and those that it has set in motion slip afterwards.
 """
 
-import dataclasses
 from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from ..body import AbstractBody
-from ..dynamics.sticking import describe_changes, largest_frictions, sticking_slots, with_directions
+from ..dynamics.sticking import (
+    JointHistory,
+    JointSwitches,
+    sticking_guards,
+    sticking_slots,
+    with_directions,
+)
 from ..hybrid import NONE, Accuracy, Assessment, GuardedStep, Transition
 from ..state import PlacedState
 from .body_on_plane import BodyOnPlane, ContactHistory
@@ -37,41 +42,22 @@ class StickingState(ContactState):
     slips: Float[Array, "*batch sticking"]
 
 
-class StickingSwitches(ContactSwitches):
-    """The switches of such a body: of the mode of its contact, and of its joints.
-
-    - ``directions_before``, ``directions_after``: in which each joint with dry friction slips, 0 where it sticks,
-      shape (capacity, joints).
-    - ``joints``: what these joints are called.
-    """
-
-    directions_before: Float[Array, "*batch capacity joints"]
-    directions_after: Float[Array, "*batch capacity joints"]
-    joints: tuple[str, ...] = eqx.field(static=True)
+class StickingSwitches(JointSwitches, ContactSwitches):
+    """The switches of such a body: of the mode of its contact, and of its joints."""
 
     def words(self, k: int) -> str:
-        changed = describe_changes(self.joints, self.directions_before[k], self.directions_after[k])
+        changed = self.changes(k)
         source, target = (int(np.asarray(column)[k]) for column in (self.source, self.target))
         of_joint = int(np.asarray(self.event)[k]) in (SwitchCause.JOINT_STOPS, SwitchCause.JOINT_BREAKS_LOOSE)
         of_contact = not of_joint or source != target or not changed
         return ", ".join([*([super().words(k)] if of_contact else []), *changed])
 
 
-class StickingHistory(ContactHistory):
-    """The modes of a run with a law of contact and joints that stick, at its saved times.
-
-    - ``directions``: in which each joint with dry friction slips, 1 or −1, and 0 where it sticks, shape (T, joints).
-    """
+class StickingHistory(JointHistory, ContactHistory):
+    """The modes of a run with a law of contact and joints that stick, at its saved times."""
 
     described: ClassVar[str] = "a law of contact and joints that stick"
     changing: ClassVar[str] = "the mode of contact or of a joint"
-
-    directions: Float[Array, "*batch T joints"]
-
-    @property
-    def sticks(self) -> Bool[Array, "*batch T joints"]:
-        """Whether each joint sticks at the saved times."""
-        return self.directions == 0
 
     @property
     def over_time(self) -> dict[str, Array]:
@@ -79,8 +65,7 @@ class StickingHistory(ContactHistory):
 
     def as_solved(self, system: AbstractBody, states: Any) -> "tuple[StickingOnPlane, StickingState]":
         plane, state = super().as_solved(system, states)
-        fields = {field.name: getattr(state, field.name) for field in dataclasses.fields(state)}
-        return StickingOnPlane(system, plane.contact), StickingState(**fields, slips=self.directions)
+        return StickingOnPlane(system, plane.contact), StickingState(**vars(state), slips=self.directions)
 
 
 class StickingOnPlane(BodyOnPlane):
@@ -106,10 +91,7 @@ class StickingOnPlane(BodyOnPlane):
         acting = self.interaction(t, state, found)
         of_contact = self.guards_of_contact(t, state, reference, found, acting)
         holding = found.holding(acting.slip_acceleration, acting.normal)
-        sticks, largest = state.slips == 0, largest_frictions(self.body)
-        onward = state.slips * state.body.thetadot[sticking_slots(self.body)]
-        first = jnp.where(sticks, largest - holding, onward)
-        return jnp.concatenate([of_contact, first, jnp.where(sticks, largest + holding, 1.0)])
+        return jnp.concatenate([of_contact, sticking_guards(self.body, state.slips, state.body.thetadot, holding)])
 
     def assess(self, step: GuardedStep, accuracy: Accuracy) -> Assessment:
         """The cause that the guard which is zero stands for, from ``FIRST_OF_JOINTS`` on for those of joints."""
@@ -123,8 +105,7 @@ class StickingOnPlane(BodyOnPlane):
 
     def start(self, t: Float[Array, ""], state: ReleasedState | PlacedState) -> StickingState:
         given = super().start(t, state)
-        fields = {field.name: getattr(given, field.name) for field in dataclasses.fields(given)}
-        return StickingState(**fields, slips=jnp.sign(given.body.thetadot[sticking_slots(self.body)]))
+        return StickingState(**vars(given), slips=jnp.sign(given.body.thetadot[sticking_slots(self.body)]))
 
     def transition(self, t: Float[Array, ""], state: Any, event: Int[Array, ""], accuracy: Accuracy) -> Transition:
         return transition(self, t, state, event, accuracy)
@@ -133,13 +114,9 @@ class StickingOnPlane(BodyOnPlane):
 
     def history(self, times: Float[Array, " T"], states: Any, record: Any) -> StickingHistory:
         of_contact = super().history(times, states, record)
-        fields: dict[str, Any]
-        fields, switches = (
-            {field.name: getattr(each, field.name) for field in dataclasses.fields(each)}
-            for each in (of_contact, of_contact.switches)
-        )
+        fields: dict[str, Any] = dict(vars(of_contact))
         fields["switches"] = StickingSwitches(
-            **switches,
+            **vars(of_contact.switches),
             directions_before=record.before.slips,
             directions_after=record.after.slips,
             joints=self.body.sticking,

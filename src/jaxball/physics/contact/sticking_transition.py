@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ...numerics.arrays import select_tree
 from ...programs.derivatives.differentiation import without_derivatives
 from ..dynamics.sticking import largest_frictions, sticking_slots, with_directions
-from ..hybrid import START, Accuracy, Transition, at_zero
+from ..hybrid import Accuracy, Transition, at_zero
 from . import friction
 from .modes import CAUSES, Mode, SwitchCause
 from .released import ReleasedState, Response, response, slip_velocity, with_rise, with_slip
@@ -67,16 +67,10 @@ def _next_mode(
     tolerance: Float[Array, ""],
 ) -> Progress:
     """The state that follows the end of a mode: after the end of a slip, or an impact."""
-    starts, of_joint, rise = event == START, event >= FIRST_OF_JOINTS, plane.rise(t, state)
-    lands = (event == int(SwitchCause.LANDS)) | starts & (state.height <= 0) & (rise < 0)
-    still = (event == int(SwitchCause.GIVES_WAY)) | state.is_in(Mode.ROLLING)
-    goes_on = of_joint & state.is_in(Mode.FLIGHT)
-    flies = (event == int(SwitchCause.LIFTS)) | goes_on | starts & ((state.height > 0) | (rise > 0))
-    height, begun = jnp.where(starts | goes_on, state.height, 0.0), Beginning.none(state.height)
-    now = eqx.tree_at(lambda x: (x.height, x.begun), state, (height, begun))
-    done = Progress(t, state, now, still, flies, lands, starts | (event >= 0), jnp.asarray(False))
+    keeps_flying = (event >= FIRST_OF_JOINTS) & state.is_in(Mode.FLIGHT)
+    done = Progress.of(plane, t, state, event, keeps_flying)
     done = only_if(event == int(SwitchCause.STOPS), end_slip, plane, done, tolerance)
-    done = only_if(lands, _strike, plane, done)
+    done = only_if(done.lands, _strike, plane, done)
     done = only_if(done.decides, _decide, plane, done, event)
     return done._replace(state=begin_slip(plane, done))
 
