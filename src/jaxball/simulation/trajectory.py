@@ -268,12 +268,12 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         In a batch, those of each run.
 
         **Raises:** ``ValueError`` for a ball or a disk, whose integrals are functions of a state
-        (``jaxball.physics.dynamics.integrals``).
+        (``jaxball.physics.dynamics.momentum``).
         """
         if isinstance(self.system, AbstractBody):
             raise ValueError(
                 f"Only other systems have `laws`, but this trajectory is of a {type(self.system).__name__}; "
-                "the modules `integrals` and `momentum` of jaxball.physics.dynamics have its integrals."
+                "the module `momentum` of jaxball.physics.dynamics has its integrals."
             )
         return self._evaluate(functools.partial(_call_at_all, "laws"), self.system, self.state)
 
