@@ -105,9 +105,8 @@ class Rolling(AbstractControlProblem):
             )
         found = inputs(system, start, state)
         given = system.state_type() if state is None else state
-        fields = {field.name: getattr(given, field.name) for field in dataclasses.fields(given)}
         self.robot, self.system, self.motors = system, found.system, found.motors
-        self.state = system.state_type(**fields | {"theta": found.theta, "thetadot": found.thetadot})
+        self.state = system.state_type(**vars(given) | {"theta": found.theta, "thetadot": found.thetadot})
         self.start, self.end = start, end
         self.objectives = {name: _in_time(one, start, end) for name, one in objectives.items()}
         self.constraints = dict(constraints or {}) | motor_limits(system, found.motors)

@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ...numerics.arrays import select_tree
 from ...numerics.directions import diverging, unit
 from ...programs.derivatives.differentiation import without_derivatives
+from ..dynamics.load import in_three
 from ..dynamics.rest import candidates, resist
 from ..forces.resistance import TurningMode
 from ..hybrid import START, Accuracy, Transition, at_zero
@@ -113,7 +114,7 @@ class _Rolling(NamedTuple):
     def pull(self, sigma: Float[Array, "2"]) -> slips.Pull:
         """How ω_h changes in a direction of rolling."""
         turning = self.resisting.turning(self.slides, self.mu, self.sigma)
-        acting = resist(self.resisting.resistance, turning, self.mode._replace(sigma=_in_three(sigma)))
+        acting = resist(self.resisting.resistance, turning, self.mode._replace(sigma=in_three(sigma)))
         return slips.Pull(acting.rate[:2], -jnp.sum(sigma * acting.torque[:2]), acting.normal)
 
     def rates(self, body: Any, state: "RestingState", mode: TurningMode) -> ReleasedState:
@@ -140,7 +141,7 @@ def _end_rolling(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array
 
     def brake(about: _Rolling, time: Float[Array, ""], share: float, where: Any) -> Any:
         rate = -omega / jnp.where(time > 0, time, 1.0)
-        held = about.mode._replace(rests=jnp.asarray(True), braking=_in_three(rate))
+        held = about.mode._replace(rests=jnp.asarray(True), braking=in_three(rate))
         moved = about.rates(plane.body, where, held)
         return state.move(jax.tree.map(lambda x, rate: x + share * time * rate, state.released, moved))
 
@@ -193,7 +194,7 @@ class _Deciding(NamedTuple):
     def first_rolling(self, choice: _Choice) -> Float[Array, "3"]:
         """The direction in which rolling begins."""
         sigma = diverging(_pull, (self, choice), jax.lax.stop_gradient(choice.mode.sigma[:2])).sigma
-        return _in_three(sigma)
+        return in_three(sigma)
 
     def with_one_less(self, choice: _Choice, at_once: Bool[Array, "3"]) -> _Choice:
         """The choice in which the most overloaded of them has let go; or those that let go ``at_once``, if any do."""
@@ -215,7 +216,7 @@ class _Deciding(NamedTuple):
         if self.resisting.axle is not None:
             against = against.at[0].set(0.0)
         mode = choice.mode._replace(
-            sigma=jnp.where(off[1], _in_three(against), choice.mode.sigma),
+            sigma=jnp.where(off[1], in_three(against), choice.mode.sigma),
             spin=jnp.where(off[2], spin, choice.mode.spin),
             rests=choice.mode.rests & ~off[1],
             still=choice.mode.still & ~off[2],
@@ -226,7 +227,7 @@ class _Deciding(NamedTuple):
 def _pull(about: tuple[_Deciding, _Choice], sigma: Float[Array, "2"]) -> tuple[Float[Array, "2"], Float[Array, ""]]:
     deciding, choice = about
     turning = deciding.resisting.turning(~choice.sticks, deciding.mu, choice.sigma)
-    acting = resist(deciding.resisting.resistance, turning, choice.mode._replace(sigma=_in_three(sigma)))
+    acting = resist(deciding.resisting.resistance, turning, choice.mode._replace(sigma=in_three(sigma)))
     return acting.rate[:2], acting.normal
 
 
@@ -386,7 +387,3 @@ def _begin(plane: "RestingOnPlane", done: Progress) -> "RestingState":
     first = select_tree(begins, ahead[0], kept[0]), select_tree(turns, ahead[1], kept[1])
     start = eqx.tree_at(lambda x: (x.begun, x.rolling), start, first)
     return jax.lax.scan(windows, start, jnp.arange(TURNS_TAKEN) == 0)[0]
-
-
-def _in_three(v: Float[Array, "2"]) -> Float[Array, "3"]:
-    return jnp.concatenate([v, jnp.zeros_like(v[:1])])

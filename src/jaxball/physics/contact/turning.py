@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float
 
 from ...numerics.vectors import root
 from ..body import AbstractBodyWithModes
+from ..dynamics.load import in_three
 from ..dynamics.rest import Needs
 from ..forces.resistance import Resistance, TurningMode
 from ..hybrid import Accuracy, GuardedStep
@@ -67,7 +68,7 @@ class AbstractTurning(AbstractBodyWithModes[Any]):
         """The mode of turning of a body that rolls in the direction ``sigma``, if that is known."""
         direction = self.direction(t, state) if sigma is None else sigma
         rests = state.rolls == 0
-        sigma3 = jnp.where(rests, 0.0, jnp.concatenate([direction, jnp.zeros_like(direction[:1])]))
+        sigma3 = jnp.where(rests, 0.0, in_three(direction))
         return TurningMode(sigma3, state.spin, rests, self.is_held_still(state), jnp.zeros_like(sigma3))
 
     def heading_of_rolling(self, t: Float[Array, ""], state: Any, accuracy: Accuracy) -> Heading:

@@ -30,6 +30,7 @@ from ..contact.slip import HALFWAY, Beginning, Heading
 from ..contact.turning import AbstractTurning
 from ..dynamics.equations import turning
 from ..dynamics.footing import ContactAxes, rate_over_ground
+from ..dynamics.load import in_three
 from ..dynamics.rest import Turning, begin, candidates, needs, resist
 from ..forces.resistance import Resistance, TurningMode
 from ..hybrid import (
@@ -299,7 +300,7 @@ class DryRolling(AbstractTurning):
     ) -> DryRollingState:
         """The state after a share of the time in which ω_h falls to 0, with rates as they are ``where``."""
         rate = -omega / jnp.where(time > 0, time, 1.0)
-        braking = jnp.concatenate([rate, jnp.zeros_like(rate[:1])])
+        braking = in_three(rate)
         held = self.mode(t, state, unit(omega))._replace(rests=jnp.asarray(True), braking=braking)
         moved = rates(self.moving(state), t + (time * HALFWAY if share == 1.0 else 0.0), where.body, held)
         body = jax.tree.map(lambda x, rate: x + share * time * rate, state.body, moved)
@@ -409,6 +410,6 @@ def in_mode(body: AbstractBody, t: Float[Array, ""], state: PlacedState, mode: T
 def _pull(about: tuple[Resistance, Turning, TurningMode], sigma: Float[Array, "2"]) -> slips.Pull:
     """How a ball rolls in a direction, with what acts at a time and a state; space axes."""
     resistance, turns, mode = about
-    acting = resist(resistance, turns, mode._replace(sigma=jnp.concatenate([sigma, jnp.zeros_like(sigma[:1])])))
+    acting = resist(resistance, turns, mode._replace(sigma=in_three(sigma)))
     power = -jnp.sum(sigma * acting.torque[:2])
     return slips.Pull(acting.rate[:2], power, acting.normal)
