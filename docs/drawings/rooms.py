@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[2]
 GROUPS = [
     ("what a user types", "#DDE6F0", ("cli",)),
     ("studies", "#E6EEDF", ("design", "sweep", "verify", "paper")),
-    ("files and figures", "#F3E9D8", ("plot", "results", "mjcf", "urdf", "scenario")),
+    ("files and figures", "#F3E9D8", ("methods", "plot", "results", "mjcf", "urdf", "scenario")),
     ("many runs, and feedback", "#EFE2EA", ("chaos", "stability", "ensemble", "control", "estimation", "environments")),
     ("a run", "#E2EEEE", ("simulation", "solvers")),
     ("mechanics", "#F4E0DA", ("classical", "sensors", "physics")),

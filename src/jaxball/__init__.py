@@ -216,6 +216,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
     from .simulation.simulate import simulate as simulate
     from .simulation.trajectory import Trajectory as Trajectory
 else:
+    from . import methods  # noqa: F401 - which provides those of a trajectory
     from .interface.names import imports_of, lazy_interface, missing
 
     _MODULES = imports_of(__name__)

@@ -46,11 +46,31 @@ import sys
 from jaxball import Ball, DiskState, OnRail, PointMass, Slip, simulate
 from jaxball.simulation.extremes import contact_extremes
 rooms = {name.split(".")[1] for name in sys.modules if name.startswith("jaxball.")}
-assert rooms == {"compat", "interface", "programs", "numerics", "physics", "simulation", "solvers"}, rooms
+assert rooms == {"compat", "interface", "methods", "programs", "numerics", "physics", "simulation", "solvers"}, rooms
 beside = ("matplotlib", "xarray", "pandas", "h5py", "tomllib", "scipy.optimize")
 print(*(name for name in beside if name in sys.modules))
 """
     assert fresh(program) == ""
+
+
+def test_each_method_that_a_trajectory_only_states_is_provided_with_its_signature():
+    program = """
+import inspect, re
+from jaxball.simulation import trajectory
+from jaxball import methods
+stated = re.findall(r"@leave_to_above\\n    def (\\w+)", inspect.getsource(trajectory))
+assert {"plot", "save"} <= set(stated)
+def parameters(function):
+    return [(one.name, one.kind, one.default) for one in inspect.signature(function).parameters.values()][1:]
+for name in stated:
+    method = getattr(trajectory.Trajectory, name)
+    assert parameters(method) == parameters(getattr(methods, name)), name
+    try:
+        method(None, wrong=None)
+    except TypeError:  # of the function provided
+        print(name, end=" ")
+"""
+    assert fresh(program) == "error_estimate to_dataset save plot view"
 
 
 def test_dir_shows_the_interface_and_nothing_else():

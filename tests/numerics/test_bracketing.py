@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball.numerics.bracketing import Sample, between, other_end
+from jaxball.numerics.roots import Sample, between, other_end
 
 CASES = [
     pytest.param(lambda x, xp: x**2 - 2, 0.0, 2.0, np.sqrt(2), id="square-root"),

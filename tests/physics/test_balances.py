@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.physics.dynamics import integrals, momentum
+from jaxball.physics.dynamics import momentum
 from jaxball.physics.dynamics.equations import angles_in_state
 from jaxball.physics.dynamics.load import load
 from jaxball.physics.dynamics.moments import moments
@@ -43,7 +43,7 @@ def momentum_quantities(ball, t, state):
     Ftilde = state.Lambda.T @ ball.force(t)
     Pi = momentum.contact_momentum(*place)
     Pi_rate = momentum.contact_momentum_rate(at, ball.radius, load(ball, t, state), Pi, state.Omega)
-    return (Pi, integrals.jellett(*place)), (Pi_rate, integrals.jellett_rate(*place, Ftilde))
+    return (Pi, momentum.jellett(*place)), (Pi_rate, momentum.jellett_rate(*place, Ftilde))
 
 
 @jax.jit
@@ -114,6 +114,6 @@ def test_jellett_is_the_angular_momentum_about_the_centre_of_mass_along_s():
     )
     at = jax.jit(moments)(ball, jnp.asarray(0.0), (jnp.zeros(0),) * 3)
     Omega, Gamma = jnp.asarray([0.3, -0.7, 1.1]), jnp.asarray([0.6, 0.0, 0.8])
-    general = integrals.jellett(at, ball.radius, Omega, Gamma)
-    special = integrals.routh_integrals(at, ball.radius, Omega, Gamma).jellett
+    general = momentum.jellett(at, ball.radius, Omega, Gamma)
+    special = momentum.routh_integrals(at, ball.radius, Omega, Gamma).jellett
     np.testing.assert_allclose(general, special, rtol=1e-14)

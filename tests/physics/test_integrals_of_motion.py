@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.physics.dynamics import integrals, momentum
+from jaxball.physics.dynamics import momentum
 from jaxball.physics.dynamics.equations import angles_in_state
 from jaxball.physics.dynamics.moments import moments
 
@@ -24,7 +24,7 @@ def momenta(trajectory):
         ball = trajectory.system.prepare()
         place = moments(ball, t, angles_in_state(ball, t, state)), ball.radius, state.Omega, state.Gamma
         Pi = momentum.contact_momentum(*place)
-        return Pi, state.Lambda @ Pi, state.Gamma, integrals.routh_integrals(*place)
+        return Pi, state.Lambda @ Pi, state.Gamma, momentum.routh_integrals(*place)
 
     return jax.vmap(at_time)(trajectory.times, trajectory.state)
 

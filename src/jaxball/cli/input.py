@@ -1,14 +1,15 @@
-"""The scenario that a command reads: a file, a built-in one, that of a run or standard input, possibly changed.
+"""What a command reads: a file, a built-in scenario, that of a run or standard input, possibly changed.
 
-As a document it needs no JAX; :func:`scenario_of` does.
+Which kind of file a document is, is known by its keys. As a document it needs no JAX; :func:`scenario_of` does.
 """
 
 import argparse
 import contextlib
+import shlex
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .. import scenario
 from ..results.files import READ_BACK, load_text
@@ -16,12 +17,30 @@ from ..scenario.errors import ScenarioError, all_problems
 from ..scenario.logs import with_logs
 from ..scenario.paths import with_values
 from ..scenario.sources import document_of, naming, scenario_text, text_of
-from .kinds import SCENARIO, FileKind, check_kind
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
 
 STDIN = "-"
+
+
+class FileKind(NamedTuple):
+    """A kind of file: what sentences call it, the keys each of which tells it from others, and what runs its files."""
+
+    words: str
+    keys: frozenset[str]
+    command: str
+
+
+SCENARIO = FileKind("a scenario", frozenset({"kind"}), "jaxball simulate {}")
+STUDY = FileKind("a study", frozenset({"axes"}), "jaxball sweep {} --out STORE")
+CONTROL = FileKind("a problem of optimal control", frozenset({"control"}), "jaxball design {} --out FOLDER")
+PROBLEM = FileKind(
+    "a design problem",
+    frozenset({"variables", "objectives", "constraints", "robust", "search"}),
+    "jaxball design {} --out FOLDER",
+)
+PROBLEMS = (PROBLEM, CONTROL)
 
 
 def add_scenario(parser: argparse.ArgumentParser) -> None:
@@ -152,3 +171,25 @@ def gather_problems(source: str) -> Iterator[None]:
 def source_name(source: str) -> str:
     """Returns the name of a source in messages."""
     return "standard input" if source == STDIN else source
+
+
+def kind_of_document(document: Mapping[str, Any]) -> FileKind | None:
+    """Returns the kind of a document; None where it has none of the keys by which a kind is known.
+
+    Problems name a scenario too, but what has no other key that is known is taken for a study without its axes.
+    """
+    kind = next((kind for kind in (STUDY, CONTROL, PROBLEM, SCENARIO) if kind.keys & document.keys()), None)
+    return STUDY if kind is None and "scenario" in document else kind
+
+
+def check_kind(document: Mapping[str, Any], name: str, file: str, *kinds: FileKind) -> None:
+    """Raises a :class:`~jaxball.ScenarioError` where a document is of none of ``kinds``.
+
+    What is not recognised is left to its reader, which names the keys that are wrong.
+
+    - ``name``: what messages call its source.
+    - ``file``: the operand of the command that runs it.
+    """
+    kind = kind_of_document(document)
+    if kind is not None and kind not in kinds:
+        raise ScenarioError(f"{name} is {kind.words}; run it with `{kind.command.format(shlex.quote(file))}`.")

@@ -20,7 +20,7 @@ import scipy.sparse.linalg
 from jaxtyping import Array, Float, Int
 
 from .. import programs
-from ..numerics.bracketing import Sample, between, other_end
+from ..numerics.roots import Sample, between, other_end
 from .problem.space import DesignError
 
 # The numbers of Newton corrections at which a step is neither too short nor too long, and at which it has failed.

@@ -182,13 +182,14 @@ def simulate_ensemble(
     >>> round(float(ensemble[1].observables.kinetic_energy[-1]), 9)  # ½ (1/2 + r²) φ̇²
     2.25
     """
-    require_flags(inside=inside, step_to_times=step_to_times, dae=dae, project=project)
+    flags = {"step_to_times": step_to_times, "dae": dae, "project": project, "inside": inside}
+    require_flags(**flags)
     simulated = system_to_solve(system, contact)
     require_kind_of_state(simulated, state)
     if dae:
         require_dae(simulated, state, solver)
     events = check_events(simulated, events)
-    method = Method.of(solver, adjoint, max_steps, step_to_times=step_to_times, dae=dae, project=project, inside=inside)
+    method = Method.of(solver, adjoint, max_steps, None, **flags)
     rtol, atol = check_tolerances(rtol, atol, of_many=True)
     instants = times if isinstance(times, jax.Array) else to_numpy(times, "times").astype(rtol.dtype)
     reductions = _check_reductions(reductions)

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..programs.batches import map_rows
-from .bracketing import Sample, between, other_end
+from .roots import Sample, between, other_end
 
 DIRECTIONS_SAMPLED = 24  # of directions between which one is sought
 ILLINOIS_STEPS = 12  # of the Illinois method: errors below 1e-15 from brackets of a quarter

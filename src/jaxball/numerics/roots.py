@@ -1,4 +1,10 @@
-"""Where a function of one number rises through zero, with derivatives of every order."""
+"""Where functions of one number are zero.
+
+Either a zero is found, and has derivatives of every order; or whoever evaluates the function keeps a bracket of it.
+The next point then follows by the Illinois method: the zero of the secant replaces the newer end. If the sign did not
+change, the other end stays and its value is halved, so that both ends approach the zero (Dowell & Jarratt, *BIT* 11
+(1971) 168–174).
+"""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -112,3 +118,31 @@ class _Trial(NamedTuple):
         arrives = plain & within & (length <= exact)
         value, slope = function(x)
         return _Trial(x, value, slope, low, high, length, self.trials + 1, arrives | ((value == 0) & (slope > 0)))
+
+
+class Sample(NamedTuple):
+    """An end of a bracket: a point x and the function's value f there, numbers or arrays."""
+
+    x: Any
+    f: Any
+
+
+def between(old: Sample, new: Sample, xp: Any = None) -> Any:
+    """Returns the next point: the zero of the secant, or the midpoint if that is not inside or an end is already a
+    zero.
+
+    With ``xp=numpy`` of NumPy's arrays.
+    """
+    xp = xp or jnp
+    slope = new.f - old.f
+    x = new.x - new.f * (new.x - old.x) / xp.where(slope == 0, 1.0, slope)
+    inside = ((x - old.x) * (x - new.x) <= 0) & (old.f != 0) & (new.f != 0)
+    return xp.where(inside, x, (old.x + new.x) / 2)
+
+
+def other_end(old: Sample, new: Sample, newest: Sample, xp: Any = None) -> Sample:
+    """Returns the end of the next bracket opposite to ``newest``, which lies between; at a zero, ``newest`` itself."""
+    xp = xp or jnp
+    crossed, is_zero = (newest.f > 0) != (new.f > 0), newest.f == 0
+    x, f = xp.where(crossed, new.x, old.x), xp.where(crossed, new.f, old.f / 2)
+    return Sample(xp.where(is_zero, newest.x, x), xp.where(is_zero, newest.f, f))

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..numerics.arrays import select_tree
-from ..numerics.bracketing import Sample, between, other_end
+from ..numerics.roots import Sample, between, other_end
 from ..physics.hybrid import NONE, entry
 from ..solvers.dense.steps import sampling
 

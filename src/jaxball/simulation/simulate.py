@@ -132,7 +132,8 @@ def simulate(
     >>> run.message
     'The solve reached t = 2.'
     """
-    require_flags(dense=dense, step_to_times=step_to_times, dae=dae, project=project, inside=inside, throw=throw)
+    flags = {"dense": dense, "step_to_times": step_to_times, "dae": dae, "project": project, "inside": inside}
+    require_flags(**flags, throw=throw)
     times = check_times(times)
     moving = system_to_solve(system, contact)
     state = at_rest(system) if state is None else state
@@ -141,7 +142,6 @@ def simulate(
     if dae:
         require_dae(moving, state, solver)
     events = check_events(moving, events)
-    flags = {"dense": dense, "step_to_times": step_to_times, "dae": dae, "project": project, "inside": inside}
     method = Method.of(solver, adjoint, max_steps, progress, **flags)
     trajectory = _run(method, moving, times, state, rtol, atol, events)
     if throw:

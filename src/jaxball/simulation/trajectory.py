@@ -16,6 +16,7 @@ from typing_extensions import TypeVar
 from .. import programs
 from ..interface.html import as_html, sketch_of
 from ..interface.printing import Printed
+from ..interface.provided import leave_to_above
 from ..interface.status import SUCCESSES, SolveError, Status
 from ..interface.wording import no_attribute, number_of
 from ..numerics.arrays import Numbers, is_traced, to_array
@@ -267,12 +268,12 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         In a batch, those of each run.
 
         **Raises:** ``ValueError`` for a ball or a disk, whose integrals are functions of a state
-        (``jaxball.physics.dynamics.integrals``).
+        (``jaxball.physics.dynamics.momentum``).
         """
         if isinstance(self.system, AbstractBody):
             raise ValueError(
                 f"Only other systems have `laws`, but this trajectory is of a {type(self.system).__name__}; "
-                "the modules `integrals` and `momentum` of jaxball.physics.dynamics have its integrals."
+                "the module `momentum` of jaxball.physics.dynamics has its integrals."
             )
         return self._evaluate(functools.partial(_call_at_all, "laws"), self.system, self.state)
 
@@ -325,41 +326,37 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         ratio = self.plane_reaction.ratio if by_contract else self.observables.friction_ratio
         return jnp.max(ratio, axis=-1)
 
-    # A user who has a trajectory looks there for what can be done with it. These five import, when called, modules
-    # built upon this one; the contracts in pyproject.toml name them as exceptions.
+    # A user who has a trajectory looks there for what can be done with it. What these five do is in
+    # jaxball/methods.py, because it needs packages built upon this one.
 
+    @leave_to_above
     def error_estimate(self, of: Callable[["Trajectory[Any, Any]"], Any] | None = None) -> Any:
         """Estimates the error of the states, or of a result ``of(run)``; see :func:`jaxball.estimate_error`."""
-        from .global_error import estimate_error
+        raise NotImplementedError
 
-        return estimate_error(self, of)
-
+    @leave_to_above
     def to_dataset(self) -> "xarray.Dataset":
         """Converts the trajectory and all its observables, or laws, to a data set; see :func:`jaxball.to_dataset`."""
-        from .. import results
+        raise NotImplementedError
 
-        return results.to_dataset(self)
-
+    @leave_to_above
     def save(self, path: str | os.PathLike[str]) -> "pathlib.Path":
         """Saves the trajectory as ``.nc``, ``.npz``, ``.csv`` or ``.mcap``; see :func:`jaxball.save`.
 
         :func:`jaxball.load_run` reads the first two back. The file has the scenario that was simulated, with its
         settings; :func:`jaxball.save` can give it another.
         """
-        from .. import results
+        raise NotImplementedError
 
-        return results.save(self, os.fspath(path))
-
+    @leave_to_above
     def plot(self) -> "matplotlib.figure.Figure":
         """Draws :func:`jaxball.plot.overview` of a ball or a disk, or else :func:`jaxball.plot.classical_motion`.
 
         **Raises:** ``ValueError`` for a reduced trajectory or a batch.
         """
-        from .. import plot
+        raise NotImplementedError
 
-        body = isinstance(self.system, AbstractBody)
-        return plot.overview(self) if body else plot.classical_motion(self).figure  # pyright: ignore
-
+    @leave_to_above
     def view(
         self,
         path: str | os.PathLike[str] | None = None,
@@ -376,13 +373,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         ``path``, ``title``, ``friction``, ``all_times`` and what is raised: as for :func:`jaxball.plot.write_view`. The
         title is that of the scenario, if there is one, unless it is given.
         """
-        from .. import plot
-
-        default_title = "" if self.scenario is None else self.scenario.title
-        view = plot.View.of(self, default_title if title is None else title, friction=friction, all_times=all_times)
-        if path is not None:
-            view.save(path)
-        return view
+        raise NotImplementedError
 
     if not TYPE_CHECKING:  # a type checker knows what there is
 

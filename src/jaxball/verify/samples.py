@@ -15,12 +15,12 @@ from ..physics.body import AbstractBody
 from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.modes import ContactState
 from ..physics.contact.released import rolling_contact
-from ..physics.dynamics import integrals
 from ..physics.dynamics.energy import velocities
 from ..physics.dynamics.equations import accelerations
 from ..physics.dynamics.footing import contact_normal, footing
 from ..physics.dynamics.load import in_three, load
 from ..physics.dynamics.moments import Moments, kinematics, point_mass_values, principal_inertia
+from ..physics.dynamics.momentum import jellett, jellett_rate, routh_integrals
 from ..physics.grounds import Footing
 from ..physics.grounds.ground import Ground
 from ..physics.observables import Observables, compute_observables, movement, observe
@@ -79,14 +79,13 @@ def quantities(system: Any, t: Float[Array, ""], state: Any) -> Quantities:
     body_moments = motion.at
     arguments = body_moments, r, Omega, Gamma
     axis = axis_of(body_moments)
-    axial = integrals.routh_integrals(*_about(axis, *arguments))
+    axial = routh_integrals(*_about(axis, *arguments))
     momentum = contact_momentum_balance(system, t, state)
-    jellett_rate = integrals.jellett_rate(*arguments, acting.force, acting.torque)
     balances = {
         "energy": Balance(observables.energy, observables.power),
         "momentum": momentum,
         "chaplygin": _constant(momentum.value),
-        "jellett-rate": Balance(integrals.jellett(*arguments), jellett_rate),
+        "jellett-rate": Balance(jellett(*arguments), jellett_rate(*arguments, acting.force, acting.torque)),
         "jellett": _constant(axial.jellett),
         "routh": _constant(axial.routh),
         "norm": _constant(jnp.sqrt(jnp.sum(in_space.q**2))),

@@ -10,9 +10,8 @@ from typing import Any
 from ...interface.activity import Line
 from ...interface.interruption import interrupt_message
 from ...interface.output import check_folder
-from ..input import gather_problems, text_and_document
+from ..input import PROBLEMS, gather_problems, text_and_document
 from ..jax_setup import set_up_jax
-from ..kinds import PROBLEMS
 from ..options import working
 
 UNMET = 1

@@ -8,9 +8,8 @@ from pathlib import Path
 from ...interface.interruption import STOPPED, exit_code, interrupt_message
 from ...interface.output import check_folder
 from ...interface.wording import all_of, number_of, pip_install
-from ..input import gather_problems, text_and_document
+from ..input import STUDY, gather_problems, text_and_document
 from ..jax_setup import set_up_jax
-from ..kinds import STUDY
 from ..options import FAILED_SOLVE, BadInputError, add_formats, add_replacing, count, working
 
 NEEDED = ("zarr", "google_crc32c", "pandas", "pyarrow", "scipy")

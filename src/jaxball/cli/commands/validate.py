@@ -10,9 +10,8 @@ from ...interface.wording import number_of
 from ...scenario.errors import ScenarioError, all_problems
 from ...scenario.logs import with_logs
 from ...scenario.sources import builtin_scenarios, builtin_text, document_of, text_of
-from ..input import input_text, source_name
+from ..input import CONTROL, PROBLEM, SCENARIO, STUDY, input_text, kind_of_document, source_name
 from ..jax_setup import set_up_jax
-from ..kinds import CONTROL, PROBLEM, SCENARIO, STUDY, kind_of_document
 from ..options import BAD_INPUT, sentence
 
 WHAT = "scenario, study or problem"

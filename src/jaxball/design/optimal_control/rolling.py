@@ -105,9 +105,8 @@ class Rolling(AbstractControlProblem):
             )
         controls = inputs(system, start, state)
         start_state = system.state_type() if state is None else state
-        fields = {field.name: getattr(start_state, field.name) for field in dataclasses.fields(start_state)}
         self.robot, self.system, self.motors = system, controls.system, controls.motors
-        self.state = system.state_type(**fields | {"theta": controls.theta, "thetadot": controls.thetadot})
+        self.state = system.state_type(**vars(start_state) | {"theta": controls.theta, "thetadot": controls.thetadot})
         self.start, self.end = start, end
         self.objectives = {name: _in_time(objective, start, end) for name, objective in objectives.items()}
         self.constraints = dict(constraints or {}) | motor_limits(system, controls.motors)

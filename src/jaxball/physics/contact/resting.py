@@ -18,21 +18,21 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ...numerics.directions import unit
-from ...numerics.vectors import apply, root
+from ...numerics.vectors import apply
 from ..body import AbstractBody
 from ..dynamics.footing import ContactAxes, footing_of_released, rate_of_carrier
 from ..dynamics.load import Load
-from ..forces.resistance import TurningMode
 from ..grounds import Footing
 from ..hybrid import NONE, Accuracy, Assessment, GuardedStep, Transition
 from ..state import PlacedState
-from . import friction, over_surface as over, slip as slips
+from . import friction, over_surface as over
 from .body_on_plane import BodyOnPlane, ContactHistory
 from .modes import ContactState, Mode, SwitchCause
 from .released import ReleasedState, Response, response, slip_velocity
 from .resisted import DryTorque, Resisting
 from .resting_transition import Headings, transition
 from .slip import Beginning, Heading
+from .turning import AbstractTurning
 
 TURNING_GUARD, SPINNING_GUARD = 3, 4  # after the three of a contact
 
@@ -43,9 +43,7 @@ class RestingState(ContactState):
     A solve advances ω relative to the ground, in contact axes (in flight, and on a plane, those of space), instead of
     Ω, so that it is exactly 0 at rest.
 
-    - ``rolls``: 0 where dry resistance holds the body against rolling, else 1.
-    - ``spin``: the sign of ω₃ where friction acts against spinning; 0 where it holds it, and where there is none.
-    - ``rolling``: the direction in which a ball has just begun to roll; that in which a disk rolls.
+    - ``rolls``, ``spin``, ``rolling``: how it turns, as in :class:`AbstractTurning`.
     """
 
     rolls: Float[Array, "*batch"]
@@ -77,13 +75,12 @@ class RestingHistory(ContactHistory):
         mode = jnp.where(self.mode == int(Mode.REST), int(Mode.ROLLING), self.mode).astype(state.mode.dtype)
         rolls = jnp.where(self.rests, 0.0, 1.0).astype(state.mode.dtype)
         rolling = Beginning.along(state.begun.until, self.rolling)
-        fields: dict[str, Any] = {field.name: getattr(state, field.name) for field in dataclasses.fields(state)}
-        fields["mode"] = mode
+        fields: dict[str, Any] = dict(vars(state), mode=mode)
         solved = RestingState(**fields, rolls=rolls, spin=self.spin, rolling=rolling)
         return RestingOnPlane(system, plane.contact), solved
 
 
-class RestingOnPlane(BodyOnPlane):
+class RestingOnPlane(AbstractTurning, BodyOnPlane):
     """A ball or a disk with a law of contact, which exact dry resistance may hold at rest."""
 
     title: ClassVar[str] = "body with a law of contact and exact dry resistance"
@@ -143,33 +140,7 @@ class RestingOnPlane(BodyOnPlane):
         assert carried is not None
         return jnp.where(touching, apply(self.contact_axes(t, state).rows, carried), 0.0)
 
-    def unless_held(self, state: RestingState, omega: Float[Array, "3"]) -> Float[Array, "3"]:
-        """Returns ω over the ground, or its rate, in contact axes, with 0 for the components that friction holds."""
-        rests = state.rolls == 0
-        return jnp.where(jnp.stack([rests, rests, self.is_held_still(state)]), 0.0, omega)
-
-    def is_held_still(self, state: RestingState) -> Bool[Array, ""]:
-        """Returns whether friction holds the body against spinning."""
-        return (state.spin == 0) & self.resists_spinning
-
-    @property
-    def resists_rolling(self) -> bool:
-        return getattr(self.body.resistance, "dry", None) is not None
-
-    @property
-    def resists_spinning(self) -> bool:
-        return getattr(self.body.resistance, "dry_spinning", None) is not None and not self.body.planar
-
     # The plane.
-
-    def mode(self, t: Float[Array, ""], state: RestingState, sigma: Float[Array, "2"] | None = None) -> TurningMode:
-        """Returns the mode of turning, in contact axes, of a body that rolls in the direction ``sigma``, if that is
-        known.
-        """
-        direction = self.direction(t, state) if sigma is None else sigma
-        rests = state.rolls == 0
-        sigma3 = jnp.where(rests, 0.0, jnp.concatenate([direction, jnp.zeros_like(direction[:1])]))
-        return TurningMode(sigma3, state.spin, rests, self.is_held_still(state), jnp.zeros_like(sigma3))
 
     def direction(self, t: Float[Array, ""], state: RestingState) -> Float[Array, "2"]:
         """Returns the direction of ω_h of a body that rolls, contact axes."""
@@ -202,12 +173,7 @@ class RestingOnPlane(BodyOnPlane):
 
     def step_reference(self, t: Float[Array, ""], state: Any, accuracy: Accuracy) -> Any:
         """Returns the headings of a slip and of rolling as a step begins."""
-        sigma, omega = self.direction(t, state), self.over_ground(t, state)
-        errors = accuracy.atol + accuracy.rtol * root(jnp.sum(omega**2))
-        heading = Heading.of(sigma, omega[:2], self._unit_of_rate(omega), errors)
-        if self.body.planar:
-            heading = heading._replace(least=jnp.zeros_like(heading.least))
-        return Headings(super().step_reference(t, state, accuracy), heading)
+        return Headings(super().step_reference(t, state, accuracy), self.heading_of_rolling(t, state, accuracy))
 
     def guards(self, t: Float[Array, ""], state: Any) -> Float[Array, "5"]:
         """Computes the guards without a solve, in which a slip and rolling end where their velocities vanish."""
@@ -221,16 +187,9 @@ class RestingOnPlane(BodyOnPlane):
         response = resisting.resist_turning(torque)
         acting = self.interaction(t, state, response)
         of_contact = self.guards_of_contact(t, state, reference.slip, response, acting)
-        spare, omega = resisting.spare(torque, acting), self.over_ground(t, state)
-        flies, unit = state.is_in(Mode.FLIGHT), jnp.ones_like(state.height)
-        rolling = spinning = unit
-        if self.resists_rolling:
-            forward = jnp.sum(omega[:2] * reference.rolling.sigma) - reference.rolling.least
-            rolling = jnp.where(state.rolls == 0, spare.rolling, forward)
-        if self.resists_spinning:
-            spinning = jnp.where(state.spin == 0, spare.spinning, state.spin * omega[2])
-        turning = jnp.where(flies, unit, jnp.stack([rolling, spinning]))
-        return jnp.concatenate([of_contact, turning])
+        spare, unit = resisting.spare(torque, acting), jnp.ones_like(state.height)
+        of_turning = self.guards_of_turning(t, state, spare, reference.rolling)
+        return jnp.concatenate([of_contact, jnp.where(state.is_in(Mode.FLIGHT), unit, of_turning)])
 
     def time_event(self, t: Float[Array, ""], state: Any) -> Float[Array, ""]:
         """Returns the next end of a window in which the direction of a slip or of rolling is known beforehand."""
@@ -256,13 +215,8 @@ class RestingOnPlane(BodyOnPlane):
         stops, ends = rolls & (step.zero == TURNING_GUARD), turns & step.has_fallen
         nears, longest = jnp.zeros_like(turns), contact.longest
         if not self.body.planar:
-            least, omega = reference.rolling.least, self.over_ground(step.end, state)
-            errors = slips.ERRORS * (accuracy.atol + accuracy.rtol * root(jnp.sum(omega**2)))
-            slow = root(jnp.sum(omega[:2] ** 2)) <= 2 * least + errors
-            ends = turns & jnp.where(stops, slow, step.has_fallen)
-            before, after = guards[TURNING_GUARD, 0] + least, guards[TURNING_GUARD, -1] + least
-            nears = rolls & slow & slips.nears_its_end(before, after, least)
-            braked = slips.longest_step(before, after, least, step.end - step.start, accuracy)
+            slow, nears, braked = self.approach_rest(step, reference.rolling, TURNING_GUARD, accuracy)
+            ends, nears = turns & jnp.where(stops, slow, step.has_fallen), rolls & nears
             longest = jnp.minimum(longest, jnp.where(rolls & ~ends, braked, jnp.inf))
         rolling = jnp.where(state.rolls == 0, int(SwitchCause.BREAKS_LOOSE), int(SwitchCause.ROLLING_ENDS))
         spinning = jnp.where(state.spin == 0, int(SwitchCause.BEGINS_TO_SPIN), int(SwitchCause.SPINNING_ENDS))
@@ -270,18 +224,12 @@ class RestingOnPlane(BodyOnPlane):
         otherwise = jnp.where((contact.event < 0) & nears, int(SwitchCause.ROLLING_ENDS), contact.event)
         return Assessment(jnp.where(ends, cause, otherwise), longest)
 
-    def _unit_of_rate(self, omega: Float[Array, "3"]) -> Float[Array, ""]:
-        """Computes a reference for errors of ω: √(g/r) and |ω|."""
-        g, r, size = jax.lax.stop_gradient((jnp.abs(self.body.gravity), self.body.radius, root(jnp.sum(omega**2))))
-        return root(g / r) + size
-
     # How modes begin.
 
     def start(self, t: Float[Array, ""], state: ReleasedState | PlacedState) -> RestingState:
         contact_state = super().start(t, state)
-        fields = {field.name: getattr(contact_state, field.name) for field in dataclasses.fields(contact_state)}
         unit = jnp.ones_like(contact_state.height)  # nothing is held before the first transition
-        return RestingState(**fields, rolls=unit, spin=unit, rolling=Beginning.none(unit))
+        return RestingState(**vars(contact_state), rolls=unit, spin=unit, rolling=Beginning.none(unit))
 
     def transition(self, t: Float[Array, ""], state: Any, event: Int[Array, ""], accuracy: Accuracy) -> Transition:
         return transition(self, t, state, event, accuracy)
@@ -293,7 +241,6 @@ class RestingOnPlane(BodyOnPlane):
         rests = states.rolls == 0
         plane = self.prepare()
         rolling = jax.lax.map(lambda arguments: plane.direction(*arguments), (times, states))
-        fields = {field.name: getattr(of_contact, field.name) for field in dataclasses.fields(of_contact)}
         before, after = ((x.mode, x.rolls) for x in (record.before, record.after))
         switches = dataclasses.replace(
             of_contact.switches,
@@ -301,7 +248,7 @@ class RestingOnPlane(BodyOnPlane):
             target=_with_rest(of_contact.switches.target, after[1]),
         )
         return RestingHistory(
-            **fields | {"mode": _with_rest(of_contact.mode, states.rolls), "switches": switches},
+            **vars(of_contact) | {"mode": _with_rest(of_contact.mode, states.rolls), "switches": switches},
             rests=rests,
             spin=states.spin,
             rolling=jnp.where(rests[..., None], 0.0, rolling),

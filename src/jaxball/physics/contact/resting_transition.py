@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ...numerics.arrays import select_tree
 from ...numerics.directions import diverging, unit
 from ...programs.derivatives.differentiation import without_derivatives
+from ..dynamics.load import in_three
 from ..dynamics.rest import candidates, resist
 from ..forces.resistance import TurningMode
 from ..hybrid import START, Accuracy, Transition, at_zero
@@ -76,23 +77,16 @@ def _next_mode(
     tolerance: Float[Array, ""],
 ) -> Progress:
     """Finds the state that follows the end of a mode: after the end of a slip or of rolling, or an impact."""
-    starts, decides = cause == START, (cause == START) | (cause >= 0)
-    rise = plane.rise(t, state)
-    lands = (cause == int(SwitchCause.LANDS)) | starts & (state.height <= 0) & (rise < 0)
-    still = (cause == int(SwitchCause.GIVES_WAY)) | state.is_in(Mode.ROLLING)
-    flies = (cause == int(SwitchCause.LIFTS)) | starts & ((state.height > 0) | (rise > 0))
+    done, no = Progress.of(plane, t, state, cause), jnp.asarray(False)
     none = Beginning.none(state.height)
-    begun, rolling = (select_tree(decides | (x.until <= t), none, x) for x in (state.begun, state.rolling))
+    begun, rolling = (select_tree(done.decides | (x.until <= t), none, x) for x in (state.begun, state.rolling))
     if plane.body.planar:
         rolling = state.rolling  # that of a disk does not turn
-    now = eqx.tree_at(
-        lambda x: (x.height, x.begun, x.rolling), state, (jnp.where(starts, state.height, 0.0), begun, rolling)
-    )
-    no = jnp.asarray(False)
-    done = Progress(t, state, now, still, flies, lands, decides, no, stands=no, turns=no)
+    now = eqx.tree_at(lambda x: (x.begun, x.rolling), done.state, (begun, rolling))
+    done = done._replace(state=now, stands=no, turns=no)
     done = only_if(cause == int(SwitchCause.STOPS), end_slip, plane, done, tolerance)
     done = only_if(cause == int(SwitchCause.ROLLING_ENDS), _end_rolling, plane, done, tolerance)
-    done = only_if(lands, strike, plane, done)
+    done = only_if(done.lands, strike, plane, done)
     done = only_if(done.decides, _decide, plane, done, cause)
     return done._replace(state=_begin(plane, done))
 
@@ -120,7 +114,7 @@ class _Rolling(NamedTuple):
     def pull(self, sigma: Float[Array, "2"]) -> slips.Pull:
         """Computes how ω_h changes in a direction of rolling."""
         turning = self.resisting.turning(self.slides, self.mu, self.sigma)
-        acting = resist(self.resisting.resistance, turning, self.mode._replace(sigma=_in_three(sigma)))
+        acting = resist(self.resisting.resistance, turning, self.mode._replace(sigma=in_three(sigma)))
         return slips.Pull(acting.rate[:2], -jnp.sum(sigma * acting.torque[:2]), acting.normal)
 
     def rates(self, body: Any, state: "RestingState", mode: TurningMode) -> ReleasedState:
@@ -147,7 +141,7 @@ def _end_rolling(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array
 
     def brake(about: _Rolling, time: Float[Array, ""], share: float, where: Any) -> Any:
         rate = -omega / jnp.where(time > 0, time, 1.0)
-        held = about.mode._replace(rests=jnp.asarray(True), braking=_in_three(rate))
+        held = about.mode._replace(rests=jnp.asarray(True), braking=in_three(rate))
         moved = about.rates(plane.body, where, held)
         return state.move(jax.tree.map(lambda x, rate: x + share * time * rate, state.released, moved))
 
@@ -200,7 +194,7 @@ class _Deciding(NamedTuple):
     def first_rolling(self, choice: _Choice) -> Float[Array, "3"]:
         """Finds the direction in which rolling begins."""
         sigma = diverging(_pull, (self, choice), jax.lax.stop_gradient(choice.mode.sigma[:2])).sigma
-        return _in_three(sigma)
+        return in_three(sigma)
 
     def with_one_less(self, choice: _Choice, at_once: Bool[Array, "3"]) -> _Choice:
         """Returns the choice in which the most overloaded of the contact, rolling and spinning has let go; or those
@@ -224,7 +218,7 @@ class _Deciding(NamedTuple):
         if self.resisting.axle is not None:
             against = against.at[0].set(0.0)
         mode = choice.mode._replace(
-            sigma=jnp.where(off[1], _in_three(against), choice.mode.sigma),
+            sigma=jnp.where(off[1], in_three(against), choice.mode.sigma),
             spin=jnp.where(off[2], spin, choice.mode.spin),
             rests=choice.mode.rests & ~off[1],
             still=choice.mode.still & ~off[2],
@@ -235,7 +229,7 @@ class _Deciding(NamedTuple):
 def _pull(about: tuple[_Deciding, _Choice], sigma: Float[Array, "2"]) -> tuple[Float[Array, "2"], Float[Array, ""]]:
     deciding, choice = about
     turning = deciding.resisting.turning(~choice.sticks, deciding.mu, choice.sigma)
-    acting = resist(deciding.resisting.resistance, turning, choice.mode._replace(sigma=_in_three(sigma)))
+    acting = resist(deciding.resisting.resistance, turning, choice.mode._replace(sigma=in_three(sigma)))
     return acting.rate[:2], acting.normal
 
 
@@ -397,7 +391,3 @@ def _begin(plane: "RestingOnPlane", done: Progress) -> "RestingState":
     first = select_tree(begins, ahead[0], previous[0]), select_tree(turns, ahead[1], previous[1])
     start = eqx.tree_at(lambda x: (x.begun, x.rolling), start, first)
     return jax.lax.scan(windows, start, jnp.arange(TURNS_TAKEN) == 0)[0]
-
-
-def _in_three(v: Float[Array, "2"]) -> Float[Array, "3"]:
-    return jnp.concatenate([v, jnp.zeros_like(v[:1])])

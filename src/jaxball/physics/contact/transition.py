@@ -50,15 +50,9 @@ def _next_mode(
     velocities after it, and then the direction in which a slip begins. A negative cause means none, and the mode
     continues, with the direction of its velocity.
     """
-    starts, rise = cause == START, plane.rise(t, state)
-    lands = (cause == int(SwitchCause.LANDS)) | starts & (state.height <= 0) & (rise < 0)
-    still = (cause == int(SwitchCause.GIVES_WAY)) | state.is_in(Mode.ROLLING)
-    flies = (cause == int(SwitchCause.LIFTS)) | starts & ((state.height > 0) | (rise > 0))
-    height, begun = jnp.where(starts, state.height, 0.0), slips.Beginning.none(state.height)
-    now = eqx.tree_at(lambda x: (x.height, x.begun), state, (height, begun))
-    done = Progress(t, state, now, still, flies, lands, starts | (cause >= 0), jnp.asarray(False))
+    done = Progress.of(plane, t, state, cause)
     done = only_if(cause == int(SwitchCause.STOPS), end_slip, plane, done, tolerance)
-    done = only_if(lands, strike, plane, done)
+    done = only_if(done.lands, strike, plane, done)
     done = only_if(done.decides, _decide, plane, done, cause)
     return done._replace(state=begin_slip(plane, done))
 
@@ -184,6 +178,30 @@ class Progress(NamedTuple):
     begins: Bool[Array, ""]
     stands: Bool[Array, ""] | None = None
     turns: Bool[Array, ""] | None = None
+
+    @classmethod
+    def of(
+        cls,
+        plane: "BodyOnPlane",
+        t: Float[Array, ""],
+        state: ContactState,
+        cause: Int[Array, ""],
+        keeps_flying: Bool[Array, ""] | bool = False,
+    ) -> "Progress":
+        """Begins the transition. With ``keeps_flying``, what has happened does not concern a body in flight."""
+        starts, rise = cause == START, plane.rise(t, state)
+        flies = keeps_flying | starts & ((state.height > 0) | (rise > 0))
+        height = jnp.where(starts | keeps_flying, state.height, 0.0)
+        return cls(
+            t=t,
+            before=state,
+            state=eqx.tree_at(lambda x: (x.height, x.begun), state, (height, slips.Beginning.none(state.height))),
+            still=(cause == int(SwitchCause.GIVES_WAY)) | state.is_in(Mode.ROLLING),
+            flies=(cause == int(SwitchCause.LIFTS)) | flies,
+            lands=(cause == int(SwitchCause.LANDS)) | starts & (state.height <= 0) & (rise < 0),
+            decides=starts | (cause >= 0),
+            begins=jnp.asarray(False),
+        )
 
     def finish(self, cause: Int[Array, ""], slope: Float[Array, ""], pauses: Bool[Array, ""]) -> Transition:
         """Returns the transition for a :class:`SwitchCause`, WINDOW or START.

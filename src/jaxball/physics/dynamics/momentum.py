@@ -1,11 +1,15 @@
-"""Momentum about the contact point, and its balance.
+"""Momentum about the contact point and its balance; the integrals of the classical spheres, and Jellett's rate.
 
-All vectors are in body axes; the velocity of a mass in space is Ω × s + χ̇ with s = rΓ + χ.
+All vectors are in body axes. With s = rΓ + χ from the contact point to a mass, Ω × s + χ̇ is the mass's
+velocity in space, because the body's point at the contact is at rest.
 """
 
+from typing import NamedTuple
+
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...numerics.vectors import apply, cross
+from ...numerics.vectors import apply, cross, dot
 from .equations import inertia_about_contact
 from .load import Load
 from .moments import AbstractMoments
@@ -41,3 +45,59 @@ def contact_momentum_rate(
     """
     P = linear_momentum(at, r, Omega, acting.Gamma)
     return cross(Pi, Omega) + acting.about_contact(at, r) + cross(r * acting.Gammadot(Omega), P)
+
+
+class RouthIntegrals(NamedTuple):
+    """The two integrals of a Routh sphere besides its energy."""
+
+    jellett: Float[Array, ""]
+    routh: Float[Array, ""]
+
+
+def jellett(
+    at: AbstractMoments, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
+) -> Float[Array, ""]:
+    """Computes L·s, with L about the centre of mass of the whole and s = rΓ + χ to it from the contact point."""
+    L, s, _ = _about_centre_of_mass(at, r, Omega, Gamma)
+    return dot(L, s)
+
+
+def jellett_rate(
+    at: AbstractMoments,
+    r: Float[Array, ""],
+    Omega: Float[Array, "3"],
+    Gamma: Float[Array, "3"],
+    force: Float[Array, "3"] | None = None,
+    torque: Float[Array, "3"] | None = None,
+) -> Float[Array, ""]:
+    """Computes d/dt (L·s) = L·(Ω × χ + χ̇) − s·(χ × F̃) + s·T̃ with χ the centre of mass of the whole.
+
+    The reaction of the plane, friction included, has no moment along s and does not appear; nor do gravity and the
+    motion of the plane, which act at the centre of mass. ``force`` is F̃, at the geometric centre, and ``torque`` T̃.
+    """
+    L, s, velocity = _about_centre_of_mass(at, r, Omega, Gamma)
+    rate = dot(L, velocity)
+    rate = rate if force is None else rate - dot(s, cross(at.p / at.M, force))
+    return rate if torque is None else rate + dot(s, torque)
+
+
+def routh_integrals(
+    at: AbstractMoments, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
+) -> RouthIntegrals:
+    """Computes the integrals of Jellett and Routh, constant for d1 = d2, every mass fixed on E3, and no force."""
+    height = at.p[2] / at.M
+    d1, d3 = at.J[0, 0] - at.M * height**2, at.J[2, 2]
+    axial = height + r * Gamma[2]
+    spin = d1 * d3 + at.M * (d1 * r**2 * (1 - Gamma[2] ** 2) + d3 * axial**2)
+    return RouthIntegrals(
+        jellett=d1 * r * (Omega[0] * Gamma[0] + Omega[1] * Gamma[1]) + d3 * Omega[2] * axial,
+        routh=Omega[2] * jnp.sqrt(spin),
+    )
+
+
+def _about_centre_of_mass(body_moments: AbstractMoments, r, Omega, Gamma):
+    """Computes L, s = rΓ + χ and Ω × χ + χ̇ for the centre of mass χ = p / M."""
+    centre, rate = body_moments.p / body_moments.M, body_moments.pdot / body_moments.M
+    velocity = cross(Omega, centre) + rate
+    L = apply(body_moments.J, Omega) + body_moments.l - body_moments.M * cross(centre, velocity)
+    return L, r * Gamma + centre, velocity

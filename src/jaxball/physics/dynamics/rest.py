@@ -18,6 +18,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ...numerics.directions import diverging
+from ...numerics.linear import product
 from ...numerics.vectors import apply, cross, dot, inverse, outer, root
 from ...programs.derivatives.differentiation import without_derivatives
 from ..forces.resistance import Resistance, TurningMode
@@ -101,7 +102,7 @@ class Hold(NamedTuple):
         up = turning.up
         held = jnp.where(mode.rests, turning.plane, 0.0) + jnp.where(mode.still, outer(up, up), 0.0)
         moving = jnp.eye(3, dtype=up.dtype) - held
-        return cls(held, inverse(_product(held, _product(turning.compliance, held)) + moving))
+        return cls(held, inverse(product(held, product(turning.compliance, held)) + moving))
 
     def __call__(self, rate: Float[Array, "3"]) -> Float[Array, "3"]:
         """Returns K times a rate."""
@@ -221,7 +222,3 @@ def axes(up: Float[Array, "3"]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
     first = axis - dot(axis, up) * up
     first = first / root(dot(first, first))
     return first, cross(up, first)
-
-
-def _product(A: Float[Array, "3 3"], B: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
-    return jnp.sum(A[:, :, None] * B[None], axis=1)

@@ -5,8 +5,9 @@ directions (``stick_slip``). From a state alone they follow: a joint that moves 
 friction would have to exceed its largest level for that. Directions are in the order of :func:`sticking_slots`.
 """
 
-from collections.abc import Callable, Sequence
-from typing import TypeVar
+import dataclasses
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -14,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..hybrid import AbstractHistory, Switches
 from ..mechanisms import AbstractMechanism
 from .coupling import Joints
 from .parameters import BodyParameters
@@ -140,12 +142,41 @@ def change_joint(
     return jnp.where(changes, jnp.where(directions == 0, loose, 0.0), directions), jnp.where(rests, 0.0, thetadot)
 
 
-def describe_changes(
-    joints: Sequence[str], before: Float[Array, " joints"], after: Float[Array, " joints"]
-) -> list[str]:
-    """Describes which joints stick, break loose or turn back, by the directions of their slips, 0 where they stick."""
-    return [
-        f"{name} {'sticks' if then == 0 else 'breaks loose' if now == 0 else 'turns back'}"
-        for name, now, then in zip(joints, np.asarray(before), np.asarray(after), strict=True)
-        if now != then
-    ]
+class JointSwitches(Switches):
+    """The times at which joints stick, break loose or turn back; a subclass may have other switches, too.
+
+    - ``before``, ``after``: the states of the body, with a leading axis.
+    - ``directions_before``, ``directions_after``: in which each joint with dry friction slips, 0 where it sticks,
+      shape (max_switches, joints).
+    - ``joints``: what these joints are called.
+    """
+
+    directions_before: Float[Array, "*batch switches joints"]
+    directions_after: Float[Array, "*batch switches joints"]
+    joints: tuple[str, ...] = eqx.field(static=True)
+
+    def changes(self, k: int) -> list[str]:
+        """Describes which joints stick, break loose or turn back at switch ``k``."""
+        before, after = np.asarray(self.directions_before[k]), np.asarray(self.directions_after[k])
+        return [
+            f"{name} {'sticks' if then == 0 else 'breaks loose' if now == 0 else 'turns back'}"
+            for name, now, then in zip(self.joints, before, after, strict=True)
+            if now != then
+        ]
+
+
+class JointHistory(AbstractHistory):
+    """Which joints stick at the saved times of a run.
+
+    - ``directions``: in which each joint with dry friction slips, 1 or −1, and 0 where it sticks, shape (T, joints).
+    """
+
+    directions: Float[Array, "*batch T joints"]
+
+    @property
+    def sticks(self) -> Bool[Array, "*batch T joints"]:
+        """Whether each joint sticks at the saved times."""
+        return self.directions == 0
+
+    def at_rows(self, rows: slice) -> Any:
+        return dataclasses.replace(super().at_rows(rows), directions=self.directions[rows])

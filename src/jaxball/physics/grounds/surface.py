@@ -21,6 +21,7 @@ from jaxtyping import Array, Float, Int
 from ...interface.arguments import require
 from ...interface.status import Status
 from ...numerics.arrays import join_arrays
+from ...numerics.linear import product
 from ...numerics.vectors import cross, dot, root, unit_vector
 from ..conditions import Condition, ExplainedCondition, Problem
 from .ground import AbstractGround
@@ -434,7 +435,7 @@ class _Chart(NamedTuple):
         first = unit_vector(by_u1.p)
         tangents = jnp.stack([first, cross(n, first)])
         inverse = _inverse(_components(tangents, by_u1.p, by_u2.p))
-        bending = _product(_components(tangents, by_u1.n, by_u2.n), inverse)
+        bending = product(_components(tangents, by_u1.n, by_u2.n), inverse)
         return _Chart(tangents, inverse, jnp.eye(2, dtype=n.dtype) + r * bending)
 
     @property
@@ -452,8 +453,8 @@ class _Chart(NamedTuple):
         """
         S = self.stretch
         fits = self.fit > _margin(LEAST_MARGIN, S)
-        steps = _product(_inverse(S), jnp.sum(self.tangents * v[None], axis=1, keepdims=True))
-        rates = _product(self.inverse, steps)[:, 0]
+        steps = product(_inverse(S), jnp.sum(self.tangents * v[None], axis=1, keepdims=True))
+        rates = product(self.inverse, steps)[:, 0]
         return jnp.where(fits, rates, jnp.nan)
 
 
@@ -481,10 +482,6 @@ def _components(
 ) -> Float[Array, "2 2"]:
     """Returns the matrix whose columns are the components of two vectors along the tangents."""
     return jnp.stack([jnp.sum(tangents * v[None], axis=1) for v in (first, second)], axis=1)
-
-
-def _product(A: Float[Array, "2 2"], B: Float[Array, "2 n"]) -> Float[Array, "2 n"]:
-    return jnp.sum(A[:, :, None] * B[None], axis=1)
 
 
 def _determinant(A: Float[Array, "2 2"]) -> Float[Array, ""]:

@@ -21,14 +21,16 @@ from jaxtyping import Array, Bool, Float, Int
 from ...interface.status import Status
 from ...numerics.arrays import select_tree
 from ...numerics.directions import unit
-from ...numerics.vectors import apply, root
+from ...numerics.vectors import apply
 from ...programs.derivatives.differentiation import without_derivatives
-from ..body import AbstractBody, AbstractBodyWithModes
+from ..body import AbstractBody
 from ..conditions import Condition
 from ..contact import slip as slips
 from ..contact.slip import HALFWAY, Beginning, Heading
+from ..contact.turning import AbstractTurning
 from ..dynamics.equations import turning
 from ..dynamics.footing import ContactAxes, rate_over_ground
+from ..dynamics.load import in_three
 from ..dynamics.rest import Turning, begin, candidates, needs, resist
 from ..forces.resistance import Resistance, TurningMode
 from ..hybrid import (
@@ -53,15 +55,13 @@ class DryRollingState(AbstractState):
 
     - ``body``: the state of the body. A solve advances ω relative to the ground, along the axes of the contact (of
       space, on a plane), instead of Ω, so that it is exactly 0 at rest.
-    - ``rolls``: 1 where the body rolls, 0 where it rests.
-    - ``spin``: the sign of ω₃ where friction acts against spinning; 0 where it holds it, and where there is none.
-    - ``begun``: the direction in which a ball has just begun to roll; that in which a disk rolls.
+    - ``rolls``, ``spin``, ``rolling``: how it turns, as in :class:`AbstractTurning`.
     """
 
     body: PlacedState
     rolls: Float[Array, "*batch"]
     spin: Float[Array, "*batch"]
-    begun: Beginning
+    rolling: Beginning
 
     def projected(self) -> "DryRollingState":
         return eqx.tree_at(lambda x: x.body, self, self.body.projected())
@@ -124,7 +124,7 @@ class RestHistory(AbstractHistory):
 ROLLING, SPINNING = 0, 1  # guards, and the events where they fall to zero
 
 
-class DryRolling(AbstractBodyWithModes[DryRollingState]):
+class DryRolling(AbstractTurning):
     """A ball or a disk that exact dry resistance may hold at rest."""
 
     body: AbstractBody
@@ -146,7 +146,7 @@ class DryRolling(AbstractBodyWithModes[DryRollingState]):
     # What a solve advances.
 
     def to_packed(self, t: Float[Array, ""], state: DryRollingState) -> DryRollingState:
-        omega = self._unless_held(state, self.over_ground(t, state))
+        omega = self.unless_held(state, self.over_ground(t, state))
         return eqx.tree_at(lambda x: x.body, state, state.body.with_Omega(omega))
 
     def from_packed(self, t: Float[Array, ""], packed: DryRollingState) -> DryRollingState:
@@ -157,49 +157,19 @@ class DryRolling(AbstractBodyWithModes[DryRollingState]):
     def field_of_packed(self, t: Float[Array, ""], packed: DryRollingState) -> DryRollingState:
         state = self.from_packed(t, packed)
         moved = self.field(t, state)
-        rate = self._unless_held(state, rate_over_ground(self.body, t, state.body, moved.body.Omega))
+        rate = self.unless_held(state, rate_over_ground(self.body, t, state.body, moved.body.Omega))
         return eqx.tree_at(lambda x: x.body, moved, moved.body.with_Omega(rate))
 
     def over_ground(self, t: Float[Array, ""], state: DryRollingState) -> Float[Array, "3"]:
         """Computes ω of the body relative to the ground, along the axes of the contact."""
         return ContactAxes.of(self.body, t, state.body).over_ground(state.body.Omega)
 
-    def _unless_held(self, state: DryRollingState, omega: Float[Array, "3"]) -> Float[Array, "3"]:
-        """Returns ω, or its rate, in space axes, with 0 for the components that friction holds."""
-        rests = state.rolls == 0
-        held = jnp.stack([rests, rests, self.is_still(state)])
-        return jnp.where(held, 0.0, omega)
-
-    def is_still(self, state: DryRollingState) -> Bool[Array, ""]:
-        """Returns whether friction holds the body against spinning."""
-        return (state.spin == 0) & self._resists_spinning
-
-    @property
-    def _resists_spinning(self) -> bool:
-        return self.resistance.dry_spinning is not None and not self.body.planar
-
-    @property
-    def resistance(self) -> Resistance:
-        """The exact resistance."""
-        resistance = self.body.resistance
-        assert isinstance(resistance, Resistance)
-        return resistance
-
-    def mode(self, t: Float[Array, ""], state: DryRollingState, sigma: Float[Array, "2"] | None = None) -> TurningMode:
-        """Returns the mode, in axes of the contact, of a body that rolls in the direction ``sigma``, if that
-        is known.
-        """
-        direction = self.direction(t, state) if sigma is None else sigma
-        rests = state.rolls == 0
-        sigma3 = jnp.where(rests, 0.0, jnp.concatenate([direction, jnp.zeros_like(direction[:1])]))
-        return TurningMode(sigma3, state.spin, rests, self.is_still(state), jnp.zeros_like(sigma3))
-
     def direction(self, t: Float[Array, ""], state: DryRollingState) -> Float[Array, "2"]:
         """Returns the direction of ω_h of a body that rolls, space axes."""
         if self.body.planar:
-            return state.begun.sigma
+            return state.rolling.sigma
         omega = self.over_ground(t, state)
-        return jnp.where(t <= state.begun.until, state.begun.direction(t), unit(omega[:2]))
+        return jnp.where(t <= state.rolling.until, state.rolling.direction(t), unit(omega[:2]))
 
     def field(self, t: Float[Array, ""], state: DryRollingState) -> DryRollingState:
         moved = rates(self.moving(state), t, state.body, self.mode(t, state))
@@ -217,10 +187,7 @@ class DryRolling(AbstractBodyWithModes[DryRollingState]):
 
     def step_reference(self, t: Float[Array, ""], state: DryRollingState, accuracy: Accuracy) -> Heading:
         """Returns the direction of rolling as a step begins."""
-        sigma, omega = self.direction(t, state), self.over_ground(t, state)
-        errors = accuracy.atol + accuracy.rtol * root(jnp.sum(omega**2))
-        heading = Heading.of(sigma, omega[:2], self._unit_of_rate(omega), errors)
-        return heading._replace(least=jnp.zeros_like(heading.least)) if self.body.planar else heading
+        return self.heading_of_rolling(t, state, accuracy)
 
     def guards(self, t: Float[Array, ""], state: DryRollingState) -> Float[Array, " guards"]:
         """Computes the guards without a solve, in which rolling ends where ω_h vanishes."""
@@ -233,44 +200,27 @@ class DryRolling(AbstractBodyWithModes[DryRollingState]):
         """Computes the guards of rolling and of spinning: the rate in its direction, or what friction has to spare
         where it holds it.
         """
-        turns, omega = self.turning(t, state), self.over_ground(t, state)
+        turns = self.turning(t, state)
         spare = needs(self.resistance, turns, resist(self.resistance, turns, self.mode(t, state)))
-        unity = jnp.ones_like(state.rolls)
-        rolling = spinning = unity
-        if self.resistance.dry is not None:
-            forward = jnp.sum(omega[:2] * reference.sigma) - reference.least
-            rolling = jnp.where(state.rolls == 0, spare.rolling, forward)
-        if self._resists_spinning:
-            spinning = jnp.where(state.spin == 0, spare.spinning, state.spin * omega[2])
-        return jnp.stack([rolling, spinning])
+        return self.guards_of_turning(t, state, spare, reference)
 
     def time_event(self, t: Float[Array, ""], state: DryRollingState) -> Float[Array, ""]:
         """Returns the end of the window in which the direction of rolling is known beforehand."""
         if self.body.planar:
             return jnp.full_like(state.rolls, jnp.inf)
-        return jnp.where(state.rolls == 0, jnp.inf, state.begun.until)
+        return jnp.where(state.rolls == 0, jnp.inf, state.rolling.until)
 
     def assess(self, step: GuardedStep, accuracy: Accuracy) -> Assessment:
         """Finds the guard that is zero, or that a ball has come to rest although none is; and the longest next step."""
         never = jnp.full_like(step.end, jnp.inf)
         if self.body.planar or self.resistance.dry is None:
             return Assessment(jnp.where(step.has_fallen, step.zero, NONE), never)
-        state, least, guards = step.state, step.reference.least, step.guards
-        omega, rolls = self.over_ground(step.end, state), state.rolls != 0
-        errors = slips.ERRORS * (accuracy.atol + accuracy.rtol * root(jnp.sum(omega**2)))
-        slow = root(jnp.sum(omega[:2] ** 2)) <= 2 * least + errors
+        rolls = step.state.rolls != 0
+        slow, nears, longest = self.approach_rest(step, step.reference, ROLLING, accuracy)
         stops = rolls & (step.zero == ROLLING)
         ends = (step.zero != NONE) & jnp.where(stops, slow, step.has_fallen)
-        before, after = guards[ROLLING, 0] + least, guards[ROLLING, -1] + least
-        nears = rolls & slow & slips.nears_its_end(before, after, least)
-        otherwise = jnp.where(step.timed, WINDOW, jnp.where(nears, ROLLING, NONE))
-        longest = slips.longest_step(before, after, least, step.end - step.start, accuracy)
+        otherwise = jnp.where(step.timed, WINDOW, jnp.where(rolls & nears, ROLLING, NONE))
         return Assessment(jnp.where(ends, step.zero, otherwise), jnp.where(rolls & ~ends, longest, never))
-
-    def _unit_of_rate(self, omega: Float[Array, "3"]) -> Float[Array, ""]:
-        """Computes a reference for errors of ω: √(g/r) and |ω|."""
-        g, r, size = jax.lax.stop_gradient((jnp.abs(self.body.gravity), self.body.radius, root(jnp.sum(omega**2))))
-        return root(g / r) + size
 
     # How modes follow each other.
 
@@ -298,8 +248,8 @@ class DryRolling(AbstractBodyWithModes[DryRollingState]):
         decide = jax.jit(type(self).decide)  # compiled on its own, it is traced once
         after = jax.lax.cond(decides, decide, lambda system, t, state, occurrence: state, self, t, before, occurrence)
         if not self.body.planar:
-            begun = select_tree(decides, after.begun, Beginning.none(t))
-            after = eqx.tree_at(lambda x: x.begun, after, begun)
+            begun = select_tree(decides, after.rolling, Beginning.none(t))
+            after = eqx.tree_at(lambda x: x.rolling, after, begun)
         return Transition(
             t=t,
             before=before,
@@ -352,7 +302,7 @@ class DryRolling(AbstractBodyWithModes[DryRollingState]):
     ) -> DryRollingState:
         """Returns the state after a share of the time in which ω_h falls to 0, with rates as they are ``where``."""
         rate = -omega / jnp.where(time > 0, time, 1.0)
-        braking = jnp.concatenate([rate, jnp.zeros_like(rate[:1])])
+        braking = in_three(rate)
         held = self.mode(t, state, unit(omega))._replace(rests=jnp.asarray(True), braking=braking)
         moved = rates(self.moving(state), t + (time * HALFWAY if share == 1.0 else 0.0), where.body, held)
         body = jax.tree.map(lambda x, rate: x + share * time * rate, state.body, moved)
@@ -361,7 +311,7 @@ class DryRolling(AbstractBodyWithModes[DryRollingState]):
     def decide(self, t: Float[Array, ""], state: DryRollingState, given: "Happened") -> DryRollingState:
         """Returns the state in the mode that follows: at rest as far as friction can hold it."""
         moving, omega, turns = self.all_held(t, state, given)
-        mode = begin(self.resistance, turns, moving, given.loosens, given.spinning & self.is_still(state))
+        mode = begin(self.resistance, turns, moving, given.loosens, given.spinning & self.is_held_still(state))
         return self.with_mode(t, state, omega, mode, moving.rests & ~mode.rests)
 
     def all_held(
@@ -369,7 +319,7 @@ class DryRolling(AbstractBodyWithModes[DryRollingState]):
     ) -> tuple[TurningMode, Float[Array, "3"], Turning]:
         """Returns the mode in which all that does not move is held, ω in space axes, and how the body turns."""
         # At the end of its rolling or spinning, the rate is 0, not nearly.
-        omega = self._unless_held(state, self.over_ground(t, state))
+        omega = self.unless_held(state, self.over_ground(t, state))
         held = jnp.stack([given.stops, given.stops, given.spinning])
         omega = jnp.where(held, 0.0, omega)
         turns = self.turning(t, state)
@@ -388,9 +338,9 @@ class DryRolling(AbstractBodyWithModes[DryRollingState]):
         """Returns the state in a mode, with ω in space axes, and with the direction of rolling that begins."""
         body = state.body.with_Omega(ContactAxes.of(self.body, t, state.body).in_body(omega))
         rolls, sigma = jnp.where(mode.rests, 0.0, 1.0).astype(t.dtype), mode.sigma[:2]
-        spin = mode.spin if self._resists_spinning else jnp.zeros_like(mode.spin)
+        spin = mode.spin if self.resists_spinning else jnp.zeros_like(mode.spin)
         after = eqx.tree_at(
-            lambda x: (x.body, x.rolls, x.spin, x.begun), state, (body, rolls, spin, Beginning.along(t, sigma))
+            lambda x: (x.body, x.rolls, x.spin, x.rolling), state, (body, rolls, spin, Beginning.along(t, sigma))
         )
         if self.body.planar or self.resistance.dry is None:
             return after
@@ -400,7 +350,7 @@ class DryRolling(AbstractBodyWithModes[DryRollingState]):
             lambda: slips.beginning(_FromRest(self, after), t, body, sigma, longest),
             lambda: Beginning.none(t),
         )
-        return eqx.tree_at(lambda x: x.begun, after, window)
+        return eqx.tree_at(lambda x: x.rolling, after, window)
 
     # What a run shows.
 
@@ -462,6 +412,6 @@ def in_mode(body: AbstractBody, t: Float[Array, ""], state: PlacedState, mode: T
 def _pull(about: tuple[Resistance, Turning, TurningMode], sigma: Float[Array, "2"]) -> slips.Pull:
     """Computes how a ball rolls in a direction, with what acts at a time and a state; space axes."""
     resistance, turns, mode = about
-    acting = resist(resistance, turns, mode._replace(sigma=jnp.concatenate([sigma, jnp.zeros_like(sigma[:1])])))
+    acting = resist(resistance, turns, mode._replace(sigma=in_three(sigma)))
     power = -jnp.sum(sigma * acting.torque[:2])
     return slips.Pull(acting.rate[:2], power, acting.normal)

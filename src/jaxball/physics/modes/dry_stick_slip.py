@@ -6,7 +6,6 @@ those of ``stick_slip``. As one thing stops or lets go, the loads of all others 
 first.
 """
 
-import dataclasses
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
@@ -22,8 +21,9 @@ from ..dynamics.equations import holding_friction
 from ..dynamics.footing import ContactAxes
 from ..dynamics.rest import begin, needs, resist
 from ..dynamics.sticking import (
+    JointHistory,
+    JointSwitches,
     change_joint,
-    describe_changes,
     largest_frictions,
     sticking_guards,
     sticking_slots,
@@ -46,41 +46,18 @@ class DryStickSlipState(DryRollingState):
     slips: Float[Array, "*batch sticking"]
 
 
-class DryStickSlipSwitches(RestSwitches):
-    """The times at which the body comes to rest, breaks loose or turns back, or a joint does.
-
-    - ``directions_before``, ``directions_after``: in which each joint with dry friction slips, 0 where it sticks,
-      shape (max_switches, joints).
-    - ``joints``: what these joints are called.
-    """
-
-    directions_before: Float[Array, "*batch switches joints"]
-    directions_after: Float[Array, "*batch switches joints"]
-    joints: tuple[str, ...] = eqx.field(static=True)
+class DryStickSlipSwitches(JointSwitches, RestSwitches):
+    """The times at which the body comes to rest, breaks loose or turns back, or a joint does."""
 
     def words(self, k: int) -> str:
-        changed = describe_changes(self.joints, self.directions_before[k], self.directions_after[k])
-        turned = super().words(k)
+        changed, turned = self.changes(k), super().words(k)
         return ", ".join([*([] if turned == "nothing changed" and changed else [turned]), *changed])
 
 
-class DryStickSlipHistory(RestHistory):
-    """When dry friction held a body and its joints at the saved times of a run, and the switches.
-
-    - ``directions``: in which each joint with dry friction slips, 1 or −1, and 0 where it sticks, shape (T, joints).
-    """
+class DryStickSlipHistory(JointHistory, RestHistory):
+    """When dry friction held a body and its joints at the saved times of a run, and the switches."""
 
     described: ClassVar[str] = "exact dry resistance and joints that stick, with which forces jump"
-
-    directions: Float[Array, "*batch T joints"]
-
-    @property
-    def sticks(self) -> Bool[Array, "*batch T joints"]:
-        """Whether each joint sticks at the saved times."""
-        return self.directions == 0
-
-    def at_rows(self, rows: slice) -> Any:
-        return dataclasses.replace(super().at_rows(rows), directions=self.directions[rows])
 
 
 class DryStickSlip(DryRolling):
@@ -112,9 +89,8 @@ class DryStickSlip(DryRolling):
     # How modes follow each other.
 
     def start(self, t: Float[Array, ""], state: PlacedState) -> DryStickSlipState:
-        rolling_state = super().start(t, state)
-        fields = {field.name: getattr(rolling_state, field.name) for field in dataclasses.fields(rolling_state)}
-        return DryStickSlipState(**fields, slips=jnp.sign(state.thetadot[sticking_slots(self.body)]))
+        slips = jnp.sign(state.thetadot[sticking_slots(self.body)])
+        return DryStickSlipState(**vars(super().start(t, state)), slips=slips)
 
     def decide(self, t: Float[Array, ""], state: Any, given: Happened) -> Any:
         """Returns the state in the mode that follows: everything is at rest that friction can hold so."""
@@ -122,7 +98,7 @@ class DryStickSlip(DryRolling):
         moving, omega, _ = self.all_held(t, state, given)
         body = state.body.with_Omega(ContactAxes.of(self.body, t, state.body).in_body(omega))
         state = eqx.tree_at(lambda x: x.body, state, body)
-        spins = given.spinning & self.is_still(state)
+        spins = given.spinning & self.is_held_still(state)
         last = self._release(t, state, moving, given.loosens & moving.rests, spins & moving.still)
         state = eqx.tree_at(lambda x: x.slips, state, last.slips)
         rolls, loose = moving.rests & ~last.mode.rests, moving.still & ~last.mode.still
@@ -183,17 +159,14 @@ class DryStickSlip(DryRolling):
     def history(self, times: Float[Array, " T"], states: Any, record: Record | None) -> RestHistory:
         assert record is not None
         of_turning = super().history(times, states, record)
-        switches = of_turning.switches
-        fields = {field.name: getattr(switches, field.name) for field in dataclasses.fields(switches)}
-        all_switches = DryStickSlipSwitches(
-            **fields,
+        fields: dict[str, Any] = dict(vars(of_turning))
+        fields["switches"] = DryStickSlipSwitches(
+            **vars(of_turning.switches),
             directions_before=record.before.slips,
             directions_after=record.after.slips,
             joints=self.body.sticking,
         )
-        return DryStickSlipHistory(
-            switches=all_switches, rests=of_turning.rests, spin=of_turning.spin, directions=states.slips
-        )
+        return DryStickSlipHistory(**fields, directions=states.slips)
 
 
 class _Held(NamedTuple):

@@ -5,27 +5,27 @@ is then held exactly, with θ̇ = 0 and θ̈ = 0. As one joint sticks or breaks 
 and those that friction no longer holds break loose at the same time.
 """
 
-import dataclasses
 from collections.abc import Iterator
 from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from ...programs.derivatives.differentiation import without_derivatives
 from ..body import AbstractBody, AbstractBodyWithModes
 from ..conditions import Condition
 from ..dynamics.equations import holding_friction
 from ..dynamics.sticking import (
+    JointHistory,
+    JointSwitches,
     change_joint,
-    describe_changes,
     release_joints,
     sticking_guards,
     sticking_slots,
     with_directions,
 )
-from ..hybrid import AbstractHistory, Record, Switches
+from ..hybrid import Record
 from ..state import State
 from ..system import AbstractState
 
@@ -47,49 +47,25 @@ class StickSlipState(AbstractState):
         yield from self.body.conditions()
 
 
-class StickSlipSwitches(Switches):
-    """The times at which joints stick, break loose or turn back.
-
-    - ``before``, ``after``: the states of the body, with a leading axis.
-    - ``directions_before``, ``directions_after``: in which each joint with dry friction slips, 0 where it sticks,
-      shape (max_switches, joints).
-    - ``joints``: what these joints are called.
-    """
-
-    directions_before: Float[Array, "*batch switches joints"]
-    directions_after: Float[Array, "*batch switches joints"]
-    joints: tuple[str, ...] = eqx.field(static=True)
+class StickSlipSwitches(JointSwitches):
+    """The times at which joints stick, break loose or turn back."""
 
     def words(self, k: int) -> str:
-        changed = describe_changes(self.joints, self.directions_before[k], self.directions_after[k])
-        return ", ".join(changed) or "nothing changed"
+        return ", ".join(self.changes(k)) or "nothing changed"
 
 
-class StickSlipHistory(AbstractHistory):
-    """Which joints stick at the saved times of a run, and the switches.
-
-    - ``switches``: the ``StickSlipSwitches``.
-    - ``directions``: in which each joint with dry friction slips, 1 or −1, and 0 where it sticks, shape (T, joints).
-    """
+class StickSlipHistory(JointHistory):
+    """Which joints stick at the saved times of a run, and the ``switches``, :class:`StickSlipSwitches`."""
 
     described: ClassVar[str] = "joints that stick, at which forces jump"
 
     switches: StickSlipSwitches
-    directions: Float[Array, "*batch T joints"]
-
-    @property
-    def sticks(self) -> Bool[Array, "*batch T joints"]:
-        """Whether each joint sticks at the saved times."""
-        return self.directions == 0
 
     @property
     def lines(self) -> list[str]:
         if int(self.switches.count) == 0:
             return ["no joint began to stick or broke loose"]
         return [f"joints stuck, broke loose or turned back {self.switches.how_often}", *self.switches.first_lines]
-
-    def at_rows(self, rows: slice) -> "StickSlipHistory":
-        return dataclasses.replace(self, directions=self.directions[rows])
 
 
 class StickSlip(AbstractBodyWithModes[StickSlipState]):

@@ -1,0 +1,67 @@
+"""The methods of a ``Trajectory`` that save it, draw it and estimate its error, by packages built upon it.
+
+Its class has their docstrings. They are provided when jaxball is imported, and import those packages when called.
+"""
+
+import os
+from collections.abc import Callable
+
+from .interface.provided import provide
+
+TYPE_CHECKING = False  # as in jaxball/__init__.py, which imports this module
+
+if TYPE_CHECKING:
+    import pathlib
+    from typing import Any
+
+    import matplotlib.figure
+    import xarray
+
+    from .plot.view.page import View
+    from .simulation.trajectory import Trajectory
+
+
+def error_estimate(run: "Trajectory[Any, Any]", of: "Callable[[Trajectory[Any, Any]], Any] | None" = None) -> "Any":
+    from .simulation.global_error import estimate_error
+
+    return estimate_error(run, of)
+
+
+def to_dataset(run: "Trajectory[Any, Any]") -> "xarray.Dataset":
+    from . import results
+
+    return results.to_dataset(run)
+
+
+def save(run: "Trajectory[Any, Any]", path: str | os.PathLike[str]) -> "pathlib.Path":
+    from . import results
+
+    return results.save(run, os.fspath(path))
+
+
+def plot(run: "Trajectory[Any, Any]") -> "matplotlib.figure.Figure":
+    from . import plot
+    from .physics.body import AbstractBody
+
+    body = isinstance(run.system, AbstractBody)
+    return plot.overview(run) if body else plot.classical_motion(run).figure  # pyright: ignore
+
+
+def view(
+    run: "Trajectory[Any, Any]",
+    path: str | os.PathLike[str] | None = None,
+    *,
+    title: str | None = None,
+    friction: float | None = None,
+    all_times: bool = False,
+) -> "View":
+    from . import plot
+
+    default_title = "" if run.scenario is None else run.scenario.title
+    page = plot.View.of(run, default_title if title is None else title, friction=friction, all_times=all_times)
+    if path is not None:
+        page.save(path)
+    return page
+
+
+provide("Trajectory", error_estimate, to_dataset, save, plot, view)

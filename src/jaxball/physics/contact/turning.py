@@ -1,0 +1,105 @@
+"""How a body turns that exact dry resistance may hold: against rolling, against spinning, or both, at rest.
+
+With a law of contact (``resting``) or without (``dry_rolling``), it rolls in the direction of ω_h until that vanishes,
+and rests until the torque that holds it exceeds the largest one; spinning, ω₃, has a mode of rest of its own. All
+vectors are in contact axes: on a plane those of space.
+"""
+
+from abc import abstractmethod
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from ...numerics.vectors import root
+from ..body import AbstractBodyWithModes
+from ..dynamics.load import in_three
+from ..dynamics.rest import Needs
+from ..forces.resistance import Resistance, TurningMode
+from ..hybrid import Accuracy, GuardedStep
+from . import slip as slips
+from .slip import Heading
+
+
+class AbstractTurning(AbstractBodyWithModes[Any]):
+    """A ball or a disk that exact dry resistance may hold at rest.
+
+    Its states have, besides their ``body``,
+
+    - ``rolls``: 0 where dry resistance holds the body against rolling, else 1.
+    - ``spin``: the sign of ω₃ where friction acts against spinning; 0 where it holds it, and where there is none.
+    - ``rolling``: the direction in which a ball has just begun to roll; that in which a disk rolls.
+    """
+
+    @abstractmethod
+    def over_ground(self, t: Float[Array, ""], state: Any) -> Float[Array, "3"]:
+        """Computes ω of the body relative to the ground."""
+
+    @abstractmethod
+    def direction(self, t: Float[Array, ""], state: Any) -> Float[Array, "2"]:
+        """Computes the direction of ω_h of a body that rolls."""
+
+    @property
+    def resistance(self) -> Resistance:
+        """The exact resistance."""
+        resistance = self.body.resistance
+        assert isinstance(resistance, Resistance)
+        return resistance
+
+    @property
+    def resists_rolling(self) -> bool:
+        return self.resistance.dry is not None
+
+    @property
+    def resists_spinning(self) -> bool:
+        return self.resistance.dry_spinning is not None and not self.body.planar
+
+    def is_held_still(self, state: Any) -> Bool[Array, ""]:
+        """Returns whether friction holds the body against spinning."""
+        return (state.spin == 0) & self.resists_spinning
+
+    def unless_held(self, state: Any, omega: Float[Array, "3"]) -> Float[Array, "3"]:
+        """Returns ω over the ground, or its rate, with 0 for what friction holds."""
+        rests = state.rolls == 0
+        return jnp.where(jnp.stack([rests, rests, self.is_held_still(state)]), 0.0, omega)
+
+    def mode(self, t: Float[Array, ""], state: Any, sigma: Float[Array, "2"] | None = None) -> TurningMode:
+        """Returns the mode of turning of a body that rolls in the direction ``sigma``, if that is known."""
+        direction = self.direction(t, state) if sigma is None else sigma
+        rests = state.rolls == 0
+        sigma3 = jnp.where(rests, 0.0, in_three(direction))
+        return TurningMode(sigma3, state.spin, rests, self.is_held_still(state), jnp.zeros_like(sigma3))
+
+    def heading_of_rolling(self, t: Float[Array, ""], state: Any, accuracy: Accuracy) -> Heading:
+        """Returns the direction of rolling as a step begins; a disk may roll however slowly."""
+        sigma, omega = self.direction(t, state), self.over_ground(t, state)
+        size = root(jnp.sum(omega**2))
+        g, r, rate = jax.lax.stop_gradient((jnp.abs(self.body.gravity), self.body.radius, size))
+        heading = Heading.of(sigma, omega[:2], root(g / r) + rate, accuracy.atol + accuracy.rtol * size)
+        return heading._replace(least=jnp.zeros_like(heading.least)) if self.body.planar else heading
+
+    def guards_of_turning(self, t: Float[Array, ""], state: Any, spare: Needs, heading: Heading) -> Float[Array, "2"]:
+        """Computes the rate in the direction of rolling, and of spinning, or what friction that holds has to spare."""
+        omega = self.over_ground(t, state)
+        rolling = spinning = jnp.ones_like(state.rolls)
+        if self.resists_rolling:
+            forward = jnp.sum(omega[:2] * heading.sigma) - heading.least
+            rolling = jnp.where(state.rolls == 0, spare.rolling, forward)
+        if self.resists_spinning:
+            spinning = jnp.where(state.spin == 0, spare.spinning, state.spin * omega[2])
+        return jnp.stack([rolling, spinning])
+
+    def approach_rest(
+        self, step: GuardedStep, heading: Heading, guard: int, accuracy: Accuracy
+    ) -> tuple[Bool[Array, ""], Bool[Array, ""], Float[Array, ""]]:
+        """Returns whether a ball that rolls is slow, whether it may come to its end, and the longest next step.
+
+        - ``guard``: the index of the guard of rolling.
+        """
+        least, omega = heading.least, self.over_ground(step.end, step.state)
+        errors = slips.ERRORS * (accuracy.atol + accuracy.rtol * root(jnp.sum(omega**2)))
+        slow = root(jnp.sum(omega[:2] ** 2)) <= 2 * least + errors
+        before, after = step.guards[guard, 0] + least, step.guards[guard, -1] + least
+        nears = slow & slips.nears_its_end(before, after, least)
+        return slow, nears, slips.longest_step(before, after, least, step.end - step.start, accuracy)
