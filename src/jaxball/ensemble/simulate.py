@@ -63,8 +63,14 @@ class Ensemble(Printed):
     def __len__(self) -> int:
         return len(self.trajectory.status)
 
-    def __getitem__(self, run: int) -> Trajectory[Any, Any]:
-        """The trajectory of one run, with its ``observables``, ``plot()`` and so on."""
+    def __getitem__(self, run: int | np.integer | slice) -> Trajectory[Any, Any]:
+        """The trajectory of one run, with its ``observables``, ``plot()`` and so on; a slice gives several runs.
+
+        **Raises:** ``IndexError`` for a number that no run has, which ends a loop over the runs.
+        """
+        count = len(self)
+        if isinstance(run, int | np.integer) and not -count <= run < count:  # where JAX would take the last run
+            raise IndexError(f"The number of a run must be from 0 to {count - 1}, or from {-count} to -1, but it is {run}.")
         return jax.tree.map(lambda leaf: jnp.asarray(leaf[run]), self.trajectory)
 
     @property
@@ -194,6 +200,8 @@ def simulate_ensemble(
     own_shared, shared = _find_shared(in_axes, system, state, contact, events)
     parameters = simulated, state, events
     runs = _count(parameters, shared, given, rtol, atol)
+    if not runs:
+        raise ValueError("Arguments `system` and `state` must be those of one run or more, but they are of none.")
     whole = given if given.ndim == 2 else jnp.broadcast_to(given, (runs, given.shape[-1]))
     limits = tuple(x if x.ndim else jnp.broadcast_to(x, (runs,)) for x in (rtol, atol))
     lanes = lanes or (DEFAULT_LANES if jax.default_backend() == "cpu" else runs)
