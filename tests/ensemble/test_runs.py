@@ -335,3 +335,20 @@ def test_no_runs_are_refused_in_a_sentence():
     none = jax.tree.map(lambda leaf: leaf[:0], states)
     with pytest.raises(ValueError, match="`system` and `state` must be those of one run or more, but they are of none"):
         simulate_ensemble(jax.tree.map(lambda leaf: leaf[0], systems), TIMES, none, in_axes=(None, 0))
+
+
+def test_an_ensemble_without_states_starts_at_rest():
+    """As a single run does without one; and what an ensemble lacks is said to be that of a run."""
+    systems, _ = disks([1.0, 2.0])
+    without = simulate_ensemble(systems, TIMES, **SMALL)
+    rest = stacked([DiskState(), DiskState()])
+    given = simulate_ensemble(systems, TIMES, rest, **SMALL)
+    np.testing.assert_array_equal(without.state.z, given.state.z)
+    np.testing.assert_array_equal(without.friction_needed, jnp.max(without.observables.friction_ratio, axis=1))
+    assert without.events == {}
+    one = simulate_ensemble(jax.tree.map(lambda leaf: leaf[0], systems), TIMES, rest, in_axes=(None, 0), **SMALL)
+    assert one.state.z.shape == (2, 6)
+    with pytest.raises(AttributeError, match=r"^An Ensemble has no attribute `plot`; it is `ensemble\[k\]\.plot`\.$"):
+        without.plot()
+    with pytest.raises(AttributeError, match=r"^An Ensemble has no attribute `stats`; did you mean `status`\?$"):
+        without.stats  # noqa: B018

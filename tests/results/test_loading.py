@@ -11,7 +11,7 @@ from jaxball import load_run, plot, simulate
 from jaxball.plot import report
 from jaxball.results import OutputError, saved_scenario
 from jaxball.results.loading import RunError
-from jaxball.scenario import load_scenario, read_scenario
+from jaxball.scenario import ScenarioError, load_scenario, read_scenario
 from tests.scenario.documents import BALL, DISK
 
 INTEGRATED = BALL + '[actuation]\nform = "integrated"\n'
@@ -190,3 +190,15 @@ def test_sentences(ball, tmp_path):
     for name, sentence in cases.items():
         with pytest.raises(RunError, match=sentence):
             load_run(tmp_path / name)
+
+
+def test_a_saved_run_is_not_a_scenario_file(tmp_path):
+    path = simulate(jaxball.Disk(mass=1.0, inertia=0.5), np.array([0.0, 1.0])).save(tmp_path / "run.npz")
+    with pytest.raises(ScenarioError, match=r"the scenario of a saved run is read by jaxball\.results\.saved_sc"):
+        load_scenario(path)
+
+
+@pytest.mark.usefixtures("no_type_checks")
+def test_a_scenario_is_named_by_its_path():
+    with pytest.raises(TypeError, match=r"`source` must be the path of a scenario file, .* but it is 3"):
+        load_scenario(3)

@@ -42,7 +42,10 @@ def put(where, shape, system=BALL):
         (put(lambda ball: ball.groups[0].motion.rail.radius, (1, 3)), r"`masses\[0\].motion.rail.radius` of"),
         (put(lambda ball: ball.ground.radius, 3), r"`ground.radius` of shape \(\)"),
         (put(lambda ball: ball.resistance.rolling, 3), r"`resistance.rolling` of shape \(\)"),
-        (put(lambda ball: ball.mechanism_groups[0].joints[0].drive.coefficient, (1, 3)), r"`mechanisms\[0\].joints\[0\]"),
+        (
+            put(lambda ball: ball.mechanism_groups[0].joints[0].drive.coefficient, (1, 3)),
+            r"`mechanisms\[0\].joints\[0\]",
+        ),
     ],
 )
 def test_an_array_in_place_of_a_number_is_refused_by_its_path(system, named):

@@ -99,6 +99,11 @@ def require_arguments(cls: type, given: Sequence[Any], named: Mapping[str, Any])
     kind = cls.__name__
     for name in named:
         if name not in known:
+            if name in getattr(cls, "__dataclass_fields__", {}):
+                raise TypeError(
+                    f"A {kind} must be changed by equinox.tree_at, as in equinox.tree_at(lambda it: it.{known[0]}, it, "
+                    f"2.0), or made anew, but dataclasses.replace passes its field `{name}`, which is no argument."
+                )
             there = f"the arguments are {', '.join(known)}" if known else "it takes none"
             raise TypeError(f"Argument `{name}` of {kind} is not known{did_you_mean(name, known, there, '`')}")
     if len(given) > len(in_order):
