@@ -192,6 +192,16 @@ def test_sentences(ball, tmp_path):
             load_run(tmp_path / name)
 
 
+def test_a_batch_is_saved_run_by_run(tmp_path):
+    start = jaxball.DiskState(phidot=-1.0)
+    times = np.array([0.0, 1.0])
+    runs = jax.vmap(lambda mass: simulate(jaxball.Disk(mass=mass, inertia=0.5), times, start))(jnp.array([1.0, 2.0]))
+    with pytest.raises(ValueError, match=r"take one of them with jax\.tree\.map\(lambda leaf: leaf\[k\], \.\.\.\)"):
+        runs.save(tmp_path / "runs.npz")
+    path = jax.tree.map(lambda leaf: leaf[1], runs).save(tmp_path / "run.npz")
+    np.testing.assert_allclose(load_run(path).state.z, times, atol=1e-9)
+
+
 def test_a_saved_run_is_not_a_scenario_file(tmp_path):
     path = simulate(jaxball.Disk(mass=1.0, inertia=0.5), np.array([0.0, 1.0])).save(tmp_path / "run.npz")
     with pytest.raises(ScenarioError, match=r"the scenario of a saved run is read by jaxball\.results\.saved_sc"):
