@@ -48,6 +48,17 @@ def test_a_robot_in_urdf_becomes_a_scenario(files, capsys):
     assert [joint["kind"] for joint in again["mechanisms"][0]["joints"]] == ["hinge", "hinge", "slider"]
 
 
+def test_a_robot_whose_masses_are_outside_is_written_with_a_note(files, capsys):
+    """It can be mended in the scenario, which `jaxball simulate` refuses until then."""
+    outside = (files / "robot.urdf").read_text().replace('xyz="0 0 -0.15"/><mass', 'xyz="0 0 -0.45"/><mass')
+    (files / "robot.urdf").write_text(outside)
+    assert main(["import", "robot.urdf", "--shell", "shell", "--out", "again.toml"]) == 0
+    said = capsys.readouterr().out
+    assert "This must be mended before it can be simulated: Key `mechanisms[0]` must keep its masses inside" in said
+    assert main(["simulate", "again.toml"]) == 2
+    assert "`mechanisms[0]` must keep its masses inside the shell of radius 0.3" in capsys.readouterr().err
+
+
 @pytest.mark.thorough
 def test_a_robot_goes_to_mujoco_and_back(robot, capsys):
     assert main(["export", "robot.toml", "--to", "mjcf", "--out", "robot.xml", "--controls", "controls.csv"]) == 0

@@ -131,6 +131,14 @@ def test_bad_arguments(folder, capsys, arguments, sentence):
     assert sorted(folder.iterdir()) == before
 
 
+def test_where_masses_move_another_time_is_to_be_chosen(capsys):
+    """The masses of the paper's ball rest until they are pushed at t = 0."""
+    assert main(["stability", "ball"]) == 0
+    assert "There is none at a time at which masses move in the ball: --time chooses another" in capsys.readouterr().out
+    assert main(["stability", "ball", "--time", "-1"]) == 0
+    assert "The motion is" in capsys.readouterr().out
+
+
 def test_a_state_that_is_not_steady_is_one_for_another_command(capsys):
     """In the summary and in JSON, where Python names a function."""
     assert main(["stability", "rolling-robot", "--initial", "--json", "found.json"]) == 0

@@ -86,3 +86,14 @@ def test_a_gradient_that_is_not_finite_is_told():
 @pytest.mark.thorough
 def test_constraints_that_hold_are_not_told():
     assert not any("violates" in warning for warning in told(1e-9, 0.6))
+
+
+def test_a_clearance_that_leaves_no_room_is_refused_before_the_search():
+    """A rail is nowhere at least as far from the shell as its centre is; a search would report only that it failed."""
+    inside = '[[constraints]]\nkind = "rails-inside"\nclearance = {}\n'
+    sentence = "`rails-inside` must be possible in a body of radius 1, but its `clearance` is 1.5, which leaves no room"
+    with pytest.raises(design.DesignError, match=sentence):
+        design.read_problem(PROBLEM + inside.format(1.5))
+    assert "rails-inside" in design.read_problem(PROBLEM + inside.format(0.5)).problem.constraints
+    varied = '[[variables]]\npath = "body.radius"\nlower = 1.0\nupper = 3.0\n'
+    assert design.read_problem(PROBLEM + inside.format(1.5) + varied).problem.space.size == 2

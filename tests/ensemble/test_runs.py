@@ -1,5 +1,7 @@
 """Many runs are single runs, each of them, whatever their neighbours do."""
 
+import itertools
+
 import diffrax
 import equinox as eqx
 import jax
@@ -314,3 +316,39 @@ def test_wrong_arguments_are_named(change, words, no_type_checks):
     system, state = disks(np.ones(2))
     with pytest.raises((TypeError, ValueError), match=words):
         simulate_ensemble(**{"system": system, "times": TIMES, "state": state} | change)
+
+
+def test_a_loop_over_an_ensemble_ends_after_its_last_run():
+    """JAX takes the last entry for an index that is too large, by which a loop would never end."""
+    systems, states = disks([1.0, 2.0, 3.0])
+    ensemble = simulate_ensemble(systems, TIMES, states, **SMALL)
+    assert len(list(itertools.islice(ensemble, 5))) == 3
+    for index in (3, 99, -4):
+        with pytest.raises(IndexError, match=rf"must be from 0 to 2, or from -3 to -1, but it is {index}\."):
+            ensemble[index]
+    np.testing.assert_array_equal(ensemble[-1].system.mass, 3.0)
+    np.testing.assert_array_equal(ensemble[np.int64(2)].system.mass, 3.0)
+
+
+def test_no_runs_are_refused_in_a_sentence():
+    systems, states = disks([1.0])
+    none = jax.tree.map(lambda leaf: leaf[:0], states)
+    with pytest.raises(ValueError, match="`system` and `state` must be those of one run or more, but they are of none"):
+        simulate_ensemble(jax.tree.map(lambda leaf: leaf[0], systems), TIMES, none, in_axes=(None, 0))
+
+
+def test_an_ensemble_without_states_starts_at_rest():
+    """As a single run does without one; and what an ensemble lacks is said to be that of a run."""
+    systems, _ = disks([1.0, 2.0])
+    without = simulate_ensemble(systems, TIMES, **SMALL)
+    rest = stacked([DiskState(), DiskState()])
+    given = simulate_ensemble(systems, TIMES, rest, **SMALL)
+    np.testing.assert_array_equal(without.state.z, given.state.z)
+    np.testing.assert_array_equal(without.friction_needed, jnp.max(without.observables.friction_ratio, axis=1))
+    assert without.events == {}
+    one = simulate_ensemble(jax.tree.map(lambda leaf: leaf[0], systems), TIMES, rest, in_axes=(None, 0), **SMALL)
+    assert one.state.z.shape == (2, 6)
+    with pytest.raises(AttributeError, match=r"^An Ensemble has no attribute `plot`; it is `ensemble\[k\]\.plot`\.$"):
+        without.plot()
+    with pytest.raises(AttributeError, match=r"^An Ensemble has no attribute `stats`; did you mean `status`\?$"):
+        without.stats  # noqa: B018

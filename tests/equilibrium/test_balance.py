@@ -190,6 +190,21 @@ def in_a_pipe(angle):
     return disk_on_a_slope(angle, ground=pipe), DiskState(z=5.0 * angle)
 
 
+@pytest.mark.usefixtures("no_type_checks")
+@pytest.mark.parametrize(
+    ("free", "theta", "error", "sentence"),
+    [
+        ([5], [0.0], ValueError, r"`free` must name masses of the body, from 0 to 2, but it names 5\."),
+        ([0, 1], [0.0], ValueError, r"`theta` must have one angle for each mass .* 2 in all, but its shape is \(1,\)"),
+        ([0], 0.0, ValueError, r"`theta` must have one angle for each mass .* 1 in all, but its shape is \(\)"),
+        (1, [0.0], TypeError, r"`free` must be a list of numbers of masses, from 0, such as \[0, 2\], but it is 1"),
+    ],
+)
+def test_angles_of_masses_that_there_are_not(free, theta, error, sentence):
+    with pytest.raises(error, match=sentence):
+        jaxball.with_angles(paper_ball(), free, theta)
+
+
 @pytest.mark.parametrize("angle", [0.1, -0.15])
 def test_on_a_curve_the_mass_takes_up_the_moment_of_the_weight(angle):
     """The centre of mass is over the contact point, which is r sin φ beside the centre: m ρ cos θ = M r sin φ.

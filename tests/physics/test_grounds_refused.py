@@ -45,6 +45,7 @@ def test_ground_more_curved_than_the_ball():
     ball = Ball(**SHELL, ground=Bowl(0.9))
     (sentence,) = problems(ball, BallState())
     assert "`ground` must be curved less than the ball" in sentence
+    assert sentence.endswith("but the radius of its curvature is 0.9 there, and that of the ball 1.")
     assert simulate(ball, [0.0, 1.0]).status == Status.IMPOSSIBLE
 
 

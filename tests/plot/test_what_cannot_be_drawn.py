@@ -63,6 +63,8 @@ def test_a_batch_is_refused_in_a_sentence(draw, ball_trajectory):
     batch = eqx.tree_at(lambda run: run.status, ball_trajectory, jnp.zeros((2,), dtype=int))
     with pytest.raises(ValueError, match=r"must be one trajectory, but it is a batch of shape \(2,\); take one"):
         draw(batch)
+    with pytest.raises(ValueError, match=r"must be one trajectory, but it is a batch of shape \(2,\); take one"):
+        batch.plot()
 
 
 @pytest.mark.parametrize("draw", [plot.body_paths, plot.space_paths, plot.configuration])

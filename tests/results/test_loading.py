@@ -11,7 +11,7 @@ from jaxball import load_run, plot, simulate
 from jaxball.plot import report
 from jaxball.results import OutputError, saved_scenario
 from jaxball.results.loading import RunError
-from jaxball.scenario import load_scenario, read_scenario
+from jaxball.scenario import ScenarioError, load_scenario, read_scenario
 from tests.scenario.documents import BALL, DISK
 
 INTEGRATED = BALL + '[actuation]\nform = "integrated"\n'
@@ -190,3 +190,25 @@ def test_sentences(ball, tmp_path):
     for name, sentence in cases.items():
         with pytest.raises(RunError, match=sentence):
             load_run(tmp_path / name)
+
+
+def test_a_batch_is_saved_run_by_run(tmp_path):
+    start = jaxball.DiskState(phidot=-1.0)
+    times = np.array([0.0, 1.0])
+    runs = jax.vmap(lambda mass: simulate(jaxball.Disk(mass=mass, inertia=0.5), times, start))(jnp.array([1.0, 2.0]))
+    with pytest.raises(ValueError, match=r"take one of them with jax\.tree\.map\(lambda leaf: leaf\[k\], \.\.\.\)"):
+        runs.save(tmp_path / "runs.npz")
+    path = jax.tree.map(lambda leaf: leaf[1], runs).save(tmp_path / "run.npz")
+    np.testing.assert_allclose(load_run(path).state.z, times, atol=1e-9)
+
+
+def test_a_saved_run_is_not_a_scenario_file(tmp_path):
+    path = simulate(jaxball.Disk(mass=1.0, inertia=0.5), np.array([0.0, 1.0])).save(tmp_path / "run.npz")
+    with pytest.raises(ScenarioError, match=r"the scenario of a saved run is read by jaxball\.results\.saved_sc"):
+        load_scenario(path)
+
+
+@pytest.mark.usefixtures("no_type_checks")
+def test_a_scenario_is_named_by_its_path():
+    with pytest.raises(TypeError, match=r"`source` must be the path of a scenario file, .* but it is 3"):
+        load_scenario(3)

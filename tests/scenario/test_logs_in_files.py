@@ -89,6 +89,17 @@ def test_columns_are_read_whatever_separates_them(tmp_path, delimiter):
 
 @pytest.mark.parametrize(
     ("csv", "clause"),
+    [("t,U\n0,0\n1,1\n", 'has no column "u"; did you mean "U"?'), ("t,v\n0,0\n1,1\n", "its columns are t, v.")],
+)
+def test_the_sentence_about_a_log_has_one_end(tmp_path, csv, clause):
+    written(tmp_path, of_motor(""), csv)
+    with pytest.raises(LogError) as error:
+        load_log(tmp_path / "motor.csv", time="t", column="u")
+    assert str(error.value).endswith(clause)
+
+
+@pytest.mark.parametrize(
+    ("csv", "clause"),
     [
         ("t,v\n0,0\n1,1\n", 'has no column "u"; its columns are t, v'),
         ("t,u,u\n0,0,0\n1,1,1\n", 'has 2 columns "u"'),

@@ -1,7 +1,9 @@
 """Arguments of the wrong kind are refused in one sentence that says what they must be."""
 
 import copy
+import dataclasses
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -48,6 +50,7 @@ def test_plain_times_are_checked_as_arrays_are():
         ("z", "A Trajectory has no attribute `z`; it is `state.z`."),
         ("kinetic_energy", "A Trajectory has no attribute `kinetic_energy`; it is `observables.kinetic_energy`."),
         ("ts", "A Trajectory has no attribute `ts`; it is `times`."),
+        ("states", "A Trajectory has no attribute `states`; did you mean `state`?"),
         ("mesage", "A Trajectory has no attribute `mesage`; did you mean `message`?"),
         ("colour", "A Trajectory has no attribute `colour`."),
     ],
@@ -59,6 +62,26 @@ def test_what_a_run_has_elsewhere(name, sentence):
     assert str(refused.value) == sentence
     assert copy.copy(run).ok  # while a copy is made it has no attributes yet
     assert not hasattr(run, "__jax_array__")
+
+
+@pytest.mark.parametrize("what", ["ok", "message", "problems", "raise_if_failed"])
+def test_how_a_run_ended_is_not_known_while_it_is_traced(what):
+    @jax.jit
+    def ending(mass):
+        run = jaxball.simulate(jaxball.Disk(mass=mass, inertia=0.5), [0.0, 1.0])
+        answer = getattr(run, what)
+        return answer() if callable(answer) else answer
+
+    with pytest.raises(TypeError, match=rf"`{what}` is for a trajectory whose numbers are known, .* jaxball\.Status"):
+        ending(1.0)
+
+
+def test_a_body_is_not_copied_by_dataclasses():
+    """Its fields are not its arguments: masses of one structure are in groups."""
+    sentence = r"^A Ball must be changed by equinox\.tree_at, .*equinox\.tree_at\(lambda it: it\.mass, it, 2\.0\)"
+    with pytest.raises(TypeError, match=sentence):
+        dataclasses.replace(BALL, mass=2.0)
+    assert eqx.tree_at(lambda it: it.mass, BALL, jnp.array(2.0)).mass == 2.0
 
 
 def test_the_state_of_another_body():

@@ -215,6 +215,10 @@ class RailsInside(AbstractRunningConstraint):
         reach = jnp.concatenate([jnp.ravel(norm(run.curves.points)), jnp.ravel(norm(run.masses.chi))])
         return (reach + self.clearance) / run.length - 1
 
+    def impossible_in(self, radius: float):
+        clearance = float(self.clearance)
+        return f"its `clearance` is {clearance:g}, which leaves no room for a rail" if clearance >= radius else ""
+
     def margins(self, run: Run):
         """Returns only the margins of the masses: no motion changes the rails."""
         return room(run.masses.chi, run.length - self.clearance) / run.length

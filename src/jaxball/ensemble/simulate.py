@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import diffrax
 import jax
@@ -13,10 +13,12 @@ from jaxtyping import Array, Bool, Float, Int
 from ..interface.arguments import require, require_flags
 from ..interface.printing import Printed, format_value
 from ..interface.status import SUCCESSES
+from ..interface.wording import no_attribute
 from ..numerics.arrays import Numbers, is_traced, to_numpy
 from ..physics.contact.body_on_plane import ContactHistory
 from ..physics.contact.law import Contact
 from ..physics.contact.released import ReleasedState
+from ..physics.observables import Observables
 from ..physics.system import AbstractState, AbstractSystem
 from ..programs.operation import in_threads
 from ..simulation.arguments import (
@@ -26,8 +28,8 @@ from ..simulation.arguments import (
     require_kind_of_state,
     system_to_solve,
 )
-from ..simulation.events import AbstractEvent, check_events
-from ..simulation.simulate import Method
+from ..simulation.events import AbstractEvent, Occurrences, check_events
+from ..simulation.simulate import Method, at_rest
 from ..simulation.trajectory import Trajectory
 from .program import Settings, solve_all
 from .reductions import AbstractReduction
@@ -41,8 +43,8 @@ class Ensemble(Printed):
     - ``trajectory``: as ``jax.vmap`` of :func:`jaxball.simulate` gives it.
     - ``reductions``: the results of reductions for each run, by name.
     - ``executed``: the steps of all lanes, including idle ones.
-    - ``system``, ``times``, ``state``, ``reached``, ``status``, ``steps``, ``rejected``, ``start``, ``contact``: those
-      of ``trajectory``.
+    - ``system``, ``times``, ``state``, ``reached``, ``status``, ``steps``, ``rejected``, ``start``, ``contact``,
+      ``events``, ``observables``, ``friction_needed``: those of ``trajectory``.
     """
 
     trajectory: Trajectory[Any, Any]
@@ -63,8 +65,16 @@ class Ensemble(Printed):
     def __len__(self) -> int:
         return len(self.trajectory.status)
 
-    def __getitem__(self, run: int) -> Trajectory[Any, Any]:
-        """Returns the trajectory of one run, with its ``observables``, ``plot()`` and so on."""
+    def __getitem__(self, run: int | np.integer | slice) -> Trajectory[Any, Any]:
+        """Returns the trajectory of one run, with ``observables``, ``plot()`` and so on, or those of a slice of runs.
+
+        **Raises:** ``IndexError`` for a number that no run has, which ends a loop over the runs.
+        """
+        count = len(self)
+        if isinstance(run, int | np.integer) and not -count <= run < count:  # where JAX would take the last run
+            raise IndexError(
+                f"The number of a run must be from 0 to {count - 1}, or from {-count} to -1, but it is {run}."
+            )
         return jax.tree.map(lambda leaf: jnp.asarray(leaf[run]), self.trajectory)
 
     @property
@@ -104,6 +114,18 @@ class Ensemble(Printed):
         return self.trajectory.contact
 
     @property
+    def events(self) -> dict[str, Occurrences]:
+        return self.trajectory.events
+
+    @property
+    def observables(self) -> Observables:
+        return self.trajectory.observables
+
+    @property
+    def friction_needed(self) -> Float[Array, " runs"]:
+        return self.trajectory.friction_needed
+
+    @property
     def ok(self) -> Bool[Array, " runs"]:
         """Whether each solve reached its end, or a terminal event."""
         return jnp.isin(self.status, jnp.asarray(SUCCESSES))
@@ -113,11 +135,19 @@ class Ensemble(Printed):
         """The share of the executed steps that belong to a run."""
         return jnp.sum(self.trajectory.steps) / self.executed
 
+    if not TYPE_CHECKING:  # a type checker knows what there is
+
+        def __getattr__(self, name: str) -> Any:
+            if name.startswith("_"):  # Python, NumPy and notebooks ask for these
+                raise AttributeError(name)
+            of_one = {name: f"ensemble[k].{name}"} if hasattr(Trajectory, name) else {}
+            raise no_attribute(type(self), name, of_one)
+
 
 def simulate_ensemble(
     system: AbstractSystem,
     times: Numbers,
-    state: AbstractState | ReleasedState,
+    state: AbstractState | ReleasedState | None = None,
     *,
     events: Mapping[str, AbstractEvent] | None = None,
     contact: Contact | None = None,
@@ -143,6 +173,7 @@ def simulate_ensemble(
 
     - ``system``, ``state``: every array has the runs as leading axis, as ``jax.vmap`` takes them and ``jax.tree.map``
       with ``np.stack`` makes them, unless ``in_axes`` says otherwise.
+      Without a ``state`` all runs start as :func:`jaxball.simulate` does without one.
     - ``times``: of shape (runs, T), or (T,) for all runs.
     - ``events``: as for one run, the same for all unless ``in_axes`` says otherwise. Reductions go on to the end of the
       step within which the first terminal event ends the run.
@@ -185,6 +216,8 @@ def simulate_ensemble(
     flags = {"step_to_times": step_to_times, "dae": dae, "project": project, "inside": inside}
     require_flags(**flags)
     simulated = system_to_solve(system, contact)
+    if state is None:
+        state, in_axes = at_rest(system), _without_state(in_axes)
     require_kind_of_state(simulated, state)
     if dae:
         require_dae(simulated, state, solver)
@@ -196,6 +229,8 @@ def simulate_ensemble(
     own_shared, shared = _find_shared(in_axes, system, state, contact, events)
     parameters = simulated, state, events
     runs = _count(parameters, shared, instants, rtol, atol)
+    if not runs:
+        raise ValueError("Arguments `system` and `state` must be those of one run or more, but they are of none.")
     whole = instants if instants.ndim == 2 else jnp.broadcast_to(instants, (runs, instants.shape[-1]))
     limits = tuple(x if x.ndim else jnp.broadcast_to(x, (runs,)) for x in (rtol, atol))
     lanes = lanes or (DEFAULT_LANES if jax.default_backend() == "cpu" else runs)
@@ -238,6 +273,13 @@ def _in_chunks(
 
 def _is_any_traced(*trees: Any) -> bool:
     return any(map(is_traced, (*jax.tree.leaves(trees), jnp.zeros(()))))
+
+
+def _without_state(in_axes: Any) -> Any:
+    """Returns the axes of (system, state), or those with events, of runs that share their state."""
+    if not isinstance(in_axes, tuple) or len(in_axes) not in {2, 3}:
+        return in_axes, None
+    return in_axes[0], None, *in_axes[2:]
 
 
 def _has_three(in_axes: Any) -> bool:

@@ -99,6 +99,12 @@ def require_arguments(cls: type, given: Sequence[Any], named: Mapping[str, Any])
     kind = cls.__name__
     for name in named:
         if name not in parameters:
+            if name in getattr(cls, "__dataclass_fields__", {}):
+                example = f"equinox.tree_at(lambda it: it.{parameters[0]}, it, 2.0)"
+                raise TypeError(
+                    f"A {kind} must be changed by equinox.tree_at, as in {example}, "
+                    f"or made anew, but dataclasses.replace passes its field `{name}`, which is no argument."
+                )
             there = f"the arguments are {', '.join(parameters)}" if parameters else "it takes none"
             raise TypeError(f"Argument `{name}` of {kind} is not known{did_you_mean(name, parameters, there, '`')}")
     if len(given) > len(in_order):

@@ -49,8 +49,10 @@ def did_you_mean(name: str, known: Iterable[str], otherwise: str = "", quote: st
 
 def no_attribute(kind: type, name: str, places: Mapping[str, str]) -> AttributeError:
     """Makes the error of an attribute that is absent; ``places`` says where it is instead, such as "state.z" of "z"."""
-    where = f"; it is `{places[name]}`." if name in places else did_you_mean(name, dir(kind), quote="`")
-    return AttributeError(f"A {kind.__name__} has no attribute `{name}`{where}")
+    names = {*dir(kind), *getattr(kind, "__dataclass_fields__", ())}  # fields without a default are no attributes of it
+    where = f"; it is `{places[name]}`." if name in places else did_you_mean(name, sorted(names), quote="`")
+    article = "An" if kind.__name__[0] in "AEIOU" else "A"
+    return AttributeError(f"{article} {kind.__name__} has no attribute `{name}`{where}")
 
 
 def pip_install(extra: str) -> str:

@@ -127,6 +127,7 @@ def numbers(
         require_shape(name, array, shape, batch=batch)
         return array
 
+    convert.shape = None if batch else shape  # pyright: ignore[reportFunctionMemberAccess]
     return convert
 
 
@@ -141,16 +142,29 @@ def number_or_none(
     def convert_given(x: Numbers | None) -> Float[Array, "..."] | None:
         return None if x is None else convert(x)
 
+    convert_given.shape = shape  # pyright: ignore[reportFunctionMemberAccess]
     return convert_given
+
+
+def shapes_of_fields(kind: type) -> dict[str, tuple[int | str, ...]]:
+    """Returns the shapes that :func:`numbers` and :func:`number_or_none` require of the fields of a class, by name."""
+    fields: dict[str, Any] = getattr(kind, "__dataclass_fields__", {})
+    shapes = {name: getattr(field.metadata.get("converter"), "shape", None) for name, field in fields.items()}
+    return {name: shape for name, shape in shapes.items() if shape is not None}
+
+
+def has_shape(given: tuple[int, ...], shape: tuple[int | str, ...]) -> bool:
+    """Returns whether a shape fits the required one, which has a letter for each arbitrary length."""
+    return len(given) == len(shape) and all(
+        isinstance(length, str) or length == n for length, n in zip(shape, given, strict=True)
+    )
 
 
 def require_shape(name: str, value: Array, shape: tuple[int | str, ...], *, batch: bool = False) -> None:
     """Raises a ``ValueError`` unless the argument ``name`` has the required ``shape``; see ``numbers``."""
     dimensions = value.shape
     tail = dimensions[len(dimensions) - len(shape) :] if batch and len(dimensions) >= len(shape) else dimensions
-    if tail == shape:
-        return
-    if len(tail) == len(shape) and all(isinstance(size, str) or size == n for size, n in zip(shape, tail, strict=True)):
+    if tail == shape or has_shape(tail, shape):
         return
     raise ValueError(f"Argument `{name}` must be {_shape_in_words(shape)}, but its shape is {dimensions}.")
 

@@ -52,7 +52,7 @@ def values(trajectory: Trajectory[Any, Any]) -> Variables:
     if np.ndim(trajectory.times) != 1 or np.ndim(trajectory.status) != 0:
         raise ValueError(
             "Argument `trajectory` must be a single trajectory, but it is a batch with times of shape "
-            f"{np.shape(trajectory.times)}; save its members one by one."
+            f"{np.shape(trajectory.times)}; take one of them with jax.tree.map(lambda leaf: leaf[k], ...)."
         )
     if not isinstance(trajectory.system, AbstractBody):
         return _classical_values(trajectory)

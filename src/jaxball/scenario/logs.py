@@ -60,7 +60,12 @@ def load_log(path: str | Path, *, time: str, column: str) -> RecordedColumn:
     try:
         return columns_of(text_of_file(Path(path)), f'"{path}"', time, column)
     except LogError as error:
-        raise LogError(f"Argument `path` must be a log, but {error}.") from None
+        raise LogError(f"Argument `path` must be a log, but {with_stop(error)}") from None
+
+
+def with_stop(clause: object) -> str:
+    """Ends a clause with a full stop, unless it ends with a question."""
+    return str(clause) if str(clause).endswith("?") else f"{clause}."
 
 
 def text_of_file(path: Path) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..physics.prescribed.recorded import RecordedSchedule, RecordedSignal
 from .errors import ScenarioError
-from .logs import TIME, VALUE, LogError, RecordedColumn, columns_of, text_of_file, text_of_log
+from .logs import TIME, VALUE, LogError, RecordedColumn, columns_of, text_of_file, text_of_log, with_stop
 from .table import Key, Module, join, read_table
 from .values import Choice, Flag, Text
 
@@ -33,7 +33,7 @@ class LogModule(Module):
             log = columns_of(text, name, table.pop("time"), table.pop("column"))
         except LogError as error:
             raise ScenarioError(
-                f"Key `{join(path, 'csv' if file is None else 'file')}` must be a log, but {error}."
+                f"Key `{join(path, 'csv' if file is None else 'file')}` must be a log, but {with_stop(error)}"
             ) from None
         return self.type(*log, **table)
 

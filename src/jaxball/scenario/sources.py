@@ -13,6 +13,7 @@ from .logs import with_logs
 from .renamed import with_new_keys
 
 _FOLDER = os.path.join(os.path.dirname(__file__), "builtin")
+SAVED_RUNS = {".nc", ".npz"}
 _TITLE = re.compile(r'^title = "(.*)"$', re.MULTILINE)  # every title is such a line, and TOML takes long to parse
 
 
@@ -105,11 +106,15 @@ def text_of(source: str | Path, what: str, error: type[ScenarioError], hint: str
 
     **Raises:** ``error``, with one sentence, when there is no such file, or when it is not text.
     """
+    if not isinstance(source, str | os.PathLike):
+        raise TypeError(f"Argument `source` must be the path of a {what}, but it is {source!r}.")
     try:
         return Path(source).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as cause:
         reason = cause.strerror if isinstance(cause, OSError) else "it is not UTF-8 text"
         hint = hint if isinstance(cause, FileNotFoundError) else "."
+        if Path(source).suffix in SAVED_RUNS and not isinstance(cause, OSError):
+            hint = "; the scenario of a saved run is read by jaxball.results.saved_scenario."
         raise error(f'Argument `source` must be a {what}, but it is "{source}" ({reason}){hint}') from None
 
 

@@ -2,15 +2,26 @@
 
 import functools
 import math
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import diffrax
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
 from ..interface.arguments import describe, refusal, require
 from ..interface.wording import UserError, all_of
-from ..numerics.arrays import Numbers, default_dtype, is_traced, require_numbers, to_array
+from ..numerics.arrays import (
+    Numbers,
+    default_dtype,
+    has_shape,
+    is_traced,
+    require_numbers,
+    shapes_of_fields,
+    to_array,
+)
 from ..physics.body import AbstractBody
 from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.law import COEFFICIENTS, Contact
@@ -167,6 +178,75 @@ def require_single(system: AbstractSystem, state: AbstractState | ReleasedState)
         require_one("state", "state", state, {"V": (3,), "height": ()})
         state = state.body
     require_one("state", "state", state, shapes_of_state(type(state), default_dtype()))
+
+
+def require_single_numbers(system: AbstractSystem, events: Mapping[str, Any]) -> None:
+    """Raises ``ValueError`` where an array of a system or an event has other axes than the argument that it was.
+
+    Those of many systems, or of an array put in by ``equinox.tree_at``, would be taken for the entries of vectors, and
+    change the motion without a word. For the shapes that a program is traced with, because it takes too long at each
+    call.
+    """
+    for argument, part in (("system", getattr(system, "body", system)), ("events", events)):
+        for path, shape, actual in _other_shapes(part, "", 0):
+            raise ValueError(
+                f"Argument `{argument}` must be {'one system' if argument == 'system' else 'events of one run'}, with "
+                f"`{path}` of shape {shape}, but its shape is {actual}; for many runs use jax.vmap or "
+                "jaxball.ensemble.simulate_ensemble."
+            )
+
+
+def _other_shapes(part: Any, path: str, stacked: int) -> Iterator[tuple[str, tuple[Any, ...], tuple[int, ...]]]:
+    """Yields the path of each array whose shape is not that of its argument, the latter's shape, and its own.
+
+    ``stacked`` is the number of axes along which parts of one structure are stacked, as in the groups of a body.
+    """
+    if isinstance(part, list | tuple):
+        for index, item in enumerate(part):
+            yield from _other_shapes(item, f"{path}[{index}]", stacked)
+    elif isinstance(part, Mapping):
+        for name, item in part.items():
+            yield from _other_shapes(item, f"{path}{name}", stacked)
+    elif isinstance(part, eqx.Module):
+        yield from _other_shapes_of_fields(part, f"{path}." if path else "", stacked)
+    if isinstance(part, AbstractBody):
+        for kind, groups, order in (
+            ("masses", part.groups, part.order),
+            ("mechanisms", part.mechanism_groups, part.mechanism_order),
+        ):
+            for group, indices in zip(groups, order, strict=True):
+                yield from _other_shapes(group, f"{kind}[{indices[0]}]", stacked + 1)
+
+
+def _other_shapes_of_fields(
+    module: eqx.Module, start: str, stacked: int
+) -> Iterator[tuple[str, tuple[Any, ...], tuple[int, ...]]]:
+    values, shapes = vars(module), dict(shapes_of_fields(type(module)))
+    if isinstance(module, AbstractBody):  # which makes its fields itself
+        shapes |= dict.fromkeys(("mass", "radius", "gravity"), ())
+        shapes |= {"inertia": module.inertia_shape, "offset": (3,), "groups": None, "mechanism_groups": None}
+    for name, shape in shapes.items():
+        actual = None if shape is None else getattr(values.get(name), "shape", None)
+        if shape is not None and actual is not None and not has_shape(actual[stacked:], shape):
+            yield start + name, shape, actual[stacked:]
+    for name in (name for name in values if name not in shapes):
+        yield from _other_shapes(values[name], start + name, stacked)
+
+
+def require_one_run(status: Any, what: str, remedy: str = "the array `status` says how each run ended") -> None:
+    """Raises ``ValueError`` for the ``status`` of a batch of trajectories, which ``what`` is not for."""
+    if np.ndim(status):
+        raise ValueError(f"{what} is for one trajectory, but this is a batch of shape {np.shape(status)}; {remedy}.")
+
+
+def require_known(status: Any, what: str) -> None:
+    """Raises ``ValueError`` for a batch, and ``TypeError`` where it is not known yet how the solve ends."""
+    require_one_run(status, what)
+    if is_traced(status):
+        raise TypeError(
+            f"{what} is for a trajectory whose numbers are known, but this one is traced, as within jax.jit; use it "
+            "outside, and `status` within, as in jnp.where(run.status == jaxball.Status.SUCCESS, ...)."
+        )
 
 
 def require_dae(

@@ -144,6 +144,8 @@ def with_angles(system: System, free: Sequence[int], theta: Numbers, t: Numbers 
     - ``theta``: their angles, rad on a closed rail and length in a tube, shape (k,).
     - ``t``: the time at which they have them.
 
+    **Raises:** ``ValueError`` where there is no such mass, or it has no schedule, and unless each has an angle.
+
     **Example:**
 
     >>> import jax.numpy as jnp
@@ -154,8 +156,19 @@ def with_angles(system: System, free: Sequence[int], theta: Numbers, t: Numbers 
     >>> float(schedule(jnp.array(3.0)))
     1.0
     """
-    masses = list(system.point_masses)
-    for index, angle in zip(free, to_array(theta), strict=True):
+    masses, angles = list(system.point_masses), to_array(theta, "theta")
+    if not isinstance(free, Sequence | np.ndarray):
+        raise refusal("free", "a list of numbers of masses, from 0, such as [0, 2]", free)
+    if angles.shape != (len(free),):
+        raise ValueError(
+            f"Argument `theta` must have one angle for each mass that `free` names, {len(free)} in all, but its shape "
+            f"is {angles.shape}."
+        )
+    for index, angle in zip(free, angles, strict=True):
+        if not -len(masses) <= index < len(masses):
+            raise ValueError(
+                f"Argument `free` must name masses of the body, from 0 to {len(masses) - 1}, but it names {index}."
+            )
         schedule = masses[index].schedule
         if schedule is None:
             kind = type(masses[index].motion).__name__

@@ -48,6 +48,7 @@ from .arguments import (
     check_tolerances,
     require_dae,
     require_single,
+    require_single_numbers,
     system_to_solve,
 )
 from .events import AbstractEvent, Leaving, check_events
@@ -215,6 +216,7 @@ def simulate_arrays(method: Method, system: AbstractSystem, times: Array, *other
 
 def simulate_and_observe(method: Method, system: AbstractSystem, times: Array, *others: Any) -> tuple[tuple, Any]:
     """Simulates, and returns the same fields, and what was observed."""
+    require_single_numbers(system, others[-1])
     saved, *solved, record, observations = solve(method, system, times, *others)
     return (system.state_to_show(saved), *solved, system.history(times, saved, record)), observations
 

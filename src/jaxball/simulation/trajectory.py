@@ -33,6 +33,7 @@ from ..physics.system import AbstractState, AbstractSystem
 from ..physics.validity import find_problems, not_numbers
 from ..programs.batches import map_rows
 from ..programs.derivatives.differentiation import differentiate_where, with_unknown_derivatives
+from .arguments import require_known, require_one_run
 from .events import Occurrences
 
 if TYPE_CHECKING:
@@ -158,19 +159,19 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
     @property
     def ok(self) -> bool:
         """Whether the solve reached its end, or a terminal event. For one trajectory, not for a batch."""
-        self._require_one("Property `ok`")
+        require_known(self.status, "Property `ok`")
         return int(self.status) in SUCCESSES
 
     @property
     def message(self) -> str:
         """A sentence that says how the solve ended. For one trajectory, not for a batch."""
-        self._require_one("Property `message`")
+        require_known(self.status, "Property `message`")
         return self.message_of([problem.sentence() for problem in self.problems])
 
     @property
     def problems(self) -> list[Problem]:
         """What is impossible about the body, or which mass left the shell, where that ended this one solve."""
-        self._require_one("Property `problems`")
+        require_known(self.status, "Property `problems`")
         times, status = np.asarray(self.times), int(self.status)
         if status == Status.NOT_FINITE and float(self.reached) > times[0]:
             return list(not_numbers(self.system))
@@ -190,7 +191,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
 
         **Raises:** ``ValueError`` for a batch.
         """
-        self._require_one("Method `raise_if_failed`")
+        require_known(self.status, "Method `raise_if_failed`")
         if not self.ok:
             raise SolveError(self.message)
         return self
@@ -204,7 +205,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         """
         if self.interpolant is None:
             raise ValueError("Method `at` needs dense output; call simulate(..., dense=True).")
-        self._require_one("Method `at`", "call it within jax.vmap")
+        require_one_run(self.status, "Method `at`", "call it within jax.vmap")
         parameters = self.system, self.start
         return _evaluate(self.interpolant, to_array(t, "t"), self.times[0], self.reached, self.status, parameters)
 
@@ -289,12 +290,6 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
                 f"{type(self.system).__name__}."
             )
         return self._evaluate(functools.partial(_call_at_all, "multipliers"), self.system, self.state)
-
-    def _require_one(self, what: str, remedy: str = "the array `status` says how each run ended") -> None:
-        """Raises ``ValueError`` for a batch of trajectories."""
-        if np.ndim(self.status):
-            shape = np.shape(self.status)
-            raise ValueError(f"{what} is for one trajectory, but this is a batch of shape {shape}; {remedy}.")
 
     def _evaluate(self, function: Callable[..., Any], system: Any, states: Any) -> Any:
         """Evaluates ``function`` of a system, the times, its states and its end, for each run of a batch."""

@@ -4,6 +4,7 @@ import argparse
 import re
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ...interface.output import check_destination, write_text
 from ...scenario.errors import ScenarioError
@@ -11,6 +12,9 @@ from ...scenario.sources import text_of
 from ..input import STDIN, refuse_document
 from ..jax_setup import set_up_jax
 from ..options import STDOUT, BadInputError, add_quiet, name_files, positive, say
+
+if TYPE_CHECKING:
+    from ...scenario import Scenario
 
 DEFAULT_END, DEFAULT_STEP = 10.0, 0.1
 
@@ -62,14 +66,25 @@ def run(options: argparse.Namespace) -> int:
     else:
         robot = read_mjcf(text, times=times, contact=options.contact)
     written = write_scenario(robot.scenario)
+    notes = [*robot.notes, *_problems(robot.scenario)]
     if options.out == STDOUT:
         sys.stdout.write(written)
-        for note in () if options.quiet else robot.notes:
+        for note in () if options.quiet else notes:
             print(note, file=sys.stderr)
     else:
         write_text(options.out, written)
-        say(options, *robot.notes, name_files([options.out]))
+        say(options, *notes, name_files([options.out]))
     return 0
+
+
+def _problems(scenario: "Scenario") -> list[str]:
+    """Says why a scenario cannot be simulated as it is; its file is written all the same, to be mended."""
+    from ...physics.contact.released import ReleasedState
+    from ...physics.validity import find_problems
+
+    state = scenario.state.body if isinstance(scenario.state, ReleasedState) else scenario.state
+    sentences = [problem.sentence("Key") for problem in find_problems(scenario.system, state, scenario.times[:1])]
+    return [f"This must be mended before it can be simulated: {sentence}" for sentence in sentences]
 
 
 def _is_urdf(text: str) -> bool:

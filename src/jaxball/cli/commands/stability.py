@@ -103,10 +103,16 @@ def _require_still(ball: Any) -> None:
         )
 
 
+NO_MOTION = (
+    "No steady motion was found. There is none at a time at which masses move in the ball: --time chooses another, and "
+    "--initial analyses the state at the start."
+)
+
+
 def _summary(motions: "Sequence[SteadyMotion]") -> list[str]:
     from ..files import complex_numbers, state_line
 
-    lines = [] if motions else ["No steady motion was found."]
+    lines = [] if motions else [NO_MOTION]
     for motion in motions[:MOST_MOTIONS_SHOWN]:
         lines += [state_line(motion), f"  {in_commands(motion.message)}"]
         lines += [f"  eigenvalues {complex_numbers(motion.eigenvalues)}"]

@@ -22,7 +22,12 @@ from ...physics.prescribed.signals import AbstractSignal
 from ...physics.state import BallState, DiskState
 from ...simulation.equilibrium import Imbalance, imbalance
 from ..objectives import FollowTrajectory
-from ..problem.requirements import AbstractRunningConstraint, AbstractRunningObjective, require_reachable
+from ..problem.requirements import (
+    AbstractRunningConstraint,
+    AbstractRunningObjective,
+    require_possible,
+    require_reachable,
+)
 from ..problem.run import Run
 from ..problem.space import DesignError
 from .inputs import MotorIndex, inputs, motor_limits, with_inputs, with_schedules
@@ -119,6 +124,7 @@ class Rolling(AbstractControlProblem):
                 f"{system.title} is, but it is {np.asarray(place).tolist()}."
             )
         require_reachable(system, {**self.objectives, **self.constraints})
+        require_possible(float(system.radius), {**self.objectives, **self.constraints})
 
     @property
     def controls(self) -> int:

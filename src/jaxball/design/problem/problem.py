@@ -18,7 +18,7 @@ from ...physics.body import System
 from ...physics.state import BallState, DiskState
 from ...programs.batches import of_rows
 from ...programs.identity.names import home_of
-from .requirements import AbstractConstraint, AbstractObjective, OfFunction, require_reachable
+from .requirements import AbstractConstraint, AbstractObjective, OfFunction, require_possible, require_reachable
 from .run import RAIL_SAMPLES, Run, Solve, run_of
 from .space import Candidate, DesignError, DesignSpace, Parametrisation
 
@@ -264,7 +264,10 @@ class Problem:
     perturbations: Perturbations | None = None
 
     def __post_init__(self):
-        require_reachable(self.space.system, {**self.objectives, **self.constraints})
+        requirements = {**self.objectives, **self.constraints}
+        require_reachable(self.space.system, requirements)
+        if "body.radius" not in self.space.names:
+            require_possible(float(self.space.system.radius), requirements)
 
     @functools.cached_property
     def weights(self) -> Float[np.ndarray, " objectives"]:

@@ -23,6 +23,10 @@ class Requirement(eqx.Module):
         """
         return ""
 
+    def impossible_in(self, radius: float) -> str:
+        """Says what it requires, as a clause, that no body of this radius can fulfil; empty if nothing."""
+        return ""
+
 
 class OfFunction(Requirement):
     """A requirement by a user's function of (run, parameters)."""
@@ -94,6 +98,19 @@ class AbstractRunningConstraint(AbstractConstraint):
         Near the boundary it is minus the violation, to first order; by default, everywhere.
         """
         return -self(run)
+
+
+def require_possible(radius: float, requirements: Mapping[str, Requirement]) -> None:
+    """Refuses objectives and constraints that no body of a radius can meet, whatever the search finds.
+
+    **Raises:** :class:`DesignError`, with the name of the first one.
+    """
+    for name, requirement in requirements.items():
+        beyond = requirement.impossible_in(radius)
+        if beyond:
+            raise DesignError(
+                f"`{name}` must be possible in a body of radius {radius:g}, but {beyond}; give a smaller one."
+            )
 
 
 def require_reachable(system: System, requirements: Mapping[str, Requirement]) -> None:

@@ -179,7 +179,13 @@ class AbstractSurface(AbstractGround):
         on_chart = self._way_to_edge(t, state.z) > _margin(END_MARGIN, r)
         yield Condition(on_chart, "state.z", state.z, ON_CHART)
         fits = jnp.where(on_chart, self.fit(t, r, state.z), 1.0)
-        yield Condition(fits > 0, "ground", fits, CURVED)
+
+        def too_curved() -> Problem:
+            radius = float(r / (1 - fits))
+            but = f"the radius of its curvature is {radius:.6g} there, and that of the ball {float(r):.6g}"
+            return Problem("ground", f"be {CURVED}", but)
+
+        yield ExplainedCondition(fits > 0, too_curved)
         if not state.z.ndim:
             aside = self._aside(t, r, state.z)
             yield ExplainedCondition(~(aside > SYMMETRY), lambda: SYMMETRIC)
