@@ -410,7 +410,7 @@ def with_integrated_angles(
       kept.
 
     **Returns:** the system with its :class:`~jaxball.OnRail` masses replaced by driven ones that follow θ̈(t) of their
-    schedules, as do its joints with schedules; and the entries ``theta`` and ``thetadot`` of its state at ``t0``.
+    schedules, as do its joints and the angles of its plate with schedules; and the entries ``theta`` and ``thetadot`` of its state at ``t0``.
 
     **Raises:** ``ValueError`` when the system already has a feedback law, and when it has free joints but no state is
     given.
@@ -439,8 +439,13 @@ def with_integrated_angles(
                 schedules.append(drive)
                 drives[a] = Accelerated()
         mechanisms.append(mechanism.with_drives(drives))
+    ground = system.ground
+    if ground is not None:
+        schedules += ground.schedules
+        ground = ground.follow_law()
     law = FollowSchedules(tuple(schedules)) if schedules else None
-    driven = type(system)(**{**system.arguments, "masses": masses, "law": law, "mechanisms": mechanisms})
+    parts = {"masses": masses, "law": law, "mechanisms": mechanisms, "ground": ground}
+    driven = type(system)(**{**system.arguments, **parts})
     given = _free_angles(system, state)
     rates = [schedule.derivatives(to_array(t0)) for schedule in schedules]
     accelerated = driven.accelerated

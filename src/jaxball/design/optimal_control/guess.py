@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from ... import programs
 from ...numerics import versor
 from ...numerics.vectors import apply, cross
+from ...physics.dynamics.footing import locate_surface
 from ...physics.dynamics.load import load
 from ...physics.dynamics.moments import velocity_moments
 from ...physics.dynamics.momentum import contact_momentum, contact_momentum_rate
@@ -34,11 +36,12 @@ CORRECTIONS, DAMPING = 3, 1e-4
 def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stages: int = 3) -> Path:
     """A guess with the geometric centre on the desired path, and the masses where gravity turns the ball accordingly.
 
-    The ball rolls without spin: ω = e3 × ż / r. The centre of mass begins in its initial position, in space axes. Then
-    the balance of the momentum about the contact point, γ × Λp = d(ΛΠ)/dt + ż × ΛP − Mr γ × e3, with γ = g e3 on a
-    level plane, determines how far it must be from the vertical through the centre, while its distance from the centre
-    is kept. θ follows by the smallest changes, and the controls are those that come closest to such a motion. The path
-    then fulfils the equations of motion except for spin and for the effect of the masses' own motion.
+    The ball rolls without spin: ω = n × (ċ − w) / r, with n = e3 and w = 0 on a plane. The centre of mass begins in its
+    initial position, in space axes. Then the balance of the momentum about the contact point,
+    γ × Λp = d(ΛΠ)/dt + (ċ − w) × ΛP − Mr γ × n, with γ = g e3 on a level plane, determines how far it must be from the
+    vertical through the centre, while its distance from the centre is kept. θ follows by the smallest changes, and the
+    controls are those that come closest to such a motion. The path then fulfils the equations of motion except for spin
+    and for the effect of the masses' own motion.
 
     **Arguments:**
 
@@ -47,7 +50,8 @@ def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stag
     - ``stages``: how many nodes of Gauss an interval has.
 
     **Raises:** :class:`~jaxball.design.DesignError` where no objective is a
-    :class:`~jaxball.design.FollowTrajectory`, and where gravity cannot accelerate the ball as desired.
+    :class:`~jaxball.design.FollowTrajectory`, where gravity cannot accelerate the ball as desired, where the path
+      leaves the ground, and where the angles of the ground are controls.
     """
     times = np.linspace(mesh[0], mesh[-1], TIMES_OF_GUESS * (len(mesh) - 1) + 1)
     state = _rolling_states(problem, _target_path(problem, times))
@@ -97,16 +101,59 @@ def _target_path(problem: Rolling, times: Float[np.ndarray, " t"]) -> CubicSplin
 
 
 def _rolling_states(problem: Rolling, wanted: CubicSpline) -> BallState | DiskState:
-    """The states along the desired path, the masses as at the start; between times the ball rolls straight."""
-    times, start, r = wanted.x, problem.state, problem.system.radius
-    z, rate = wanted(times), wanted(times, 1)
+    """The states along the desired path, the masses as at the start, and ω as if its direction changed slowly."""
+    times, start = wanted.x, problem.state
+    held = _hold_along(problem, jnp.asarray(times), jnp.asarray(wanted(times)))
+    if not np.all(np.isfinite(held.centre)):
+        raise DesignError(
+            "Argument `problem` must have a desired path that is over its ground, where that is not vertical, but at "
+            f"t = {times[np.argmin(np.isfinite(held.centre).all(axis=1))]:.4g} it is not; start from rest."
+        )
+    over = CubicSpline(times, held.centre)(times, 1) - held.velocity
+    rates = CubicSpline(times, np.cross(held.normal, over) / float(problem.system.radius))
+    omega, turns = rates(times), np.diff(rates.antiderivative()(times), axis=0)
     still = [np.tile(np.asarray(angles), (len(times), 1)) for angles in (start.theta, start.thetadot)]
     if isinstance(start, DiskState):
-        return DiskState(start.phi - (z[:, 0] - start.z) / r, -rate[:, 0] / r, z[:, 0], *still)
-    turns, omega = (_cross_e3(v) / float(r) for v in (np.diff(z, axis=0), rate))
+        phi = start.phi - np.cumsum(np.append(0.0, turns[:, 1]))
+        return DiskState(phi, -omega[:, 1], held.z, *still)
     steps = np.roll(Rotation.from_rotvec(turns).as_quat(), 1, axis=1)
     q, Omega = _orientations(start.q, jnp.asarray(steps), jnp.asarray(omega))
-    return BallState(q, Omega, z, *still)
+    return BallState(q, Omega, held.z, *still)
+
+
+class _Held(NamedTuple):
+    """How the ground holds the body along the desired path: z of the states, c, n, and w."""
+
+    z: Float[Array, "t *d"]
+    centre: Float[Array, "t 3"]
+    normal: Float[Array, "t 3"]
+    velocity: Float[Array, "t 3"]
+
+
+@programs.jit
+def _hold_along(problem: Rolling, times: Float[Array, " t"], wanted: Float[Array, "t 2"]) -> _Held:
+    start, r = problem.state, problem.system.radius
+    first = jnp.zeros((len(times), 3), wanted.dtype)
+    if locate_surface(problem.packing.system, problem.start, start) is None:
+        z = wanted[:, 0] if problem.system.planar else wanted
+        return _Held(z, first.at[:, :2].set(wanted), first.at[:, 2].set(1.0), first)
+
+    def step(z, at):
+        t, place = at
+        surface = locate_surface(problem.packing.system, t, start)
+        assert surface is not None
+        for _ in range(CORRECTIONS):
+
+            def gap(z, surface=surface, t=t, place=place):
+                away = surface.place_of_centre(t, r, z)[:2] - place
+                return away if z.ndim else away[0]
+
+            slope = jnp.atleast_2d(jax.jacfwd(gap)(z))
+            z = z - jnp.linalg.solve(slope, jnp.atleast_1d(gap(z))).reshape(z.shape)
+        touch = surface.touch_at(t, z)
+        return z, _Held(z, touch.p + r * touch.n, touch.n, touch.w)
+
+    return jax.lax.scan(step, start.z, (times, wanted))[1]
 
 
 @programs.jit
@@ -123,11 +170,6 @@ def _orientations(
     return q, jax.vmap(lambda q, omega: apply(versor.rotation_matrix(q).T, omega))(q, omega)
 
 
-def _cross_e3(v: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 3"]:
-    """e3 × v."""
-    return np.stack([-v[:, 1], v[:, 0], np.zeros(len(v))], axis=1)
-
-
 def _moment_with_torque(problem: Rolling, hanging, moment) -> Float[np.ndarray, "t 3"]:
     """Λp with its length unchanged, moved sideways so that gravity has the given ``moment``."""
     weight = np.asarray(_weight(problem))
@@ -141,8 +183,8 @@ def _moment_with_torque(problem: Rolling, hanging, moment) -> Float[np.ndarray, 
         raise DesignError(
             "Argument `problem` must have a desired motion to which gravity can accelerate the ball, but the centre "
             f"of mass would have to be {np.max(side) / unit:.3g} r to the side of the geometric centre, and it is only "
-            f"{size[0] / unit:.3g} r away from it; give the motion more time, or start with the "
-            "centre of mass farther below."
+            f"{size[0] / unit:.3g} r away from it; give the motion more time, start with the centre of mass farther "
+            "below, or start from rest."
         )
     return beside + np.copysign(np.sqrt(size**2 - side**2), height)[:, None] * up
 
@@ -194,9 +236,10 @@ def _momenta(problem: Rolling, times, state) -> tuple[Float[Array, "t 3"], Float
     system = problem.packing.system
 
     def one(t, state):
-        at, Omega, Gamma = velocity_moments(system, t, (state.theta, state.thetadot)), state.Omega, state.Gamma
-        Pi = contact_momentum(at, system.radius, Omega, Gamma)
-        rate = contact_momentum_rate(at, system.radius, load(system, t, state), Pi, Omega)
+        at, Omega, r = velocity_moments(system, t, (state.theta, state.thetadot)), state.Omega, system.radius
+        acting = load(system, t, state).of_momenta(r, Omega)
+        Pi = contact_momentum(at, r, Omega, acting.Gamma)
+        rate = contact_momentum_rate(at, r, acting, Pi, Omega)
         return apply(state.Lambda, Pi), apply(state.Lambda, rate + cross(Omega, Pi))
 
     return jax.vmap(one)(times, state)

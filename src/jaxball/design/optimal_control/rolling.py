@@ -14,16 +14,17 @@ from ...interface.status import Status
 from ...interface.wording import all_of
 from ...numerics.arrays import Numbers, to_array
 from ...physics.body import System
+from ...physics.dynamics.footing import locate_surface
 from ...physics.forces.force import AbstractForce
-from ...physics.grounds.ground import Ground, require_plane
+from ...physics.grounds.ground import Ground
 from ...physics.packing import Packing
 from ...physics.prescribed.schedules import AbstractSchedule
 from ...physics.prescribed.signals import AbstractSignal
 from ...physics.state import BallState, DiskState
-from ...simulation.equilibrium import Imbalance, imbalance
+from ...simulation.equilibrium import Imbalance, imbalance, moves_under
 from ..objectives import FollowTrajectory
 from ..problem.requirements import AbstractRunningConstraint, AbstractRunningObjective, require_reachable
-from ..problem.run import Run
+from ..problem.run import Run, locate_centre
 from ..problem.space import DesignError
 from .inputs import MotorIndex, inputs, motor_limits, with_inputs, with_schedules
 from .problem import AbstractControlProblem
@@ -87,7 +88,6 @@ class Rolling(AbstractControlProblem):
         with free joints but no state.
         """
         start, end = (to_array(t) for t in to_array(times))
-        require_plane(system.ground, "a rest-to-rest motion", DesignError)
         if isinstance(system.ground, Ground) and system.ground.turntable is not None:
             raise DesignError(
                 "Argument `system` must be on a plane on which it can come to rest, but it is on a turntable."
@@ -109,6 +109,7 @@ class Rolling(AbstractControlProblem):
         self.robot, self.system, self.motors = system, found.system, found.motors
         self.state = system.state_type(**fields | {"theta": found.theta, "thetadot": found.thetadot})
         self.start, self.end = start, end
+        _require_rest(self.system, end, self.state)
         self.objectives = {name: _in_time(one, start, end) for name, one in objectives.items()}
         self.constraints = dict(constraints or {}) | motor_limits(system, found.motors)
         self.depth = None if depth is None else to_array(depth)
@@ -165,7 +166,8 @@ class Rolling(AbstractControlProblem):
         if self.depth is not None:
             parts.append((self.depth - left.below / r)[None])
         if self.place is not None:
-            parts.append((jnp.atleast_1d(state.z) - self.place) / r)
+            centre = locate_centre(packing.system, self.end, state)
+            parts.append((centre[: self.place.size] - self.place) / r)
         return jnp.concatenate(parts)
 
     def imbalance_at_end(self, x: Float[Array, " n"]) -> Imbalance:
@@ -201,6 +203,16 @@ class Rolling(AbstractControlProblem):
     def _packing_with(self, u: Float[Array, " m"]) -> Packing[Any, Any]:
         packing = self.packing
         return eqx.tree_at(lambda p: p.system, packing, with_inputs(packing.system, self.motors, u))
+
+
+def _require_rest(system: System, end: Float[Array, ""], state: BallState | DiskState) -> None:
+    """Refuses a surface that moves at the end near the place of ``state``, where nothing could rest."""
+    surface = locate_surface(system.prepare(), end, eqx.tree_at(lambda s: s.thetadot, state, 0 * state.thetadot))
+    if surface is not None and moves_under(surface, end, system.radius, jnp.abs(system.gravity), state.z):
+        raise DesignError(
+            "Argument `system` must be on a ground that is at rest at the end of `times`, so that it can come to rest "
+            f"there, but its {type(system.ground).__name__} moves at t = {float(end):g}; let the ground stop before."
+        )
 
 
 def rolling(problem: AbstractControlProblem) -> Rolling:
