@@ -1,5 +1,6 @@
 """A simulated candidate, the argument of objectives and constraints."""
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -19,6 +20,7 @@ from ...physics.dynamics.linkage import linkages
 from ...physics.dynamics.load import load
 from ...physics.dynamics.moments import kinematics, point_mass_values
 from ...physics.dynamics.rails import along_rails, rail_tangents
+from ...physics.grounds import AbstractSurface
 from ...physics.mechanisms import AbstractMechanism, Mechanism, Slider
 from ...physics.observables import Observables, observe
 from ...physics.prescribed.motion import Kinematics, rail_of
@@ -178,6 +180,23 @@ class Run(eqx.Module):
         return self._each(_plate_accelerations)
 
     @property
+    def ground_left(self) -> Float[Array, "t 2"]:
+        """The ``fit`` and the ``reach`` of a surface under the body, both 0 where it cannot go on; 1 on a plane."""
+
+        def left(surface: AbstractSurface, t: Any, r: Any, z: Any) -> Float[Array, "2"]:
+            return jnp.stack([surface.fit(t, r, z), surface.way_to_edge(t, z)])
+
+        return self._each(functools.partial(_of_surface, left, jnp.ones(2)))
+
+    def ground_to_spare(self, fit: Float[Array, ""], reach: Float[Array, ""]) -> Float[Array, "t 2"]:
+        """What ``ground_left`` is above these two, as far as it is small, with second derivatives everywhere."""
+
+        def spare(surface: AbstractSurface, t: Any, r: Any, z: Any) -> Float[Array, "2"]:
+            return jnp.stack([surface.spare(t, r, z, fit), surface.way_to_edge(t, z) - reach])
+
+        return self._each(functools.partial(_of_surface, spare, 1 - jnp.stack([fit, reach])))
+
+    @property
     def curves(self) -> Curves:
         """The closed rails."""
         return _curves(self.system, self.rail_samples)
@@ -202,6 +221,13 @@ def locate_centre(system: System, t: Float[Array, ""], state: BallState | DiskSt
     """Locates the geometric centre: z1 and z2 on a plane, and c in space on a surface, shape (3,); traceable."""
     surface = surface_under(system, t, state)
     return state.in_space().z if surface is None else surface.place_of_centre(t, system.radius, state.z)
+
+
+def _of_surface(
+    function: Callable[..., Any], on_plane: Any, system: System, t: Float[Array, ""], state: BallState | DiskState
+) -> Any:
+    surface = surface_under(system, t, state)
+    return on_plane if surface is None else function(surface, t, system.radius, state.z)
 
 
 def _on_rails(system: System, t: Float[Array, ""], state: BallState | DiskState) -> OnRails:

@@ -100,7 +100,6 @@ class AbstractSurface(AbstractGround):
     it as a rigid body, or None. Where the ground has an edge, or its coordinates do not reach all of it, also
     ``reach(t, u1, u2)``; a run ends there with the status ``LEFT_SURFACE``.
 
-
     With a law of contact the ball may fly, and the piece that is nearest to it is sought: ``nearest`` gives it in
     closed form, or else ``over`` says where to begin; by default, at the piece that was nearest before.
 
@@ -173,7 +172,7 @@ class AbstractSurface(AbstractGround):
 
     def start_conditions(self, t: Time, r: Float[Array, ""], state: Any) -> Iterator[Condition | ExplainedCondition]:
         """A ball must be on the ground, and more curved than it is towards the ball; r is the ball's radius."""
-        on_chart = self._way_to_edge(t, state.z) > _margin(END_MARGIN, r)
+        on_chart = self.way_to_edge(t, state.z) > _margin(END_MARGIN, r)
         yield Condition(on_chart, "state.z", state.z, ON_CHART)
         fits = jnp.where(on_chart, self.fit(t, r, state.z), 1.0)
         yield Condition(fits > 0, "ground", fits, CURVED)
@@ -186,8 +185,8 @@ class AbstractSurface(AbstractGround):
         """Whether the ground, or its coordinates, may end somewhere."""
         return type(self).reach is not AbstractSurface.reach
 
-    def _way_to_edge(self, t: Time, u: Coordinates) -> Float[Array, ""]:
-        """What is left of the ground ahead."""
+    def way_to_edge(self, t: Time, u: Coordinates) -> Float[Array, ""]:
+        """What is left of the ground ahead, as ``reach`` counts."""
         both = self.coordinates(u)
         return self.reach(t, both[0], both[1])
 
@@ -196,7 +195,7 @@ class AbstractSurface(AbstractGround):
 
         A body ends there in contact, but not in flight.
         """
-        way = self._way_to_edge(t, u)
+        way = self.way_to_edge(t, u)
         return _margin(LEAST_MARGIN, way) - way
 
     def _aside(self, t: Time, r: Float[Array, ""], z: Coordinate) -> Float[Array, ""]:
@@ -290,10 +289,18 @@ class AbstractSurface(AbstractGround):
         contact, (by_u1, by_u2, _) = self._slopes(t, u)
         return _Chart.of(contact.n, by_u1, by_u2, r).fit
 
+    def spare(self, t: Time, r: Float[Array, ""], u: Coordinates, least: Float[Array, ""]) -> Float[Array, ""]:
+        """What ``fit`` is above ``least``, as far as it is small, with all derivatives: λ₁ λ₂ / (λ₁ + λ₂) of both."""
+        if not u.ndim:
+            return self.fit(t, r, u) - least
+        contact, (by_u1, by_u2, _) = self._slopes(t, u)
+        S = _Chart.of(contact.n, by_u1, by_u2, r).stretch - least * jnp.eye(2, dtype=r.dtype)
+        return _determinant(S) / (S[0, 0] + S[1, 1])
+
     def end(self, t: Time, r: Float[Array, ""], u: Coordinates) -> Int[Array, ""]:
         """Whether a ball of radius ``r`` cannot go on from the coordinates ``u``: a status, or SUCCESS if it can."""
         least = _margin(END_MARGIN, r)
-        wedged, left = self.fit(t, r, u) < least, self._way_to_edge(t, u) < least
+        wedged, left = self.fit(t, r, u) < least, self.way_to_edge(t, u) < least
         status = jnp.where(wedged, int(Status.WEDGED), int(Status.SUCCESS))
         return jnp.where(left, int(Status.LEFT_SURFACE), status)
 
@@ -321,7 +328,7 @@ class AbstractSurface(AbstractGround):
         over = rolling if V is None else V - contact.w
         rates = chart.coordinates(over - reach * by_t.n)
         if V is None:
-            rates = jnp.where(self._way_to_edge(t, u) > _margin(LEAST_MARGIN, r), rates, jnp.nan)
+            rates = jnp.where(self.way_to_edge(t, u) > _margin(LEAST_MARGIN, r), rates, jnp.nan)
         # The gradient of w along both tangents, of which the antisymmetric part is the turning of the ground's matter.
         (a, b), tangents = chart.inverse.T, chart.tangents
         along_1, along_2 = by_u1.w * a[0] + by_u2.w * a[1], by_u1.w * b[0] + by_u2.w * b[1]
@@ -362,7 +369,7 @@ class AbstractSurface(AbstractGround):
         over = rolling if V is None else V - contact.w
         holds = fit > _margin(LEAST_MARGIN, r)
         if V is None:
-            holds &= self._way_to_edge(t, z) > _margin(LEAST_MARGIN, r)
+            holds &= self.way_to_edge(t, z) > _margin(LEAST_MARGIN, r)
         rate = jnp.where(holds, dot(tangents[0], over - reach * by_t.n) / (length * fit), jnp.nan)
         normal_rate = by_t.n + by_z.n * rate
         return Footing(
