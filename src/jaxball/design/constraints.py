@@ -51,7 +51,7 @@ class Friction(AbstractRunningConstraint):
 
 
 class OnGround(AbstractRunningConstraint):
-    """1 − r κ ≥ fit, for the largest curvature κ of the ground towards the body, and ``reach`` of it left; shape (t, 2).
+    """1 − r κ ≥ ``fit``, for the ground's largest curvature κ towards the body, and ``reach`` of it left; shape (t, 2).
 
     A run ends where either is 0: the body touches a curved ground in two points, or is at its edge. On a plane both
     are 1.

@@ -410,7 +410,8 @@ def with_integrated_angles(
       kept.
 
     **Returns:** the system with its :class:`~jaxball.OnRail` masses replaced by driven ones that follow θ̈(t) of their
-    schedules, as do its joints and the angles of its plate with schedules; and the entries ``theta`` and ``thetadot`` of its state at ``t0``.
+    schedules, as do joints, and angles of a :class:`~jaxball.TiltingPlane`, with schedules; and the entries ``theta``
+    and ``thetadot`` of its state at ``t0``.
 
     **Raises:** ``ValueError`` when the system already has a feedback law, and when it has free joints but no state is
     given.

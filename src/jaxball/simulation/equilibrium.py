@@ -235,7 +235,9 @@ def moves_under(
     Motion is what exceeds rounding, in units of g and ``r``. A rigid surface that is at rest in three places is so
     everywhere.
     """
-    steps = jnp.concatenate([jnp.zeros_like(z)[None], BESIDE * r * jnp.eye(z.size, dtype=z.dtype).reshape(-1, *z.shape)])
+    steps = jnp.concatenate(
+        [jnp.zeros_like(z)[None], BESIDE * r * jnp.eye(z.size, dtype=z.dtype).reshape(-1, *z.shape)]
+    )
     held = jax.vmap(lambda step: surface.footing(t, r, z + step, jnp.zeros(3, t.dtype)))(steps)
     speed = jnp.sqrt(g * r)
     parts = jnp.stack([held.velocity / speed, held.acceleration / g, held.spin * r / speed])

@@ -96,8 +96,8 @@ def inputs(system: System, start: Numbers, state: State | None) -> Inputs:
     driven, angles = with_integrated_angles(system, start, state)
     if not driven.accelerated and not motors:
         raise DesignError(
-            "Argument `system` must have a mass on a rail, a joint or a TiltingPlane with a schedule, or a joint with a "
-            "Motor to be controlled, but it has none."
+            "Argument `system` must have a mass on a rail, a joint or an angle of a TiltingPlane with a schedule, or a "
+            "joint with a Motor to be controlled, but it has none."
         )
     still = _with_motors(driven, motors, [Motor(0.0)] * len(motors))
     if driven.accelerated:
