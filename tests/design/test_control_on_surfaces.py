@@ -59,12 +59,18 @@ def ball(ground, **others):
     return jaxball.Ball(**arguments, ground=ground)
 
 
-def masses_around(*angles):
-    rails = [jaxball.Circle(0.35, normal=axis) for axis in np.eye(3)]
-    return [
-        jaxball.PointMass(0.5, jaxball.OnRail(rail, jaxball.ConstantRate(angle)))
-        for rail, angle in zip(rails, angles, strict=True)
-    ]
+def climber(ground):
+    """A ball with a pendulum in a yoke, both moved by motors."""
+    joints = [jaxball.Hinge(axis, drive=jaxball.Motor(0.0)) for axis in ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0))]
+    yoke = jaxball.Mechanism(joints, masses=[jaxball.CarriedMass(0.8, (0.0, 0.0, -0.5))])
+    return ball(ground, mass=1.0, radius=1.0, inertia=(0.4, 0.4, 0.4), gravity=10.0, mechanisms=[yoke])
+
+
+def climb(ground, theta, places, weight=0.1, **state):
+    tracking = design.FollowTrajectory(design.Through(places), rest_to_rest=True, weight=weight)
+    objectives = {"effort": design.JointEffort(), "tracking": tracking}
+    start = jaxball.BallState(theta=theta, thetadot=(0.0, 0.0), **state)
+    return optimal_control.Rolling(climber(ground), (0.0, 4.0), objectives, start, place=places[-1])
 
 
 @pytest.mark.parametrize(
@@ -240,15 +246,17 @@ def test_a_path_to_start_from_rolls_over_a_sphere():
     u = times / END
     x = u**3 * (10 - 15 * u + 6 * u**2)
     middle = np.arcsin(x / (R + 1.0))
-    np.testing.assert_allclose(states.z, 2 * R * np.tan(middle / 2), atol=1e-6)
+    np.testing.assert_allclose(states.z, 2 * R * np.tan(middle / 2), atol=1e-5)
     np.testing.assert_allclose(states.phi, -(R + 1.0) * middle, atol=1e-5)
     # Slow, so that it is nearly balanced everywhere: the moment about the contact point vanishes.
     aside = 0.9 * np.cos(states.theta[:, 0] + states.phi) + 0.6 * np.cos(states.theta[:, 1] + states.phi)
-    np.testing.assert_allclose(aside[[0, -1]], -3.0 * np.sin(middle[[0, -1]]), atol=1e-4)
+    np.testing.assert_allclose(aside[[0, -1]], -3.0 * np.sin(middle[[0, -1]]), atol=1e-3)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["sphere", "washboard", "hill", "pipe"])
+@pytest.mark.parametrize(
+    "name", ["washboard", "pipe", *(pytest.param(name, marks=pytest.mark.slow) for name in ("sphere", "hill"))]
+)
 def test_a_simulation_does_what_the_solution_says(name):
     """By Gauss's method of order 16, from rest on the level to rest on a slope, with friction and N as constrained."""
     ground, _ = GROUNDS[name]
@@ -265,20 +273,38 @@ def test_a_simulation_does_what_the_solution_says(name):
 
 
 @pytest.mark.slow
-def test_a_ball_with_three_masses_crosses_a_saddle():
-    start = jaxball.BallState()
-    system = ball(jaxball.Paraboloid((0.2, -0.1)), masses=masses_around(DOWN, DOWN, 0.0))
-    angles = jaxball.balance(system, [0, 1, 2], above=False).theta
-    system = ball(jaxball.Paraboloid((0.2, -0.1)), masses=masses_around(*angles))
-    curve = design.Through([[0.0, 0.0], [0.4, 0.2]])
-    objectives = {
-        "follow-trajectory": design.FollowTrajectory(curve, rest_to_rest=True, weight=0.1),
-        "acceleration-effort": design.AccelerationEffort(weight=0.01),
-    }
-    crossing = optimal_control.Rolling(system, (0.0, 3.0), objectives, start, place=(0.4, 0.2), softness=1e-7)
-    solution = optimal_control.solve_from_guess(crossing, np.linspace(0.0, 3.0, 9))
+def test_a_pendulum_climbs_a_slope_as_on_a_plane():
+    """With torques that lead it across, too; the pendulum leans by asin(M r sin a / (m l)) at the start."""
+    a, mesh = 0.08, np.linspace(0.0, 4.0, 13)
+    sine, cosine = float(np.sin(a)), float(np.cos(a))
+    lean = float(np.arcsin(1.8 * sine / (0.8 * 0.5)))
+    on_plane = climb(jaxball.Ground(angle=a), (lean - a, 0.0), [[0.0, 0.0], [-1.0, 0.0]])
+    on_surface = climb(
+        jaxball.HeightField(steep, jnp.tan(a)),
+        (lean - a, 0.0),
+        [[sine, 0.0], [sine - cosine, 0.0]],
+        weight=0.1 / cosine**2,
+        q=(np.cos(a / 2), 0.0, np.sin(a / 2), 0.0),
+    )
+    first, second = (
+        optimal_control.solve_from_guess(one, mesh, tolerance=ONCE, guess=optimal_control.rolling_along)
+        for one in (on_plane, on_surface)
+    )
+    np.testing.assert_allclose(second.path.controls, first.path.controls, atol=1e-8)
+    assert np.max(np.abs(first.path.controls)) > 1.0
+    np.testing.assert_allclose(optimal_control.holding(second), optimal_control.holding(first), atol=1e-8)
+
+
+@pytest.mark.slow
+def test_a_pendulum_crosses_a_saddle():
+    """From its middle to rest on its flank, where both motors hold it."""
+    crossing = climb(jaxball.Paraboloid((0.04, -0.04)), (0.0, 0.0), [[0.0, 0.0], [1.0, 0.5]])
+    solution = optimal_control.solve_from_guess(
+        crossing, np.linspace(0.0, 4.0, 13), guess=optimal_control.rolling_along
+    )
     seen = optimal_control.resimulate(solution)
     assert max(seen.apart, seen.speed, seen.away, seen.missed) < 1e-5
+    assert np.all(np.abs(optimal_control.holding(solution)) > 0.1)
 
 
 @pytest.mark.long
@@ -325,6 +351,25 @@ def test_a_plate_moves_a_body_with_the_least_effort(kind):
     np.testing.assert_allclose(found, wanted, atol=2e-4 * np.max(np.abs(u)))
     seen = optimal_control.resimulate(solution)
     assert max(seen.speed, seen.away, seen.missed) < 1e-7
+
+
+@pytest.mark.long
+def test_a_path_to_start_from_tilts_a_plate():
+    """By ẍ = (2/3) g α where it is slow, with the centre where it is wanted also while the plate tilts about a pivot."""
+    far, end = 0.2, 20.0
+    plate = jaxball.TiltingPlane(about_e2=jaxball.ConstantRate(0.0), pivot=(0.3, 0.0, -1.0))
+    system = jaxball.Disk(mass=1.0, radius=R, inertia=0.5 * R**2, gravity=G, ground=plate)
+    tracking = design.FollowTrajectory(design.Through([[0.0, 0.0], [far, 0.0]]), rest_to_rest=True)
+    moving = optimal_control.Rolling(system, (0.0, end), {"tracking": tracking}, place=far)
+    path = optimal_control.rolling_along(moving, np.linspace(0.0, end, 21))
+    states = jax.vmap(moving.packing.unpack)(jnp.asarray(path.mesh), jnp.asarray(path.knots))
+    u = path.mesh / end
+    alpha = np.asarray(states.theta[:, 0])
+    acceleration = far * (60 * u - 180 * u**2 + 120 * u**3) / end**2
+    np.testing.assert_allclose(alpha, 1.5 * acceleration / G, atol=0.02 * np.max(np.abs(alpha)))
+    # In the axes of the plate, from the pivot: (z − 0.3, r + 1) turned by α.
+    x = 0.3 + np.cos(alpha) * (states.z - 0.3) + np.sin(alpha) * (R + 1.0)
+    np.testing.assert_allclose(x, far * u**3 * (10 - 15 * u + 6 * u**2), atol=1e-9)
 
 
 FILE = """

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -18,6 +19,7 @@ from ...physics.dynamics.footing import locate_surface
 from ...physics.dynamics.load import load
 from ...physics.dynamics.moments import velocity_moments
 from ...physics.dynamics.momentum import contact_momentum, contact_momentum_rate
+from ...physics.grounds import AbstractSurface
 from ...physics.state import BallState, DiskState
 from ...simulation.equilibrium import imbalance
 from ...solvers.tableau import gauss
@@ -39,9 +41,9 @@ def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stag
     The ball rolls without spin: ω = n × (ċ − w) / r, with n = e3 and w = 0 on a plane. The centre of mass begins in its
     initial position, in space axes. Then the balance of the momentum about the contact point,
     γ × Λp = d(ΛΠ)/dt + (ċ − w) × ΛP − Mr γ × n, with γ = g e3 on a level plane, determines how far it must be from the
-    vertical through the centre, while its distance from the centre is kept. θ follows by the smallest changes, and the
-    controls are those that come closest to such a motion. The path then fulfils the equations of motion except for spin
-    and for the effect of the masses' own motion.
+    vertical through the centre, while its distance from the centre is kept. Where angles of a plate are controls, it
+    determines n instead. θ follows by the smallest changes, and the controls are those that come closest to such a
+    motion. The path then fulfils the equations of motion except for spin and for the effect of the masses' own motion.
 
     **Arguments:**
 
@@ -50,17 +52,25 @@ def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stag
     - ``stages``: how many nodes of Gauss an interval has.
 
     **Raises:** :class:`~jaxball.design.DesignError` where no objective is a
-    :class:`~jaxball.design.FollowTrajectory`, where gravity cannot accelerate the ball as desired, where the path
-      leaves the ground, and where the angles of the ground are controls.
+    :class:`~jaxball.design.FollowTrajectory`, where gravity cannot accelerate the ball as desired, and where the
+      path leaves the ground.
     """
     times = np.linspace(mesh[0], mesh[-1], TIMES_OF_GUESS * (len(mesh) - 1) + 1)
-    state = _rolling_states(problem, _target_path(problem, times))
-    hanging = np.tile(_initial_moment(problem), (len(times), 1))
+    wanted = _target_path(problem, times)
+    still = tuple(np.tile(np.asarray(x), (len(times), 1)) for x in (problem.state.theta, problem.state.thetadot))
+    state = _rolling_states(problem, wanted, still)
+    tilts = bool(problem.system.driven_ground)
+    hanging = np.tile(_normal_moment(problem) if tilts else _initial_moment(problem), (len(times), 1))
+    before = state if tilts else _with_masses_for(problem, times, state, hanging)
     # Only once: each repetition differentiates twice, and at rest the desired acceleration has a kink.
-    Pi, rate = _momenta(problem, jnp.asarray(times), _with_masses_for(problem, times, state, hanging))
+    Pi, rate = _momenta(problem, jnp.asarray(times), before)
     # The excess of d(ΛΠ)/dt over the effect of the forces and of the contact point's motion.
-    p = _moment_with_torque(problem, hanging, CubicSpline(times, Pi)(times, 1) - np.asarray(rate))
-    state = _with_masses_for(problem, times, state, p)
+    leaning = _moment_with_torque(problem, hanging, CubicSpline(times, Pi)(times, 1) - np.asarray(rate))
+    if tilts:
+        theta = np.asarray(_tilted(problem, jnp.asarray(times), jnp.asarray(leaning)))
+        state = _rolling_states(problem, wanted, (theta, CubicSpline(times, theta)(times, 1)))
+    else:
+        state = _with_masses_for(problem, times, state, leaning)
     x = CubicSpline(times, _pack_states(problem, times, state))
     nodes = mesh[:-1, None] + np.diff(mesh)[:, None] * gauss(stages).c
     size = x(mesh).shape[1]
@@ -100,10 +110,12 @@ def _target_path(problem: Rolling, times: Float[np.ndarray, " t"]) -> CubicSplin
     )
 
 
-def _rolling_states(problem: Rolling, wanted: CubicSpline) -> BallState | DiskState:
-    """The states along the desired path, the masses as at the start, and ω as if its direction changed slowly."""
+def _rolling_states(
+    problem: Rolling, wanted: CubicSpline, angles: tuple[Float[np.ndarray, "t m"], Float[np.ndarray, "t m"]]
+) -> BallState | DiskState:
+    """The states along the desired path with these θ and θ̇, and ω as if its direction changed slowly."""
     times, start = wanted.x, problem.state
-    held = _hold_along(problem, jnp.asarray(times), jnp.asarray(wanted(times)))
+    held = _hold_along(problem, *map(jnp.asarray, (times, wanted(times), *angles)))
     if not np.all(np.isfinite(held.centre)):
         raise DesignError(
             "Argument `problem` must have a desired path that is over its ground, where that is not vertical, but at "
@@ -112,13 +124,12 @@ def _rolling_states(problem: Rolling, wanted: CubicSpline) -> BallState | DiskSt
     over = CubicSpline(times, held.centre)(times, 1) - held.velocity
     rates = CubicSpline(times, np.cross(held.normal, over) / float(problem.system.radius))
     omega, turns = rates(times), np.diff(rates.antiderivative()(times), axis=0)
-    still = [np.tile(np.asarray(angles), (len(times), 1)) for angles in (start.theta, start.thetadot)]
     if isinstance(start, DiskState):
         phi = start.phi - np.cumsum(np.append(0.0, turns[:, 1]))
-        return DiskState(phi, -omega[:, 1], held.z, *still)
+        return DiskState(phi, -omega[:, 1], held.z, *angles)
     steps = np.roll(Rotation.from_rotvec(turns).as_quat(), 1, axis=1)
     q, Omega = _orientations(start.q, jnp.asarray(steps), jnp.asarray(omega))
-    return BallState(q, Omega, held.z, *still)
+    return BallState(q, Omega, held.z, *angles)
 
 
 class _Held(NamedTuple):
@@ -131,16 +142,16 @@ class _Held(NamedTuple):
 
 
 @programs.jit
-def _hold_along(problem: Rolling, times: Float[Array, " t"], wanted: Float[Array, "t 2"]) -> _Held:
+def _hold_along(problem: Rolling, times, wanted: Float[Array, "t 2"], theta, thetadot) -> _Held:
     start, r = problem.state, problem.system.radius
     first = jnp.zeros((len(times), 3), wanted.dtype)
-    if locate_surface(problem.packing.system, problem.start, start) is None:
+    if _surface_at(problem, problem.start, start.theta, start.thetadot) is None:
         z = wanted[:, 0] if problem.system.planar else wanted
         return _Held(z, first.at[:, :2].set(wanted), first.at[:, 2].set(1.0), first)
 
     def step(z, at):
-        t, place = at
-        surface = locate_surface(problem.packing.system, t, start)
+        t, place, *angles = at
+        surface = _surface_at(problem, t, *angles)
         assert surface is not None
         for _ in range(CORRECTIONS):
 
@@ -153,7 +164,12 @@ def _hold_along(problem: Rolling, times: Float[Array, " t"], wanted: Float[Array
         touch = surface.touch_at(t, z)
         return z, _Held(z, touch.p + r * touch.n, touch.n, touch.w)
 
-    return jax.lax.scan(step, start.z, (times, wanted))[1]
+    return jax.lax.scan(step, start.z, (times, wanted, theta, thetadot))[1]
+
+
+def _surface_at(problem: Rolling, t: Float[Array, ""], theta, thetadot) -> AbstractSurface | None:
+    state = dataclasses.replace(problem.state, theta=theta, thetadot=thetadot)
+    return locate_surface(problem.packing.system, t, state)
 
 
 @programs.jit
@@ -203,7 +219,7 @@ def _moment(problem: Rolling, t: Float[Array, ""], theta: Float[Array, " m"]) ->
 @programs.jit
 def _weight(problem: Rolling) -> Float[Array, "3"]:
     """γ at the start, space axes."""
-    return imbalance(problem.packing.system, problem.start, problem.state).weight
+    return imbalance(problem.without_controls, problem.start, problem.state).weight
 
 
 @programs.jit
@@ -213,17 +229,25 @@ def _initial_moment(problem: Rolling) -> Float[Array, "3"]:
 
 
 @programs.jit
+def _normal_moment(problem: Rolling) -> Float[Array, "3"]:
+    """M r n at the start."""
+    return _normal(problem, problem.start, problem.state.theta)
+
+
+def _normal(problem: Rolling, t: Float[Array, ""], theta: Float[Array, " m"]) -> Float[Array, "3"]:
+    """M r n of a plate."""
+    surface = _surface_at(problem, t, theta, jnp.zeros_like(theta))
+    assert surface is not None
+    return problem.system.total_mass * problem.system.radius * surface.normal(t, problem.state.z)
+
+
+@programs.jit
 def _angles(problem: Rolling, times, state, p) -> Float[Array, "t m"]:
-    """θ by the smallest changes from one time to the next (Levenberg's method), for given Λp."""
+    """θ for given Λp."""
 
     def step(theta, at):
         t, Lambda, wanted = at
-        moment = functools.partial(_moment, problem, t)
-        for _ in range(CORRECTIONS):
-            J = jax.jacfwd(moment)(theta)
-            square = J @ J.T
-            damped = square + DAMPING * jnp.trace(square) * jnp.eye(3)
-            theta = theta + J.T @ jnp.linalg.solve(damped, Lambda.T @ wanted - moment(theta))
+        theta = _nearest_angles(functools.partial(_moment, problem, t), theta, Lambda.T @ wanted)
         return theta, theta
 
     Lambda = jax.vmap(lambda one: one.Lambda)(state)
@@ -231,9 +255,33 @@ def _angles(problem: Rolling, times, state, p) -> Float[Array, "t m"]:
 
 
 @programs.jit
+def _tilted(problem: Rolling, times, leaning) -> Float[Array, "t m"]:
+    """θ for given M r n."""
+
+    def step(theta, at):
+        t, wanted = at
+        theta = _nearest_angles(functools.partial(_normal, problem, t), theta, wanted)
+        return theta, theta
+
+    return jax.lax.scan(step, problem.state.theta, (times, leaning))[1]
+
+
+def _nearest_angles(
+    moment: Callable[[Float[Array, " m"]], Float[Array, "3"]], theta: Float[Array, " m"], wanted: Float[Array, "3"]
+) -> Float[Array, " m"]:
+    """The θ with a ``wanted`` moment, by the smallest changes (Levenberg's method)."""
+    for _ in range(CORRECTIONS):
+        J = jax.jacfwd(moment)(theta)
+        square = J @ J.T
+        damped = square + DAMPING * jnp.trace(square) * jnp.eye(3)
+        theta = theta + J.T @ jnp.linalg.solve(damped, wanted - moment(theta))
+    return theta
+
+
+@programs.jit
 def _momenta(problem: Rolling, times, state) -> tuple[Float[Array, "t 3"], Float[Array, "t 3"]]:
     """ΛΠ, and its rate by the equations of motion."""
-    system = problem.packing.system
+    system = problem.without_controls
 
     def one(t, state):
         at, Omega, r = velocity_moments(system, t, (state.theta, state.thetadot)), state.Omega, system.radius

@@ -33,9 +33,10 @@ from .problem import AbstractControlProblem
 class Rolling(AbstractControlProblem):
     """A ball or a disk that rolls from its initial state to rest, in equilibrium.
 
-    The controls are θ̈ of the masses on rails and of joints with schedules, and then the force or torque Q of every
-    joint that has a :class:`~jaxball.Motor`; the schedules and signals in the given system are not used. Springs and
-    dampers stay, and joints without a motor move freely.
+    The controls are θ̈ of the masses on rails, of joints with schedules, and of angles of a
+    :class:`~jaxball.TiltingPlane` with schedules, and then the force or torque Q of every joint that has a
+    :class:`~jaxball.Motor`; the schedules and signals in the given system are not used. Springs and dampers stay,
+    joints without a motor move freely, and surfaces move as their ``motion`` or their function says.
 
     The running cost is the sum of the ``objectives``, and the state is the body's, packed into a vector. The conditions
     at the end are θ̇ = 0, Ω = 0, that the centre of mass is on the vertical through the contact point (on a level
@@ -70,12 +71,13 @@ class Rolling(AbstractControlProblem):
 
         **Arguments:**
 
-        - ``system``: a ball or a disk with masses on rails, joints with schedules, or motors.
+        - ``system``: a ball or a disk with masses on rails, joints with schedules, or motors, or on a plate whose
+          angles have schedules.
         - ``times``: the start and the end.
         - ``state``: at the start; at rest at the origin if not given. It has θ and θ̇ of free joints only; the others
           follow from the schedules.
-        - ``place``: the position of the geometric centre at the end, (z1, z2) for a ball or z for a disk; free if not
-          given.
+        - ``place``: the position of the geometric centre at the end, (z1, z2) for a ball or z for a disk; on a surface
+          its position in space, along e1 and e2, or along e1; free if not given.
         - ``depth``: how far the centre of mass is below the geometric centre at the end, along the vertical, in radii;
           free if not given. A negative depth is above, an unstable equilibrium.
         - ``softness``: of the conditions at the end, see :class:`AbstractControlProblem`. Where some of them follow
@@ -83,9 +85,9 @@ class Rolling(AbstractControlProblem):
         - ``constraints``: those that must hold at all times.
 
         **Raises:** :class:`DesignError` for a system without controls, for one on a turntable, where nothing can rest,
-        for one with joints that stick or exact dry resistance, for an objective or a constraint that a disk cannot
-        meet, and for a ``place`` of the wrong size, and ``ValueError`` for a system with a feedback law, and for one
-        with free joints but no state.
+        or on a surface that moves at the end, for one with joints that stick or exact dry resistance, for an objective
+        or a constraint that a disk cannot meet, and for a ``place`` of the wrong size, and ``ValueError`` for a system
+        with a feedback law, and for one with free joints but no state.
         """
         start, end = (to_array(t) for t in to_array(times))
         if isinstance(system.ground, Ground) and system.ground.turntable is not None:
@@ -172,9 +174,13 @@ class Rolling(AbstractControlProblem):
 
     def imbalance_at_end(self, x: Float[Array, " n"]) -> Imbalance:
         """Computes what the motors must hold, and what else keeps the body from resting, in its final configuration."""
+        return imbalance(self.without_controls, self.end, self.packing.unpack(self.end, x))
+
+    @property
+    def without_controls(self) -> System:
+        """The prepared system with u = 0."""
         packing = self.packing
-        off = with_inputs(packing.system, self.motors, jnp.zeros(self.controls, x.dtype))
-        return imbalance(off, self.end, packing.unpack(self.end, x))
+        return with_inputs(packing.system, self.motors, jnp.zeros(self.controls, self.start.dtype))
 
     @property
     def motor_slots(self) -> Int[np.ndarray, " motors"]:
