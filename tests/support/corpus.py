@@ -321,6 +321,7 @@ barrier = 0.1
 guess = "rolling-along"
 first_weights = { force-effort = 0.1 }
 """
+_WITHOUT_KEYS = "masses-near-centre", "acceleration-effort", "power-effort", "force-effort", "joint-effort"
 _ALONG_THE_RUN = """
 [[objectives]]
 kind = "follow-trajectory"
@@ -334,21 +335,6 @@ kind = "avoid-obstacles"
 centres = [PLACE]
 radii = [0.2]
 softness = 0.1
-
-[[objectives]]
-kind = "masses-near-centre"
-
-[[objectives]]
-kind = "acceleration-effort"
-
-[[objectives]]
-kind = "power-effort"
-
-[[objectives]]
-kind = "force-effort"
-
-[[objectives]]
-kind = "joint-effort"
 
 [[objectives]]
 kind = "running-function"
@@ -392,6 +378,9 @@ kind = "friction"
 friction = 0.3
 
 [[constraints]]
+kind = "on-ground"
+
+[[constraints]]
 kind = "clear-of-obstacles"
 centres = [PLACE]
 radii = [0.2]
@@ -409,6 +398,7 @@ OF_A_DISK = {"KIND": "disk", "INERTIA": "1.0", "PLACE": "1.0", "HEIGHT": "0.0", 
 def every_kind(body: dict[str, str], controlled: bool) -> str:
     """A problem with every objective and constraint that there is, of a search or of optimal control."""
     text = _TO_BE_DESIGNED + (_CONTROL if controlled else _VARIABLES) + _ALONG_THE_RUN
+    text += "".join(f'\n[[objectives]]\nkind = "{kind}"\n' for kind in _WITHOUT_KEYS)
     for name, value in body.items():
         text = re.sub(rf"\b{name}\b", value, text)
     return text

@@ -18,6 +18,7 @@ from .constraints import (
     JointEffortLimit as JointEffortLimit,
     MassesApart as MassesApart,
     NormalForce as NormalForce,
+    OnGround as OnGround,
     RailsApart as RailsApart,
     RailsInside as RailsInside,
     RegularRails as RegularRails,

@@ -50,6 +50,28 @@ class Friction(AbstractRunningConstraint):
         return (self.friction * normal**2 - jnp.sum(friction**2, axis=-1) / self.friction) / 2
 
 
+class OnGround(AbstractRunningConstraint):
+    """1 − r κ ≥ ``fit``, for the ground's largest curvature κ towards the body, and ``reach`` of it left; shape (t, 2).
+
+    A run ends where either is 0: the body touches a curved ground in two points, or is at its edge. On a plane both
+    are 1.
+
+    **Arguments:**
+
+    - ``fit``: dimensionless.
+    - ``reach``: as ``reach`` of an :class:`~jaxball.AbstractSurface` counts what is left ahead.
+    """
+
+    fit: Float[Array, ""] = eqx.field(converter=numbers("fit"), default=0.05)
+    reach: Float[Array, ""] = eqx.field(converter=numbers("reach"), default=0.05)
+
+    def __call__(self, run: Run):
+        return jnp.stack([self.fit, self.reach])[None] - run.ground_left
+
+    def margins(self, run: Run):
+        return run.ground_to_spare(self.fit, self.reach)
+
+
 class ClearOfObstacles(AbstractRunningConstraint):
     """The geometric centre outside discs in the plane; shape (t, k).
 

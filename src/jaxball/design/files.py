@@ -166,6 +166,7 @@ def constraints_of(plane: Plane) -> Family:
         "joint-effort-limit": Module(constraints.JointEffortLimit, {"most": Key(SIZE)}),
         "normal-force": Module(constraints.NormalForce, {"least": Key(NUMBER)}),
         "friction": Module(constraints.Friction, {"friction": Key(SIZE)}),
+        "on-ground": Module(constraints.OnGround, {"fit": Key(SIZE, 0.05), "reach": Key(SIZE, 0.05)}),
         "clear-of-obstacles": Module(constraints.ClearOfObstacles, _discs(plane), check=_check_discs),
         "within": Module(
             constraints.Within, {"lower": Key(plane.place), "upper": Key(plane.place)}, check=_check_corners

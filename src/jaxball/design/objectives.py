@@ -262,10 +262,14 @@ def _floor(run: Run, curve: Float[Array, "q 2"]) -> Float[Array, " steps"]:
 
 
 class AccelerationEffort(AbstractRunningObjective):
-    """The mean of Σ θ̈² over the masses on rails, in units of g²/r², as in the authors' papers on control."""
+    """The mean of Σ θ̈² over the masses on rails and the angles of a plate, in units of g²/r².
+
+    It is that of the authors' papers on control.
+    """
 
     def integrand(self, run: Run):
-        return jnp.sum(run.on_rails.thetaddot**2, axis=-1) * run.time_unit**4
+        squares = jnp.sum(run.on_rails.thetaddot**2, axis=-1) + jnp.sum(run.plate_accelerations**2, axis=-1)
+        return squares * run.time_unit**4
 
 
 class PowerEffort(AbstractRunningObjective):

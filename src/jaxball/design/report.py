@@ -13,11 +13,13 @@ import numpy as np
 import tomli_w
 from jaxtyping import Array, Float
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from .. import plot, programs
 from ..interface.output import write_text
 from ..interface.wording import all_of, number_of
 from ..physics.body import System
+from ..physics.dynamics.footing import has_end
 from ..plot.report import write_figure
 from ..scenario import Scenario, ScenarioError, Units, write_scenario
 from ..simulation.extremes import contact_extremes
@@ -79,7 +81,9 @@ def write_control_report(
     if source is not None:
         source.copy(folder)
     run = scenario.simulate(dense=True, throw=True)
-    links = _figure_links(_control_figures(controlled) | _joint_figures(run), folder, system, title)
+    figures = _control_figures(controlled) | _joint_figures(run)
+    on_ground = {"ground": plot.snapshot(run)} if has_end(system) else {}
+    links = _figure_links({**figures, **on_ground}, folder, system, title)
     parts = [[f"# {title or 'An optimal control'}"], [_control_verdict(controlled)], _control_objectives(controlled)]
     parts += [*_control_constraints(controlled), _along(run), links]
     return _write(folder, [*parts, *provenance(source, controlled.elapsed)])
@@ -166,7 +170,7 @@ def _along(trajectory: Trajectory[Any, Any]) -> list[str]:
     return [f"Along the run: {'; '.join(str(contact_extremes(trajectory)).splitlines())}."]
 
 
-def _figure_links(axes: Mapping[str, Axes], folder: Path, system: System, title: str) -> list[str]:
+def _figure_links(axes: Mapping[str, Axes | Figure], folder: Path, system: System, title: str) -> list[str]:
     """Writes figures, by name, and links to them."""
     for name, ax in axes.items():
         write_figure(ax, folder / f"{name}.png", system, title)
@@ -281,6 +285,11 @@ def _farthest(objective: FollowTrajectory | FollowCurve, run: Run) -> Float[Arra
 
 
 @programs.filter_jit
+def _run_places(run: Run) -> Float[Array, "t 2"]:
+    return run.z
+
+
+@programs.filter_jit
 def _on_rails(run: Run) -> Float[Array, "t n"]:
     return run.on_rails.theta
 
@@ -312,7 +321,8 @@ def _figures(design: Design, before: Trajectory[Any, Any], after: Trajectory[Any
 
 
 def _path(trajectory: Trajectory[Any, Any]) -> tuple[Float[np.ndarray, " t"], Float[np.ndarray, "t *d"]]:
-    return np.asarray(trajectory.times), np.asarray(trajectory.state.z)
+    z = np.asarray(_run_places(_run(trajectory)))
+    return np.asarray(trajectory.times), z[:, 0] if trajectory.system.planar else z
 
 
 def _control_verdict(controlled: Controlled) -> str:
@@ -362,12 +372,13 @@ def _control_figures(controlled: Controlled) -> dict[str, Axes]:
     requirements = [*problem.objectives.values(), *problem.constraints.values()]
     first, last = ((times, places(entry, times)) for entry in (controlled.first, solution))
     axes = {"path": _path_figure(requirements, first, last, names=BRANCH)}
-    masses = problem.system.driven
-    if masses:
-        schedules = schedules_of(solution)[: len(masses)]
-        angles = np.stack([jax.vmap(schedule)(jnp.asarray(times)) for schedule in schedules], axis=1)
-        axes["angles"] = plot.rail_angles(times, angles)
-        axes["accelerations"] = plot.rail_accelerations(times, solution.path.inputs(times)[:, : len(masses)])
+    schedules, system = schedules_of(solution), problem.system
+    masses, plate = range(len(system.driven)), range(len(schedules) - len(system.driven_ground), len(schedules))
+    for name, moved in (("", masses), ("plate-", plate)):
+        if moved:
+            angles = [jax.vmap(schedules[k])(jnp.asarray(times)) for k in moved]
+            axes[f"{name}angles"] = plot.rail_angles(times, np.stack(angles, axis=1))
+            axes[f"{name}accelerations"] = plot.rail_accelerations(times, solution.path.inputs(times)[:, list(moved)])
     weighed, least = branch[0].weights, branch[-1].weights
     for name in [name for name in weighed if 0 < weighed[name] != least[name] > 0][:1]:
         weights = np.asarray([point.weights[name] for point in branch])

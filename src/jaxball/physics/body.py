@@ -414,7 +414,8 @@ def with_integrated_angles(
       kept.
 
     **Returns:** the system with its :class:`~jaxball.OnRail` masses replaced by driven ones that follow θ̈(t) of their
-    schedules, as do its joints with schedules; and the entries ``theta`` and ``thetadot`` of its state at ``t0``.
+    schedules, as do joints, and angles of a :class:`~jaxball.TiltingPlane`, with schedules; and the entries ``theta``
+    and ``thetadot`` of its state at ``t0``.
 
     **Raises:** ``ValueError`` when the system already has a feedback law, and when it has free joints but no state is
     given.
@@ -443,8 +444,13 @@ def with_integrated_angles(
                 schedules.append(drive)
                 drives[a] = Accelerated()
         mechanisms.append(mechanism.with_drives(drives))
+    ground = system.ground
+    if ground is not None:
+        schedules += ground.schedules
+        ground = ground.follow_law()
     law = FollowSchedules(tuple(schedules)) if schedules else None
-    driven = type(system)(**{**system.arguments, "masses": masses, "law": law, "mechanisms": mechanisms})
+    parts = {"masses": masses, "law": law, "mechanisms": mechanisms, "ground": ground}
+    driven = type(system)(**{**system.arguments, **parts})
     free_angles = _free_angles(system, state)
     rates = [schedule.derivatives(to_array(t0)) for schedule in schedules]
     accelerated = driven.accelerated

@@ -32,6 +32,8 @@ from ..physics.state import BallState, DiskState, PlacedState, RotationState, St
 
 STARTS_OF_BALANCE = 256
 SAME_BALANCE = 1e-6
+# What counts as motion of a ground, and how far beside a body it is looked for, in radii.
+STILL, BESIDE = 1e-9, 1e-3
 
 
 class Balance(Printed):
@@ -235,6 +237,24 @@ def _hold_at_rest(
     """Returns the normal of a surface under a body at rest, and whether its matter moves or begins to move there."""
     held = ground.prepare().footing(t, r, z, jnp.zeros(3, t.dtype))
     return held.normal, jnp.any(jnp.stack([held.velocity, held.acceleration, held.spin]) != 0)
+
+
+@programs.filter_jit
+def moves_under(
+    surface: AbstractSurface, t: Float[Array, ""], r: Float[Array, ""], g: Float[Array, ""], z: Coordinates
+) -> Bool[Array, ""]:
+    """Returns whether a prepared surface moves, or begins to, where a body of radius ``r`` is at rest, and beside that.
+
+    Motion is what exceeds rounding, in units of g and ``r``. A rigid surface that is at rest in three places is so
+    everywhere.
+    """
+    steps = jnp.concatenate(
+        [jnp.zeros_like(z)[None], BESIDE * r * jnp.eye(z.size, dtype=z.dtype).reshape(-1, *z.shape)]
+    )
+    held = jax.vmap(lambda step: surface.footing(t, r, z + step, jnp.zeros(3, t.dtype)))(steps)
+    speed = jnp.sqrt(g * r)
+    parts = jnp.stack([held.velocity / speed, held.acceleration / g, held.spin * r / speed])
+    return jnp.any(jnp.abs(parts) > STILL)
 
 
 def _others(system, free, state, t):

@@ -2,6 +2,8 @@
 
 import dataclasses
 import functools
+from collections.abc import Callable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,9 +15,11 @@ from scipy.spatial.transform import Rotation
 from ... import programs
 from ...numerics import versor
 from ...numerics.vectors import apply, cross
+from ...physics.dynamics.footing import locate_surface
 from ...physics.dynamics.load import load
 from ...physics.dynamics.moments import velocity_moments
 from ...physics.dynamics.momentum import contact_momentum, contact_momentum_rate
+from ...physics.grounds import AbstractSurface
 from ...physics.state import BallState, DiskState
 from ...simulation.equilibrium import imbalance
 from ...solvers.tableau import gauss
@@ -35,11 +39,12 @@ def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stag
     """Makes a guess with the geometric centre on the desired path, and the masses where gravity turns the ball
     accordingly.
 
-    The ball rolls without spin: ω = e3 × ż / r. The centre of mass begins in its initial position, in space axes. Then
-    the balance of the momentum about the contact point, γ × Λp = d(ΛΠ)/dt + ż × ΛP − Mr γ × e3, with γ = g e3 on a
-    level plane, determines how far it must be from the vertical through the centre, while its distance from the centre
-    is kept. θ follows by the smallest changes, and the controls are those that come closest to such a motion. The path
-    then fulfils the equations of motion except for spin and for the effect of the masses' own motion.
+    The ball rolls without spin: ω = n × (ċ − w) / r, with n = e3 and w = 0 on a plane. The centre of mass begins in its
+    initial position, in space axes. Then the balance of the momentum about the contact point,
+    γ × Λp = d(ΛΠ)/dt + (ċ − w) × ΛP − Mr γ × n, with γ = g e3 on a level plane, determines how far it must be from the
+    vertical through the centre, while its distance from the centre is kept. Where angles of a plate are controls, it
+    determines n instead. θ follows by the smallest changes, and the controls are those that come closest to such a
+    motion. The path then fulfils the equations of motion except for spin and for the effect of the masses' own motion.
 
     **Arguments:**
 
@@ -48,16 +53,25 @@ def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stag
     - ``stages``: how many nodes of Gauss an interval has.
 
     **Raises:** :class:`~jaxball.design.DesignError` where no objective is a
-    :class:`~jaxball.design.FollowTrajectory`, and where gravity cannot accelerate the ball as desired.
+    :class:`~jaxball.design.FollowTrajectory`, where gravity cannot accelerate the ball as desired, and where the
+      path leaves the ground.
     """
     times = np.linspace(mesh[0], mesh[-1], TIMES_OF_GUESS * (len(mesh) - 1) + 1)
-    state = _rolling_states(problem, _target_path(problem, times))
-    hanging = np.tile(_initial_moment(problem), (len(times), 1))
+    target = _target_path(problem, times)
+    still = tuple(np.tile(np.asarray(x), (len(times), 1)) for x in (problem.state.theta, problem.state.thetadot))
+    state = _rolling_states(problem, target, still)
+    tilts = bool(problem.system.driven_ground)
+    hanging = np.tile(_normal_moment(problem) if tilts else _initial_moment(problem), (len(times), 1))
+    before = state if tilts else _with_masses_for(problem, times, state, hanging)
     # Only once: each repetition differentiates twice, and at rest the desired acceleration has a kink.
-    Pi, rate = _momenta(problem, jnp.asarray(times), _with_masses_for(problem, times, state, hanging))
+    Pi, rate = _momenta(problem, jnp.asarray(times), before)
     # The excess of d(ΛΠ)/dt over the effect of the forces and of the contact point's motion.
-    p = _moment_with_torque(problem, hanging, CubicSpline(times, Pi)(times, 1) - np.asarray(rate))
-    state = _with_masses_for(problem, times, state, p)
+    leaning = _moment_with_torque(problem, hanging, CubicSpline(times, Pi)(times, 1) - np.asarray(rate))
+    if tilts:
+        theta = np.asarray(_tilts(problem, jnp.asarray(times), jnp.asarray(leaning)))
+        state = _rolling_states(problem, target, (theta, CubicSpline(times, theta)(times, 1)))
+    else:
+        state = _with_masses_for(problem, times, state, leaning)
     x = CubicSpline(times, _pack_states(problem, times, state))
     nodes = mesh[:-1, None] + np.diff(mesh)[:, None] * gauss(stages).c
     size = x(mesh).shape[1]
@@ -97,17 +111,66 @@ def _target_path(problem: Rolling, times: Float[np.ndarray, " t"]) -> CubicSplin
     )
 
 
-def _rolling_states(problem: Rolling, path: CubicSpline) -> BallState | DiskState:
-    """Returns the states along the desired path, the masses as at the start; between times the ball rolls straight."""
-    times, start, r = path.x, problem.state, problem.system.radius
-    z, rate = path(times), path(times, 1)
-    still = [np.tile(np.asarray(angles), (len(times), 1)) for angles in (start.theta, start.thetadot)]
+def _rolling_states(
+    problem: Rolling, path: CubicSpline, angles: tuple[Float[np.ndarray, "t m"], Float[np.ndarray, "t m"]]
+) -> BallState | DiskState:
+    """Returns the states along the desired path with these θ and θ̇, and ω as if its direction changed slowly."""
+    times, start = path.x, problem.state
+    held = _hold_along(problem, *map(jnp.asarray, (times, path(times), *angles)))
+    if not np.all(np.isfinite(held.centre)):
+        raise DesignError(
+            "Argument `problem` must have a desired path that is over its ground, where that is not vertical, but at "
+            f"t = {times[np.argmin(np.isfinite(held.centre).all(axis=1))]:.4g} it is not; start from rest."
+        )
+    over = CubicSpline(times, held.centre)(times, 1) - held.velocity
+    rates = CubicSpline(times, np.cross(held.normal, over) / float(problem.system.radius))
+    omega, turns = rates(times), np.diff(rates.antiderivative()(times), axis=0)
     if isinstance(start, DiskState):
-        return DiskState(start.phi - (z[:, 0] - start.z) / r, -rate[:, 0] / r, z[:, 0], *still)
-    turns, omega = (_cross_e3(v) / float(r) for v in (np.diff(z, axis=0), rate))
+        phi = start.phi - np.cumsum(np.append(0.0, turns[:, 1]))
+        return DiskState(phi, -omega[:, 1], held.z, *angles)
     steps = np.roll(Rotation.from_rotvec(turns).as_quat(), 1, axis=1)
     q, Omega = _orientations(start.q, jnp.asarray(steps), jnp.asarray(omega))
-    return BallState(q, Omega, z, *still)
+    return BallState(q, Omega, held.z, *angles)
+
+
+class _Held(NamedTuple):
+    """How the ground holds the body along the desired path: z of the states, c, n, and w."""
+
+    z: Float[Array, "t *d"]
+    centre: Float[Array, "t 3"]
+    normal: Float[Array, "t 3"]
+    velocity: Float[Array, "t 3"]
+
+
+@programs.jit
+def _hold_along(problem: Rolling, times, wanted: Float[Array, "t 2"], theta, thetadot) -> _Held:
+    start, r = problem.state, problem.system.radius
+    first = jnp.zeros((len(times), 3), wanted.dtype)
+    if _surface_at(problem, problem.start, start.theta, start.thetadot) is None:
+        z = wanted[:, 0] if problem.system.planar else wanted
+        return _Held(z, first.at[:, :2].set(wanted), first.at[:, 2].set(1.0), first)
+
+    def step(z, at):
+        t, place, *angles = at
+        surface = _surface_at(problem, t, *angles)
+        assert surface is not None
+        for _ in range(CORRECTIONS):
+
+            def gap(z, surface=surface, t=t, place=place):
+                away = surface.place_of_centre(t, r, z)[:2] - place
+                return away if z.ndim else away[0]
+
+            slope = jnp.atleast_2d(jax.jacfwd(gap)(z))
+            z = z - jnp.linalg.solve(slope, jnp.atleast_1d(gap(z))).reshape(z.shape)
+        touch = surface.touch_at(t, z)
+        return z, _Held(z, touch.p + r * touch.n, touch.n, touch.w)
+
+    return jax.lax.scan(step, start.z, (times, wanted, theta, thetadot))[1]
+
+
+def _surface_at(problem: Rolling, t: Float[Array, ""], theta, thetadot) -> AbstractSurface | None:
+    state = dataclasses.replace(problem.state, theta=theta, thetadot=thetadot)
+    return locate_surface(problem.packing.system, t, state)
 
 
 @programs.jit
@@ -124,11 +187,6 @@ def _orientations(
     return q, jax.vmap(lambda q, omega: apply(versor.rotation_matrix(q).T, omega))(q, omega)
 
 
-def _cross_e3(v: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 3"]:
-    """Computes e3 × v."""
-    return np.stack([-v[:, 1], v[:, 0], np.zeros(len(v))], axis=1)
-
-
 def _moment_with_torque(problem: Rolling, hanging, moment) -> Float[np.ndarray, "t 3"]:
     """Computes Λp with its length unchanged, moved sideways so that gravity has the given ``moment``."""
     weight = np.asarray(_weight(problem))
@@ -142,8 +200,8 @@ def _moment_with_torque(problem: Rolling, hanging, moment) -> Float[np.ndarray, 
         raise DesignError(
             "Argument `problem` must have a desired motion to which gravity can accelerate the ball, but the centre "
             f"of mass would have to be {np.max(side) / unit:.3g} r to the side of the geometric centre, and it is only "
-            f"{size[0] / unit:.3g} r away from it; give the motion more time, or start with the "
-            "centre of mass farther below."
+            f"{size[0] / unit:.3g} r away from it; give the motion more time, start with the centre of mass farther "
+            "below, or start from rest."
         )
     return beside + np.copysign(np.sqrt(size**2 - side**2), height)[:, None] * up
 
@@ -162,7 +220,7 @@ def _moment(problem: Rolling, t: Float[Array, ""], theta: Float[Array, " m"]) ->
 @programs.jit
 def _weight(problem: Rolling) -> Float[Array, "3"]:
     """Computes γ at the start, in space axes."""
-    return imbalance(problem.packing.system, problem.start, problem.state).weight
+    return imbalance(problem.without_controls, problem.start, problem.state).weight
 
 
 @programs.jit
@@ -172,17 +230,25 @@ def _initial_moment(problem: Rolling) -> Float[Array, "3"]:
 
 
 @programs.jit
+def _normal_moment(problem: Rolling) -> Float[Array, "3"]:
+    """Computes M r n at the start."""
+    return _normal(problem, problem.start, problem.state.theta)
+
+
+def _normal(problem: Rolling, t: Float[Array, ""], theta: Float[Array, " m"]) -> Float[Array, "3"]:
+    """Computes M r n of a plate."""
+    surface = _surface_at(problem, t, theta, jnp.zeros_like(theta))
+    assert surface is not None
+    return problem.system.total_mass * problem.system.radius * surface.normal(t, problem.state.z)
+
+
+@programs.jit
 def _angles(problem: Rolling, times, state, p) -> Float[Array, "t m"]:
-    """Finds θ by the smallest changes from one time to the next (Levenberg's method), for given Λp."""
+    """Finds θ for given Λp."""
 
     def step(theta, sample):
         t, Lambda, momentum = sample
-        moment = functools.partial(_moment, problem, t)
-        for _ in range(CORRECTIONS):
-            J = jax.jacfwd(moment)(theta)
-            square = J @ J.T
-            damped = square + DAMPING * jnp.trace(square) * jnp.eye(3)
-            theta = theta + J.T @ jnp.linalg.solve(damped, Lambda.T @ momentum - moment(theta))
+        theta = _nearest_angles(functools.partial(_moment, problem, t), theta, Lambda.T @ momentum)
         return theta, theta
 
     Lambda = jax.vmap(lambda pose: pose.Lambda)(state)
@@ -190,14 +256,39 @@ def _angles(problem: Rolling, times, state, p) -> Float[Array, "t m"]:
 
 
 @programs.jit
+def _tilts(problem: Rolling, times, leaning) -> Float[Array, "t m"]:
+    """Finds θ for given M r n."""
+
+    def step(theta, sample):
+        t, normal = sample
+        theta = _nearest_angles(functools.partial(_normal, problem, t), theta, normal)
+        return theta, theta
+
+    return jax.lax.scan(step, problem.state.theta, (times, leaning))[1]
+
+
+def _nearest_angles(
+    moment: Callable[[Float[Array, " m"]], Float[Array, "3"]], theta: Float[Array, " m"], goal: Float[Array, "3"]
+) -> Float[Array, " m"]:
+    """Finds the θ with the moment ``goal``, by the smallest changes (Levenberg's method)."""
+    for _ in range(CORRECTIONS):
+        J = jax.jacfwd(moment)(theta)
+        square = J @ J.T
+        damped = square + DAMPING * jnp.trace(square) * jnp.eye(3)
+        theta = theta + J.T @ jnp.linalg.solve(damped, goal - moment(theta))
+    return theta
+
+
+@programs.jit
 def _momenta(problem: Rolling, times, state) -> tuple[Float[Array, "t 3"], Float[Array, "t 3"]]:
     """Computes ΛΠ, and its rate by the equations of motion."""
-    system = problem.packing.system
+    system = problem.without_controls
 
     def one(t, state):
-        moments, Omega, Gamma = velocity_moments(system, t, (state.theta, state.thetadot)), state.Omega, state.Gamma
-        Pi = contact_momentum(moments, system.radius, Omega, Gamma)
-        rate = contact_momentum_rate(moments, system.radius, load(system, t, state), Pi, Omega)
+        moments, Omega, r = velocity_moments(system, t, (state.theta, state.thetadot)), state.Omega, system.radius
+        acting = load(system, t, state).of_momenta(r, Omega)
+        Pi = contact_momentum(moments, r, Omega, acting.Gamma)
+        rate = contact_momentum_rate(moments, r, acting, Pi, Omega)
         return apply(state.Lambda, Pi), apply(state.Lambda, rate + cross(Omega, Pi))
 
     return jax.vmap(one)(times, state)

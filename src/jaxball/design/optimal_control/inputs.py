@@ -96,8 +96,8 @@ def inputs(system: System, start: Numbers, state: State | None) -> Inputs:
     driven, angles = with_integrated_angles(system, start, state)
     if not driven.accelerated and not motors:
         raise DesignError(
-            "Argument `system` must have a mass on a rail, a joint with a schedule, or a joint with a Motor to be "
-            "controlled, but it has none."
+            "Argument `system` must have a mass on a rail, a joint or an angle of a TiltingPlane with a schedule, or a "
+            "joint with a Motor to be controlled, but it has none."
         )
     still = _with_motors(driven, motors, [Motor(0.0)] * len(motors))
     if driven.accelerated:
@@ -149,7 +149,8 @@ def with_schedules(
         )
         for mechanism in system.mechanisms
     ]
-    moved = type(system)(**{**system.arguments, "masses": masses, "mechanisms": mechanisms})
+    ground = None if system.ground is None else system.ground.follow(list(following))
+    moved = type(system)(**{**system.arguments, "masses": masses, "mechanisms": mechanisms, "ground": ground})
     limits = [motor.limit for motor in _motors_of(system, motors)]
     return _with_motors(moved, motors, [Motor(s, limit) for s, limit in zip(signals, limits, strict=True)])
 

@@ -14,13 +14,14 @@ from ...interface.status import Status
 from ...interface.wording import all_of
 from ...numerics.arrays import Numbers, to_array
 from ...physics.body import System
+from ...physics.dynamics.footing import locate_surface
 from ...physics.forces.force import AbstractForce
-from ...physics.grounds.ground import Ground, require_plane
+from ...physics.grounds.ground import Ground
 from ...physics.packing import Packing
 from ...physics.prescribed.schedules import AbstractSchedule
 from ...physics.prescribed.signals import AbstractSignal
 from ...physics.state import BallState, DiskState
-from ...simulation.equilibrium import Imbalance, imbalance
+from ...simulation.equilibrium import Imbalance, imbalance, moves_under
 from ..objectives import FollowTrajectory
 from ..problem.requirements import (
     AbstractRunningConstraint,
@@ -28,7 +29,7 @@ from ..problem.requirements import (
     require_possible,
     require_reachable,
 )
-from ..problem.run import Run
+from ..problem.run import Run, locate_centre
 from ..problem.space import DesignError
 from .inputs import MotorIndex, inputs, motor_limits, with_inputs, with_schedules
 from .problem import AbstractControlProblem
@@ -37,9 +38,10 @@ from .problem import AbstractControlProblem
 class Rolling(AbstractControlProblem):
     """A ball or a disk that rolls from its initial state to rest, in equilibrium.
 
-    The controls are θ̈ of the masses on rails and of joints with schedules, and then the force or torque Q of every
-    joint that has a :class:`~jaxball.Motor`; the schedules and signals in the given system are not used. Springs and
-    dampers stay, and joints without a motor move freely.
+    The controls are θ̈ of the masses on rails, of joints with schedules, and of angles of a
+    :class:`~jaxball.TiltingPlane` with schedules, and then the force or torque Q of every joint that has a
+    :class:`~jaxball.Motor`; the schedules and signals in the given system are not used. Springs and dampers stay,
+    joints without a motor move freely, and surfaces move as their ``motion`` or their function says.
 
     The running cost is the sum of the ``objectives``, and the state is the body's, packed into a vector. The conditions
     at the end are θ̇ = 0, Ω = 0, that the centre of mass is on the vertical through the contact point (on a level
@@ -74,12 +76,13 @@ class Rolling(AbstractControlProblem):
 
         **Arguments:**
 
-        - ``system``: a ball or a disk with masses on rails, joints with schedules, or motors.
+        - ``system``: a ball or a disk with masses on rails, joints with schedules, or motors, or on a plate whose
+          angles have schedules.
         - ``times``: the start and the end.
         - ``state``: at the start; at rest at the origin if not given. It has θ and θ̇ of free joints only; the others
           follow from the schedules.
-        - ``place``: the position of the geometric centre at the end, (z1, z2) for a ball or z for a disk; free if not
-          given.
+        - ``place``: the position of the geometric centre at the end, (z1, z2) for a ball or z for a disk; on a surface
+          its position in space, along e1 and e2, or along e1; free if not given.
         - ``depth``: how far the centre of mass is below the geometric centre at the end, along the vertical, in radii;
           free if not given. A negative depth is above, an unstable equilibrium.
         - ``softness``: of the conditions at the end, see :class:`AbstractControlProblem`. Where some of them follow
@@ -87,12 +90,11 @@ class Rolling(AbstractControlProblem):
         - ``constraints``: those that must hold at all times.
 
         **Raises:** :class:`DesignError` for a system without controls, for one on a turntable, where nothing can rest,
-        for one with joints that stick or exact dry resistance, for an objective or a constraint that a disk cannot
-        meet, and for a ``place`` of the wrong size, and ``ValueError`` for a system with a feedback law, and for one
-        with free joints but no state.
+        or on a surface that moves at the end, for one with joints that stick or exact dry resistance, for an objective
+        or a constraint that a disk cannot meet, and for a ``place`` of the wrong size, and ``ValueError`` for a system
+        with a feedback law, and for one with free joints but no state.
         """
         start, end = (to_array(t) for t in to_array(times))
-        require_plane(system.ground, "a rest-to-rest motion", DesignError)
         if isinstance(system.ground, Ground) and system.ground.turntable is not None:
             raise DesignError(
                 "Argument `system` must be on a plane on which it can come to rest, but it is on a turntable."
@@ -113,6 +115,7 @@ class Rolling(AbstractControlProblem):
         self.robot, self.system, self.motors = system, controls.system, controls.motors
         self.state = system.state_type(**vars(start_state) | {"theta": controls.theta, "thetadot": controls.thetadot})
         self.start, self.end = start, end
+        _require_rest(self.system, end, self.state)
         self.objectives = {name: _in_time(objective, start, end) for name, objective in objectives.items()}
         self.constraints = dict(constraints or {}) | motor_limits(system, controls.motors)
         self.depth = None if depth is None else to_array(depth)
@@ -172,14 +175,19 @@ class Rolling(AbstractControlProblem):
         if self.depth is not None:
             parts.append((self.depth - left.below / r)[None])
         if self.place is not None:
-            parts.append((jnp.atleast_1d(state.z) - self.place) / r)
+            centre = locate_centre(packing.system, self.end, state)
+            parts.append((centre[: self.place.size] - self.place) / r)
         return jnp.concatenate(parts)
 
     def imbalance_at_end(self, x: Float[Array, " n"]) -> Imbalance:
         """Computes what the motors must hold, and what else keeps the body from resting, in its final configuration."""
+        return imbalance(self.without_controls, self.end, self.packing.unpack(self.end, x))
+
+    @property
+    def without_controls(self) -> System:
+        """The prepared system with u = 0."""
         packing = self.packing
-        off = with_inputs(packing.system, self.motors, jnp.zeros(self.controls, x.dtype))
-        return imbalance(off, self.end, packing.unpack(self.end, x))
+        return with_inputs(packing.system, self.motors, jnp.zeros(self.controls, self.start.dtype))
 
     @property
     def motor_slots(self) -> Int[np.ndarray, " motors"]:
@@ -208,6 +216,16 @@ class Rolling(AbstractControlProblem):
     def _packing_with(self, u: Float[Array, " m"]) -> Packing[Any, Any]:
         packing = self.packing
         return eqx.tree_at(lambda p: p.system, packing, with_inputs(packing.system, self.motors, u))
+
+
+def _require_rest(system: System, end: Float[Array, ""], state: BallState | DiskState) -> None:
+    """Refuses a surface that moves at the end near the place of ``state``, where nothing could rest."""
+    surface = locate_surface(system.prepare(), end, eqx.tree_at(lambda s: s.thetadot, state, 0 * state.thetadot))
+    if surface is not None and moves_under(surface, end, system.radius, jnp.abs(system.gravity), state.z):
+        raise DesignError(
+            "Argument `system` must be on a ground that is at rest at the end of `times`, so that it can come to rest "
+            f"there, but its {type(system.ground).__name__} moves at t = {float(end):g}; let the ground stop before."
+        )
 
 
 def rolling(problem: AbstractControlProblem) -> Rolling:

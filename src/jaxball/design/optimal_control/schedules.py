@@ -13,11 +13,12 @@ from ... import programs
 from ...physics.body import System
 from ...physics.prescribed.schedules import PiecewiseAcceleration
 from ...physics.prescribed.signals import PiecewiseSignal
+from ...physics.state import BallState, DiskState
 from ...programs.batches import map_rows
 from ...scenario import Scenario
 from ...scenario.initial import starting_angles
 from ...simulation.equilibrium import imbalance
-from ..problem.run import Run
+from ..problem.run import Run, locate_centre
 from .inputs import with_free_joints
 from .rolling import Rolling, rolling
 from .solution import POINTS_OF_INTERVAL, Solution
@@ -136,15 +137,17 @@ def resimulate(solution: Solution, solver: str = "gauss16", tolerance: float = 1
     run = scenario.simulate(solver=solver, rtol=tolerance, atol=tolerance, throw=True)
     system = run.system
     seen, M, r = run.observables, float(problem.system.total_mass), float(problem.system.radius)
-    gap = np.asarray(run.state.z) - places(solution, np.asarray(run.times))
+    times = jnp.asarray(run.times)
+    centres = np.asarray(_centres(system.prepare(), times, run.state))
+    gap = centres - _centres_of(solution, np.asarray(times))
     schedules = schedules_of(solution)
     rates = [*starting_angles(tuple(schedules), problem.end)["thetadot"]] if schedules else []
-    whole = Run(system, jnp.asarray(run.times), run.state, run.status)
+    whole = Run(system, times, run.state, run.status)
     largest = _largest(problem.constraints, whole)
     beside, below = _off_balance(system, problem.end, jax.tree.map(lambda leaf: leaf[-1], run.state))
-    missed = 0.0 if problem.place is None else np.linalg.norm(run.state.z[-1] - problem.place)
+    missed = 0.0 if problem.place is None else np.linalg.norm(centres[-1, : problem.place.size] - problem.place)
     return Resimulated(
-        apart=float(np.max(np.abs(gap) if gap.ndim == 1 else np.linalg.norm(gap, axis=1))) / r,
+        apart=float(np.max(np.linalg.norm(gap, axis=1))) / r,
         speed=float(np.max(np.abs([np.linalg.norm(seen.angular_velocity_body[-1]), *rates, *seen.joint_rates[-1]]))),
         away=float(np.linalg.norm(beside)) / r,
         below=float(below) / r,
@@ -171,12 +174,24 @@ def _off_balance(system: System, t, state) -> tuple[Float[Array, "2"], Float[Arr
 def places(solution: Solution, times: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k *d"]:
     """Computes the position of the geometric centre at ``times``, shape (k,), in a ``solution`` of a :class:`Rolling`.
 
-    It is (z1, z2) for a ball, z for a disk.
+    It is (z1, z2) for a ball, z for a disk, and on a surface where the centre is along e1 and e2, or along e1.
     """
-    states = jnp.asarray(solution.path.states(times))
-    return np.asarray(_places(rolling(solution.problem), jnp.asarray(times), states))
+    centres = _centres_of(solution, times)
+    return centres[:, 0] if rolling(solution.problem).system.planar else centres[:, :2]
+
+
+def _centres_of(solution: Solution, times: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k d"]:
+    """Returns the geometric centre at ``times``, as :func:`locate_centre` has it."""
+    problem, states = rolling(solution.problem), jnp.asarray(solution.path.states(times))
+    unpacked = _unpack(problem, jnp.asarray(times), states)
+    return np.asarray(_centres(problem.packing.system, jnp.asarray(times), unpacked))
 
 
 @programs.jit
-def _places(problem: Rolling, times, states) -> Float[Array, "k *d"]:
-    return map_rows(problem.packing.unpack, times, states).z
+def _unpack(problem: Rolling, times, states) -> BallState | DiskState:
+    return map_rows(problem.packing.unpack, times, states)
+
+
+@programs.filter_jit
+def _centres(prepared: System, times, states) -> Float[Array, "k d"]:
+    return map_rows(lambda t, state: locate_centre(prepared, t, state), times, states)

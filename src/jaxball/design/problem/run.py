@@ -1,5 +1,6 @@
 """A simulated candidate, the argument of objectives and constraints."""
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -19,6 +20,7 @@ from ...physics.dynamics.linkage import linkages
 from ...physics.dynamics.load import load
 from ...physics.dynamics.moments import kinematics, point_mass_values
 from ...physics.dynamics.rails import along_rails, rail_tangents
+from ...physics.grounds import AbstractSurface
 from ...physics.mechanisms import AbstractMechanism, Mechanism, Slider
 from ...physics.observables import Observables, observe
 from ...physics.prescribed.motion import Kinematics, rail_of
@@ -95,9 +97,7 @@ class Run(eqx.Module):
 
         On a surface it is that of the centre in space, not of the coordinates on the ground.
         """
-        if has_end(self.system):
-            return self._each(_place_over_surface)
-        return self.state.in_space().z
+        return self._each(locate_centre)[:, :2] if has_end(self.system) else self.state.in_space().z
 
     @property
     def length(self) -> Float[Array, ""]:
@@ -175,6 +175,28 @@ class Run(eqx.Module):
         return self._each(_on_rails)
 
     @property
+    def plate_accelerations(self) -> Float[Array, "t angles"]:
+        """θ̈ of the angles of a plate, those with schedules and then those that a law drives; no columns elsewhere."""
+        return self._each(_plate_accelerations)
+
+    @property
+    def ground_left(self) -> Float[Array, "t 2"]:
+        """The ``fit`` and the ``reach`` of a surface under the body, both 0 where it cannot go on; 1 on a plane."""
+
+        def remain(surface: AbstractSurface, t: Any, r: Any, z: Any) -> Float[Array, "2"]:
+            return jnp.stack([surface.fit(t, r, z), surface.way_to_edge(t, z)])
+
+        return self._each(functools.partial(_of_surface, remain, jnp.ones(2)))
+
+    def ground_to_spare(self, fit: Float[Array, ""], reach: Float[Array, ""]) -> Float[Array, "t 2"]:
+        """Computes what ``ground_left`` has above these two, as far as it is small, with second derivatives."""
+
+        def spare(surface: AbstractSurface, t: Any, r: Any, z: Any) -> Float[Array, "2"]:
+            return jnp.stack([surface.spare(t, r, z, fit), surface.way_to_edge(t, z) - reach])
+
+        return self._each(functools.partial(_of_surface, spare, 1 - jnp.stack([fit, reach])))
+
+    @property
     def curves(self) -> Curves:
         """The closed rails."""
         return _curves(self.system, self.rail_samples)
@@ -195,16 +217,32 @@ def run_of(candidate: Candidate, solve: Solve, rail_samples: int = RAIL_SAMPLES)
     return Run(system, times, trajectory.state, trajectory.status, rail_samples)
 
 
-def _place_over_surface(system: System, t: Float[Array, ""], state: BallState | DiskState) -> Float[Array, "2"]:
-    """Computes the horizontal place of the geometric centre of a body on a surface."""
+def locate_centre(system: System, t: Float[Array, ""], state: BallState | DiskState) -> Float[Array, " d"]:
+    """Locates the geometric centre: z1 and z2 on a plane, and c in space on a surface, shape (3,); traceable."""
     surface = surface_under(system, t, state)
-    assert surface is not None
-    return surface.place_of_centre(t, system.radius, state.z)[:2]
+    return state.in_space().z if surface is None else surface.place_of_centre(t, system.radius, state.z)
+
+
+def _of_surface(
+    function: Callable[..., Any], on_plane: Any, system: System, t: Float[Array, ""], state: BallState | DiskState
+) -> Any:
+    surface = surface_under(system, t, state)
+    return on_plane if surface is None else function(surface, t, system.radius, state.z)
 
 
 def _on_rails(system: System, t: Float[Array, ""], state: BallState | DiskState) -> OnRails:
     along = along_rails(system, t, angles_in_state(system, t, state))
     return OnRails(*along, rail_tangents(system, along.theta))
+
+
+def _plate_accelerations(system: System, t: Float[Array, ""], state: BallState | DiskState) -> Float[Array, " angles"]:
+    ground = system.ground
+    schedules, count = ((), 0) if ground is None else (ground.schedules, len(ground.driven))
+    parts = [schedule.derivatives(t)[2][None] for schedule in schedules]
+    if count:
+        assert system.law is not None
+        parts.append(system.law.among(system.accelerated, t, state)[-count:])
+    return jnp.concatenate(parts) if parts else jnp.zeros_like(t, shape=(0,))
 
 
 def _slides(mechanism: AbstractMechanism) -> list[bool]:

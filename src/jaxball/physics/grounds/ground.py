@@ -5,7 +5,7 @@ these axes. Grounds of any other form and motion are ``surfaces``, in space axes
 """
 
 import abc
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -33,6 +33,19 @@ class AbstractGround(Printed):
     def driven(self) -> tuple[str, ...]:
         """The names of its coordinates that the body's feedback law drives; they are the last ones in a state's θ."""
         return ()
+
+    @property
+    def schedules(self) -> tuple[AbstractSchedule, ...]:
+        """The schedules of those of its coordinates that a law could drive, in the order of ``driven``."""
+        return ()
+
+    def follow_law(self) -> "AbstractGround":
+        """Returns the same ground with a law in place of ``schedules``."""
+        return self
+
+    def follow(self, schedules: Sequence[AbstractSchedule]) -> "AbstractGround":
+        """Returns the same ground with others in place of ``schedules``."""
+        return self
 
     @abc.abstractmethod
     def conditions(self, planar: bool = False) -> Iterator[Condition]:

@@ -10,6 +10,7 @@ from ...numerics.arrays import select_tree
 from ...numerics.calculus import with_derivatives
 from ...numerics.vectors import dot, root
 from ...programs.derivatives.differentiation import without_derivatives
+from .chart import determinant
 
 MOST_TRIALS = 40  # of steps to the nearest piece
 STRONGEST_DAMPING = 1e-2  # the first, relative to the metric, after a step that led away
@@ -99,7 +100,7 @@ class _Trial(NamedTuple):
     def next(self, search: _Search) -> "_Trial":
         """Returns the trial after one more step, unless that leads away."""
         value, gradient, hessian, metric = search.slopes(self.u)
-        convex = (hessian[0, 0] > 0) & (_determinant(hessian) > 0)
+        convex = (hessian[0, 0] > 0) & (determinant(hessian) > 0)
         matrix = jnp.where(convex, hessian, metric) + self.damping * metric
         step = -_solve(matrix, gradient)
         u = self.u + step
@@ -126,10 +127,6 @@ def _symmetric(a: Float[Array, ""], b: Float[Array, ""], c: Float[Array, ""]) ->
     return jnp.stack([jnp.stack([a, b]), jnp.stack([b, c])])
 
 
-def _determinant(A: Float[Array, "2 2"]) -> Float[Array, ""]:
-    return A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
-
-
 def _solve(A: Float[Array, "2 2"], b: Float[Array, "2"]) -> Float[Array, "2"]:
     """Returns the solution x of A x = b."""
-    return jnp.stack([A[1, 1] * b[0] - A[0, 1] * b[1], A[0, 0] * b[1] - A[1, 0] * b[0]]) / _determinant(A)
+    return jnp.stack([A[1, 1] * b[0] - A[0, 1] * b[1], A[0, 0] * b[1] - A[1, 0] * b[0]]) / determinant(A)

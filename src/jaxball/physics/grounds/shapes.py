@@ -1,7 +1,7 @@
 """The surfaces that jaxball has: height fields, spheres, cylinders and others, each of which may be moved."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import equinox as eqx
 import jax
@@ -378,6 +378,24 @@ class TiltingPlane(AbstractSurface):
     @property
     def driven(self) -> tuple[str, ...]:
         return tuple(name for name in ("about_e1", "about_e2") if isinstance(getattr(self, name), Accelerated))
+
+    @property
+    def schedules(self) -> tuple[AbstractSchedule, ...]:
+        return tuple(angle for angle in (self.about_e1, self.about_e2) if isinstance(angle, AbstractSchedule))
+
+    def follow_law(self) -> "TiltingPlane":
+        return self._with_angles([Accelerated() for _ in self.schedules])
+
+    def follow(self, schedules: Sequence[AbstractSchedule]) -> "TiltingPlane":
+        return self._with_angles(schedules)
+
+    def _with_angles(self, angles: Sequence[AbstractSchedule | Accelerated]) -> "TiltingPlane":
+        """Returns the same plane with other angles in place of its schedules."""
+        others = iter(angles)
+        first, second = (
+            next(others) if isinstance(angle, AbstractSchedule) else angle for angle in (self.about_e1, self.about_e2)
+        )
+        return TiltingPlane(first, second, self.pivot, self.displacement)
 
     @property
     def motion(self) -> MovingFrame:

@@ -21,9 +21,9 @@ from jaxtyping import Array, Float, Int
 from ...interface.arguments import require
 from ...interface.status import Status
 from ...numerics.arrays import join_arrays
-from ...numerics.linear import product
-from ...numerics.vectors import cross, dot, root, unit_vector
+from ...numerics.vectors import cross, dot, unit_vector
 from ..conditions import Condition, ExplainedCondition, Problem
+from .chart import END_MARGIN, LEAST_MARGIN, Chart, Touch, determinant, margin
 from .ground import AbstractGround
 from .moving_frame import MovingFrame
 from .nearest import Section, nearest
@@ -33,9 +33,6 @@ CURVED = (
     "ground touches it in one point"
 )
 ON_CHART = "coordinates of a place on the ground, away from its edge and from where they end"
-# What must be left of a chart, and of a fit, so that the equations can be evaluated, and so that a solve goes on, in
-# units of the square root of the rounding: a place is known that well where its coordinates have a turning point.
-LEAST_MARGIN, END_MARGIN = 4.0, 40.0
 SYMMETRIC = Problem(
     "ground",
     "be symmetric about the plane of e1 and e3, at e2 = 0, in which a disk rolls, near its start and as it moves",
@@ -78,20 +75,6 @@ class Footing(NamedTuple):
         return jnp.concatenate([self.tangents, self.normal[None]])
 
 
-class Touch(NamedTuple):
-    """p, n and w, and a unit vector e along ∂p/∂u1, or their derivatives."""
-
-    p: Float[Array, "3"]
-    n: Float[Array, "3"]
-    w: Float[Array, "3"]
-    e: Float[Array, "3"]
-
-    @property
-    def axes(self) -> Float[Array, "3 3"]:
-        """The contact axes: the tangents and the normal, as rows."""
-        return jnp.stack([self.e, cross(self.n, self.e), self.n])
-
-
 class AbstractSurface(AbstractGround):
     """A smooth ground of any form, which may move and deform, for a ball, or for a disk where it is symmetric.
 
@@ -100,7 +83,6 @@ class AbstractSurface(AbstractGround):
     the velocity of the ground's matter is ∂p/∂t. And a field ``motion``, a :class:`~jaxball.MovingFrame` that moves
     it as a rigid body, or None. Where the ground has an edge, or its coordinates do not reach all of it, also
     ``reach(t, u1, u2)``; a run ends there with the status ``LEFT_SURFACE``.
-
 
     With a law of contact the ball may fly, and the piece that is nearest to it is sought: ``nearest`` gives it in
     closed form, or else ``over`` says where to begin; by default, at the piece that was nearest before.
@@ -176,7 +158,7 @@ class AbstractSurface(AbstractGround):
 
     def start_conditions(self, t: Time, r: Float[Array, ""], state: Any) -> Iterator[Condition | ExplainedCondition]:
         """Yields the conditions that a ball, of radius ``r``, is on the ground and more curved than it."""
-        on_chart = self._way_to_edge(t, state.z) > _margin(END_MARGIN, r)
+        on_chart = self.way_to_edge(t, state.z) > margin(END_MARGIN, r)
         yield Condition(on_chart, "state.z", state.z, ON_CHART)
         fits = jnp.where(on_chart, self.fit(t, r, state.z), 1.0)
 
@@ -195,8 +177,8 @@ class AbstractSurface(AbstractGround):
         """Whether the ground, or its coordinates, may end somewhere."""
         return type(self).reach is not AbstractSurface.reach
 
-    def _way_to_edge(self, t: Time, u: Coordinates) -> Float[Array, ""]:
-        """Computes how much of the ground is left ahead."""
+    def way_to_edge(self, t: Time, u: Coordinates) -> Float[Array, ""]:
+        """Computes how much of the ground is left ahead, as ``reach`` counts."""
         both = self.coordinates(u)
         return self.reach(t, both[0], both[1])
 
@@ -206,8 +188,8 @@ class AbstractSurface(AbstractGround):
 
         A body ends there in contact, but not in flight.
         """
-        way = self._way_to_edge(t, u)
-        return _margin(LEAST_MARGIN, way) - way
+        way = self.way_to_edge(t, u)
+        return margin(LEAST_MARGIN, way) - way
 
     def _aside(self, t: Time, r: Float[Array, ""], z: Coordinate) -> Float[Array, ""]:
         """Computes how far the ground is from being symmetric about the plane of e1 and e3, near the ``z`` of a disk.
@@ -299,12 +281,20 @@ class AbstractSurface(AbstractGround):
             contact, by_z, _ = self._slopes_along(t, u)
             return _stretch(by_z, r)
         contact, (by_u1, by_u2, _) = self._slopes(t, u)
-        return _Chart.of(contact.n, by_u1, by_u2, r).fit
+        return Chart.of(contact.n, by_u1, by_u2, r).fit
+
+    def spare(self, t: Time, r: Float[Array, ""], u: Coordinates, least: Float[Array, ""]) -> Float[Array, ""]:
+        """Computes what ``fit`` has above ``least``, as far as it is small, with all derivatives: λ₁ λ₂ / (λ₁ + λ₂)."""
+        if not u.ndim:
+            return self.fit(t, r, u) - least
+        contact, (by_u1, by_u2, _) = self._slopes(t, u)
+        S = Chart.of(contact.n, by_u1, by_u2, r).stretch - least * jnp.eye(2, dtype=r.dtype)
+        return determinant(S) / (S[0, 0] + S[1, 1])
 
     def end(self, t: Time, r: Float[Array, ""], u: Coordinates) -> Int[Array, ""]:
         """Returns why a ball of radius ``r`` cannot go on from the coordinates ``u``: a status, or SUCCESS."""
-        least = _margin(END_MARGIN, r)
-        wedged, left = self.fit(t, r, u) < least, self._way_to_edge(t, u) < least
+        least = margin(END_MARGIN, r)
+        wedged, left = self.fit(t, r, u) < least, self.way_to_edge(t, u) < least
         status = jnp.where(wedged, int(Status.WEDGED), int(Status.SUCCESS))
         return jnp.where(left, int(Status.LEFT_SURFACE), status)
 
@@ -328,12 +318,12 @@ class AbstractSurface(AbstractGround):
             return self._footing_along(t, r, u, omega, V, height)
         contact, (by_u1, by_u2, by_t) = self._slopes(t, u)
         reach = r if height is None else r + height
-        chart = _Chart.of(contact.n, by_u1, by_u2, reach)
+        chart = Chart.of(contact.n, by_u1, by_u2, reach)
         rolling = r * cross(omega, contact.n)
         over = rolling if V is None else V - contact.w
         rates = chart.coordinates(over - reach * by_t.n)
         if V is None:
-            rates = jnp.where(self._way_to_edge(t, u) > _margin(LEAST_MARGIN, r), rates, jnp.nan)
+            rates = jnp.where(self.way_to_edge(t, u) > margin(LEAST_MARGIN, r), rates, jnp.nan)
         # The gradient of w along both tangents, of which the antisymmetric part is the turning of the ground's matter.
         (a, b), tangents = chart.inverse.T, chart.tangents
         along_1, along_2 = by_u1.w * a[0] + by_u2.w * a[1], by_u1.w * b[0] + by_u2.w * b[1]
@@ -374,9 +364,9 @@ class AbstractSurface(AbstractGround):
         length, fit, tangents = _length(by_z.p), _stretch(by_z, reach), contact.axes[:2]
         rolling = r * cross(omega, contact.n)
         over = rolling if V is None else V - contact.w
-        holds = fit > _margin(LEAST_MARGIN, r)
+        holds = fit > margin(LEAST_MARGIN, r)
         if V is None:
-            holds &= self._way_to_edge(t, z) > _margin(LEAST_MARGIN, r)
+            holds &= self.way_to_edge(t, z) > margin(LEAST_MARGIN, r)
         rate = jnp.where(holds, dot(tangents[0], over - reach * by_t.n) / (length * fit), jnp.nan)
         normal_rate = by_t.n + by_z.n * rate
         return Footing(
@@ -426,44 +416,6 @@ class AbstractSurface(AbstractGround):
         return contact, by_z, by_t
 
 
-class _Chart(NamedTuple):
-    """How the foot and the centre move with the coordinates, in components along two unit tangents.
-
-    ``inverse`` is that of ∂p/∂u; ``stretch`` takes steps of the foot to those of the centre: 1 + r ∂n/∂p.
-    """
-
-    tangents: Float[Array, "2 3"]
-    inverse: Float[Array, "2 2"]
-    stretch: Float[Array, "2 2"]
-
-    @staticmethod
-    def of(n: Float[Array, "3"], by_u1: Touch, by_u2: Touch, r: Float[Array, ""]) -> "_Chart":
-        first = unit_vector(by_u1.p)
-        tangents = jnp.stack([first, cross(n, first)])
-        inverse = _inverse(_components(tangents, by_u1.p, by_u2.p))
-        bending = product(_components(tangents, by_u1.n, by_u2.n), inverse)
-        return _Chart(tangents, inverse, jnp.eye(2, dtype=n.dtype) + r * bending)
-
-    @property
-    def fit(self) -> Float[Array, ""]:
-        """The lesser eigenvalue of ``stretch``, which is symmetric: 1 − r κ of a principal curvature."""
-        S = self.stretch
-        apart = (0.5 * (S[0, 0] - S[1, 1])) ** 2 + S[0, 1] * S[1, 0]
-        return 0.5 * (S[0, 0] + S[1, 1]) - root(apart)
-
-    def coordinates(self, v: Float[Array, "3"]) -> Float[Array, "2"]:
-        """Computes the rates of the coordinates with which the centre moves at the tangent velocity ``v`` over the
-        ground.
-
-        NaN where the ball does not fit the ground.
-        """
-        S = self.stretch
-        fits = self.fit > _margin(LEAST_MARGIN, S)
-        steps = product(_inverse(S), jnp.sum(self.tangents * v[None], axis=1, keepdims=True))
-        rates = product(self.inverse, steps)[:, 0]
-        return jnp.where(fits, rates, jnp.nan)
-
-
 def _length(v: Float[Array, "3"]) -> Float[Array, ""]:
     return jnp.sqrt(jnp.sum(v**2))
 
@@ -473,28 +425,6 @@ def _stretch(by_z: Touch, r: Float[Array, ""]) -> Float[Array, ""]:
     return 1 + r * dot(by_z.n, by_z.p) / jnp.sum(by_z.p**2)
 
 
-def _margin(size: float, x: Float[Array, "..."]) -> float:
-    """Returns a margin in the precision of ``x``."""
-    return size * float(jnp.finfo(x.dtype).eps) ** 0.5
-
-
 def _derivative(function: Any, x: Float[Array, ""]) -> tuple[Any, Any]:
     """Computes the value and the derivative of a function of one number."""
     return jax.jvp(function, (x,), (jnp.ones_like(x),))
-
-
-def _components(
-    tangents: Float[Array, "2 3"], first: Float[Array, "3"], second: Float[Array, "3"]
-) -> Float[Array, "2 2"]:
-    """Returns the matrix whose columns are the components of two vectors along the tangents."""
-    return jnp.stack([jnp.sum(tangents * v[None], axis=1) for v in (first, second)], axis=1)
-
-
-def _determinant(A: Float[Array, "2 2"]) -> Float[Array, ""]:
-    return A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
-
-
-def _inverse(A: Float[Array, "2 2"]) -> Float[Array, "2 2"]:
-    """Computes A⁻¹ by cofactors; not finite where A is singular."""
-    cofactors = jnp.stack([jnp.stack([A[1, 1], -A[0, 1]]), jnp.stack([-A[1, 0], A[0, 0]])])
-    return cofactors / _determinant(A)
