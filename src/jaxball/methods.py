@@ -4,7 +4,6 @@ Its class has their docstrings. They are provided when jaxball is imported, and 
 """
 
 import os
-from collections.abc import Callable
 
 from .interface.provided import provide
 
@@ -12,6 +11,7 @@ TYPE_CHECKING = False  # as in jaxball/__init__.py, which imports this module
 
 if TYPE_CHECKING:
     import pathlib
+    from collections.abc import Callable
     from typing import Any
 
     import matplotlib.figure

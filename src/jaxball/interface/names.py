@@ -3,7 +3,6 @@
 import importlib
 import sys
 from collections.abc import Callable, Mapping
-from types import ModuleType
 
 
 def interface(names: Mapping[str, object], *packages: str) -> tuple[list[str], Callable[[], list[str]]]:
@@ -11,6 +10,8 @@ def interface(names: Mapping[str, object], *packages: str) -> tuple[list[str], C
 
     Modules are left out, except for ``packages``, the public packages within it, which ``dir`` shows too.
     """
+    from types import ModuleType  # here, because jaxball itself is imported without
+
     public = sorted(
         name for name, value in names.items() if not (name.startswith("_") or isinstance(value, ModuleType))
     )
