@@ -32,6 +32,7 @@ from jaxball import (
     balance,
 )
 from jaxball.paper.systems import ball as paper_ball
+from tests.support.precision import enable_x64
 
 
 @pytest.fixture(scope="module")
@@ -64,6 +65,18 @@ def test_only_below_when_asked():
     assert found.found
     assert not found.above
     assert "exactly below" in found.message
+
+
+@pytest.mark.thorough
+def test_in_float32_a_solution_is_one_up_to_rounding():
+    """The same two as in float64, the angles found outside this library, and no copy of either."""
+    with enable_x64(False):
+        answer = balance(paper_ball(), free=[1, 2])
+        assert answer.found
+        assert answer.solutions_above.tolist() == [True, False]
+        np.testing.assert_allclose(answer.theta, [2.03688467177819188, 0.704424483412206587], atol=1e-5)
+        off = Ball(mass=1.0, inertia=(1.0, 1.0, 1.0), offset=(0.0, 1e-4, 0.0), masses=paper_ball().point_masses[:1])
+        assert not balance(off, free=[0]).found  # by 1e-4, which is no rounding
 
 
 @pytest.mark.thorough

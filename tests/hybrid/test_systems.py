@@ -112,7 +112,7 @@ def test_times_of_events_have_derivatives():
 def test_second_derivatives_are_refused():
     """The state at an event is moved along its field to first order only."""
     twice = jax.jacfwd(jax.jacfwd(lambda x: at_the_end(x, 0.8, diffrax.ForwardMode())))
-    with pytest.raises(TypeError, match="requested for runs with events of a hybrid system, which have only first"):
+    with pytest.raises(TypeError, match="requested for runs whose modes change, as with a law of contact, which"):
         twice(1.0)
 
 

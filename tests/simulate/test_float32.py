@@ -32,4 +32,5 @@ def sentence():
 def test_the_refusal_names_the_line_that_fixes_it(sentence):
     assert 'jax.config.update("jax_enable_x64", True)' in sentence
     assert "float32" in sentence
+    assert "but they are 1e-10 and 1e-10;" in sentence  # and not with digits that float32 does not have
     assert "choose looser ones" in sentence

@@ -140,7 +140,7 @@ def at_zero(
     sloping = applies & (slope != 0)
     shift = jnp.where(sloping, -entry(which, values) / jnp.where(sloping, slope, 1.0), 0.0)
     jumped, late = _after_kink(system.driving_kinks().astype(t.dtype), t0)
-    shift = once("runs with events of a hybrid system", jnp.where(applies & jumped, late, shift))
+    shift = once("runs whose modes change, as with a law of contact", jnp.where(applies & jumped, late, shift))
     moved = jax.tree.map(lambda x, rate: x + shift * rate if _flows(x) else x, state, rates)
     return t + shift, moved, jnp.where(applies & ~jumped, slope, jnp.inf)
 

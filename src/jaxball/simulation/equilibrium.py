@@ -31,7 +31,9 @@ from ..physics.grounds.surface import ON_CHART, Coordinates
 from ..physics.state import BallState, DiskState, PlacedState, RotationState, State
 
 STARTS_OF_BALANCE = 256
-SAME_BALANCE = 1e-6
+BALANCED = 1e-10  # of the radius: the centre of mass is this close to the vertical, ...
+ROUNDING_OF_BALANCE = 64  # ... or this close in units of rounding, which in float32 is more
+SAME_BALANCE = 1e-6  # between angles, or the square root of rounding where that is more, as in float32
 # What counts as motion of a ground, and how far beside a body it is looked for, in radii.
 STILL, BESIDE = 1e-9, 1e-3
 
@@ -322,12 +324,13 @@ def _choose(end: _Candidates, rails, guess, above, radius, sloping) -> Balance:
     for j, rail in enumerate(rails):
         if rail.period is not None:
             theta[:, j] = guess[j] + (theta[:, j] - guess[j] + rail.period / 2) % rail.period - rail.period / 2
-    good = miss < 1e-10 * radius
+    rounding = float(np.finfo(end.miss.dtype).eps)
+    good = miss < max(BALANCED, ROUNDING_OF_BALANCE * rounding) * radius
     if above is not None:
         good &= (end.height > 0) == above
-    indices: list[int] = []
+    indices, apart = list[int](), max(SAME_BALANCE, rounding**0.5)
     for i in np.argsort(np.sum((theta - guess) ** 2, axis=1), kind="stable"):
-        if good[i] and all(np.max(np.abs(theta[i] - theta[j])) > SAME_BALANCE for j in indices):
+        if good[i] and all(np.max(np.abs(theta[i] - theta[j])) > apart for j in indices):
             indices.append(int(i))
     best = indices[0] if indices else int(np.argmin(np.where(np.isfinite(miss), miss, np.inf)))
     return Balance(
