@@ -97,6 +97,8 @@ def test_a_wheel_on_a_plate_without_masses_is_controlled_by_the_plate():
     assert wheel.system.coordinates == ("ground.about_e2",)
     np.testing.assert_allclose([wheel.state.theta, wheel.state.thetadot], [[0.2], [0.1]])
     again = wheel.with_schedules([jaxball.ConstantRate(0.7)])
+    assert isinstance(again.ground, jaxball.TiltingPlane)
+    assert isinstance(again.ground.about_e2, jaxball.ConstantRate)
     np.testing.assert_array_equal(again.ground.about_e2.theta, 0.7)
     np.testing.assert_array_equal(again.ground.pivot, plate.pivot)
     assert again.ground.about_e1 is None

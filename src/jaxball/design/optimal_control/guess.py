@@ -57,8 +57,8 @@ def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stag
     """
     times = np.linspace(mesh[0], mesh[-1], TIMES_OF_GUESS * (len(mesh) - 1) + 1)
     wanted = _target_path(problem, times)
-    still = tuple(np.tile(np.asarray(x), (len(times), 1)) for x in (problem.state.theta, problem.state.thetadot))
-    state = _rolling_states(problem, wanted, still)
+    theta, thetadot = (np.tile(np.asarray(x), (len(times), 1)) for x in (problem.state.theta, problem.state.thetadot))
+    state = _rolling_states(problem, wanted, (theta, thetadot))
     tilts = bool(problem.system.driven_ground)
     hanging = np.tile(_normal_moment(problem) if tilts else _initial_moment(problem), (len(times), 1))
     before = state if tilts else _with_masses_for(problem, times, state, hanging)
