@@ -97,6 +97,8 @@ def test_a_wheel_on_a_plate_without_masses_is_controlled_by_the_plate():
     assert wheel.system.coordinates == ("ground.about_e2",)
     np.testing.assert_allclose([wheel.state.theta, wheel.state.thetadot], [[0.2], [0.1]])
     again = wheel.with_schedules([jaxball.ConstantRate(0.7)])
+    assert isinstance(again.ground, jaxball.TiltingPlane)
+    assert isinstance(again.ground.about_e2, jaxball.ConstantRate)
     np.testing.assert_array_equal(again.ground.about_e2.theta, 0.7)
     np.testing.assert_array_equal(again.ground.pivot, plate.pivot)
     assert again.ground.about_e1 is None
@@ -274,8 +276,11 @@ def test_a_simulation_does_what_the_solution_says(name):
 
 @pytest.mark.slow
 def test_a_pendulum_climbs_a_slope_as_on_a_plane():
-    """With torques that lead it across, too; the pendulum leans by asin(M r sin a / (m l)) at the start."""
-    a, mesh = 0.08, np.linspace(0.0, 4.0, 13)
+    """The pendulum leans by asin(M r sin a / (m l)) at the start.
+
+    Both are solved on the same mesh, whose versors are of length 1 to its error, 5e-5; it matters to the power of two.
+    """
+    a, mesh = 0.08, np.linspace(0.0, 4.0, 49)
     sine, cosine = float(np.sin(a)), float(np.cos(a))
     lean = float(np.arcsin(1.8 * sine / (0.8 * 0.5)))
     on_plane = climb(jaxball.Ground(angle=a), (lean - a, 0.0), [[0.0, 0.0], [-1.0, 0.0]])
@@ -290,15 +295,17 @@ def test_a_pendulum_climbs_a_slope_as_on_a_plane():
         optimal_control.solve_from_guess(one, mesh, tolerance=ONCE, guess=optimal_control.rolling_along)
         for one in (on_plane, on_surface)
     )
-    np.testing.assert_allclose(second.path.controls, first.path.controls, atol=1e-8)
+    np.testing.assert_allclose(second.path.controls, first.path.controls, atol=1e-7)
     assert np.max(np.abs(first.path.controls)) > 1.0
+    along = (optimal_control.places(second, mesh)[:, 0] - sine) / cosine
+    np.testing.assert_allclose(along, optimal_control.places(first, mesh)[:, 0], atol=1e-9)
     np.testing.assert_allclose(optimal_control.holding(second), optimal_control.holding(first), atol=1e-8)
 
 
 @pytest.mark.slow
 def test_a_pendulum_crosses_a_saddle():
     """From its middle to rest on its flank, where both motors hold it."""
-    crossing = climb(jaxball.Paraboloid((0.04, -0.04)), (0.0, 0.0), [[0.0, 0.0], [1.0, 0.5]])
+    crossing = climb(jaxball.Paraboloid((0.03, -0.03)), (0.0, 0.0), [[0.0, 0.0], [1.0, 0.5]])
     solution = optimal_control.solve_from_guess(
         crossing, np.linspace(0.0, 4.0, 13), guess=optimal_control.rolling_along
     )
@@ -355,7 +362,7 @@ def test_a_plate_moves_a_body_with_the_least_effort(kind):
 
 @pytest.mark.long
 def test_a_path_to_start_from_tilts_a_plate():
-    """By ẍ = (2/3) g α where it is slow, with the centre where it must be also while the plate tilts about a pivot."""
+    """By ẍ = (2/3) g α where it is slow, with the centre where it is wanted while the plate tilts about a pivot."""
     far, end = 0.2, 20.0
     plate = jaxball.TiltingPlane(about_e2=jaxball.ConstantRate(0.0), pivot=(0.3, 0.0, -1.0))
     system = jaxball.Disk(mass=1.0, radius=R, inertia=0.5 * R**2, gravity=G, ground=plate)

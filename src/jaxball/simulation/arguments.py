@@ -306,9 +306,9 @@ def check_tolerances(
         if dtype == jnp.float32
         else ""
     )
-    given = f"{rtol[()]!s} and {atol[()]!s}"  # with the digits of their type
+    tolerances = f"{rtol[()]!s} and {atol[()]!s}"  # with the digits of their type
     raise PrecisionError(
-        f"Arguments `rtol` and `atol` must not both be below {finest:.1e} in {dtype}, but they are {given}; "
+        f"Arguments `rtol` and `atol` must not both be below {finest:.1e} in {dtype}, but they are {tolerances}; "
         f"{remedy}choose looser ones."
     )
 

@@ -68,7 +68,7 @@ def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stag
     # The excess of d(ΛΠ)/dt over the effect of the forces and of the contact point's motion.
     leaning = _moment_with_torque(problem, hanging, CubicSpline(times, Pi)(times, 1) - np.asarray(rate))
     if tilts:
-        theta = np.asarray(_tilts(problem, jnp.asarray(times), jnp.asarray(leaning)))
+        theta = np.asarray(_tilt_plate(problem, jnp.asarray(times), jnp.asarray(leaning)))
         state = _rolling_states(problem, target, (theta, CubicSpline(times, theta)(times, 1)))
     else:
         state = _with_masses_for(problem, times, state, leaning)
@@ -256,7 +256,7 @@ def _angles(problem: Rolling, times, state, p) -> Float[Array, "t m"]:
 
 
 @programs.jit
-def _tilts(problem: Rolling, times, leaning) -> Float[Array, "t m"]:
+def _tilt_plate(problem: Rolling, times, leaning) -> Float[Array, "t m"]:
     """Finds θ for given M r n."""
 
     def step(theta, sample):

@@ -183,10 +183,10 @@ class Run(eqx.Module):
     def ground_left(self) -> Float[Array, "t 2"]:
         """The ``fit`` and the ``reach`` of a surface under the body, both 0 where it cannot go on; 1 on a plane."""
 
-        def remain(surface: AbstractSurface, t: Any, r: Any, z: Any) -> Float[Array, "2"]:
+        def measure(surface: AbstractSurface, t: Any, r: Any, z: Any) -> Float[Array, "2"]:
             return jnp.stack([surface.fit(t, r, z), surface.way_to_edge(t, z)])
 
-        return self._each(functools.partial(_of_surface, remain, jnp.ones(2)))
+        return self._each(functools.partial(_of_surface, measure, jnp.ones(2)))
 
     def ground_to_spare(self, fit: Float[Array, ""], reach: Float[Array, ""]) -> Float[Array, "t 2"]:
         """Computes what ``ground_left`` has above these two, as far as it is small, with second derivatives."""
