@@ -54,7 +54,7 @@ def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stag
 
     **Raises:** :class:`~jaxball.design.DesignError` where no objective is a
     :class:`~jaxball.design.FollowTrajectory`, where gravity cannot accelerate the ball as desired, and where the
-      path leaves the ground.
+    path leaves the ground.
     """
     times = np.linspace(mesh[0], mesh[-1], TIMES_OF_GUESS * (len(mesh) - 1) + 1)
     target = _target_path(problem, times)
