@@ -145,3 +145,23 @@ def test_derivatives_of_when_it_comes_to_rest_in_a_bowl():
         near = [swings(at[1], at[0], 12.0)[0][-1] for at in x + np.outer([-2, -1, 1, 2], step)]
         expected.append(np.array([1.0, -8.0, 8.0, -1.0]) @ near / (12 * np.sum(step)))
     np.testing.assert_allclose(jaxball.jit(jax.jacrev(stop))(jnp.asarray(x)), expected, rtol=1e-6)
+
+
+@pytest.mark.long
+def test_a_ball_that_resistance_hardly_holds_comes_to_rest_at_every_tolerance():
+    """The slope where it stops is 0.98 of its resistance, so that its last motion lasts long.
+
+    At loose tolerances it crept on for ever. Against a tight one, because its path is no plane curve.
+    """
+    body, state = ball(Bowl(BOWL), 0.09437949), BallState(Omega=(0.0, 1.9037845, 0.5))
+
+    def rest(tolerance):
+        run = jaxball.simulate(body, (0.0, 4.0), state, rtol=tolerance, atol=tolerance, throw=True)
+        assert run.switches.lines[-1].endswith("the body comes to rest")
+        assert int(run.steps) < 400
+        return np.asarray(run.state.z[-1])
+
+    exact = rest(1e-11)
+    assert 0.97 < np.hypot(*exact) / BOWL / 0.09437949 < 0.99  # the slope over the resistance, in small angles
+    for tolerance in (1e-8, 1e-6, 1e-5, 1e-4, 1e-3):
+        np.testing.assert_allclose(rest(tolerance), exact, atol=2 * tolerance)

@@ -147,10 +147,10 @@ def _end_rolling(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array
 
     about = _Rolling.of(plane, t, state)
     first = end(about)
-    ends = first.comes & (first.time <= slips.longest_pause(tolerance, slips.unit_of_time(plane.body)))
     halfway = brake(about, first.time, slips.HALFWAY, state)
     about = _Rolling.of(plane, t + slips.HALFWAY * first.time, halfway)
     second = end(about)
+    ends = slips.rolling_ends(first, second, omega, plane.body, tolerance)
     stopped = brake(about, second.time, 1.0, halfway).projected()
     axes = plane.contact_axes(t + second.time, stopped)
     spin = axes.over_ground(stopped.body.Omega)[2]

@@ -271,10 +271,10 @@ class DryRolling(AbstractTurning):
 
         def follow(t: Float[Array, ""], state: DryRollingState) -> tuple[Array, DryRollingState, Array]:
             omega = self.over_ground(t, state)[:2]
-            end = self._end(t, state, state, omega)
-            ends = end.comes & (end.time <= slips.longest_pause(tolerance, slips.unit_of_time(self.body)))
-            halfway = self._brake(t, state, state, omega, end.time, HALFWAY)
-            end = self._end(t + HALFWAY * end.time, halfway, state, omega)
+            first = self._end(t, state, state, omega)
+            halfway = self._brake(t, state, state, omega, first.time, HALFWAY)
+            end = self._end(t + HALFWAY * first.time, halfway, state, omega)
+            ends = slips.rolling_ends(first, end, omega, self.body, tolerance)
             stopped = self._brake(t, state, halfway, omega, end.time, 1.0).projected()
             contact = ContactAxes.of(self.body, t + end.time, stopped.body)
             spin = contact.over_ground(stopped.body.Omega)[2]
