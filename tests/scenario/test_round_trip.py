@@ -86,7 +86,7 @@ def increasing(count):
 
 def paths(count):
     angles = st.lists(ANY, min_size=count, max_size=count)
-    return table("waypoints", {"end_rates": vectors(1.0, 2)}, times=increasing(count), angles=angles)
+    return table("waypoints", {"end_rates": vectors(1.0, 2)}, times=increasing(count), theta=angles)
 
 
 def pieces(count):
