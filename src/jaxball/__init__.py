@@ -236,5 +236,5 @@ else:
                 raise
         raise missing(__name__, name)
 
-    if "jax" in sys.modules:
+    if "jax" in sys.modules:  # else they are added where JAX is first needed
         importlib.import_module(".programs.traces", __name__)

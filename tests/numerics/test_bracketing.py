@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball.numerics.roots import Sample, between, other_end
+from jaxball.numerics.roots import Sample, next_point, other_end
 
 CASES = [
     pytest.param(lambda x, xp: x**2 - 2, 0.0, 2.0, np.sqrt(2), id="square-root"),
@@ -19,7 +19,7 @@ def samples(f, a, b, count, xp):
     old, new = Sample(a, f(a, xp)), Sample(b, f(b, xp))
     places = []
     for _ in range(count):
-        x = between(old, new, xp)
+        x = next_point(old, new, xp)
         newest = Sample(x, f(x, xp))
         old, new = other_end(old, new, newest, xp), newest
         assert newest.f * old.f <= 0 or newest.f == 0  # still a bracket
@@ -46,7 +46,7 @@ def test_three_evaluations_cube_the_error():
 def test_in_a_loop_of_jax():
     def improve(_, bracket):
         old, new = bracket
-        x = between(old, new)
+        x = next_point(old, new)
         newest = Sample(x, jnp.cos(x))
         return other_end(old, new, newest), newest
 

@@ -20,7 +20,7 @@ import scipy.sparse.linalg
 from jaxtyping import Array, Float, Int
 
 from .. import programs
-from ..numerics.roots import Sample, between, other_end
+from ..numerics.roots import Sample, next_point, other_end
 from .problem.space import DesignError
 
 # The numbers of Newton corrections at which a step is neither too short nor too long, and at which it has failed.
@@ -335,7 +335,7 @@ class _Corrector:
         old, new = Sample(0.0, at.tangent[-1]), Sample(there.length - at.length, there.tangent[-1])
         nearest = at if abs(old.f) < abs(new.f) else there
         for _ in range(FOLD_SEARCHES):
-            step = float(between(old, new, np))
+            step = float(next_point(old, new, np))
             point = self.step(at, step)
             if point is None:
                 break

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..programs.batches import map_rows
-from .roots import Sample, between, other_end
+from .roots import Sample, next_point, other_end
 
 DIRECTIONS_SAMPLED = 24  # of directions between which one is sought
 ILLINOIS_STEPS = 12  # of the Illinois method: errors below 1e-15 from brackets of a quarter
@@ -56,7 +56,7 @@ def diverging(
     old, new = Sample(angles[best], values[best]), Sample(angles[best] + width, ends[best])
 
     def narrow(_, bracket: tuple[Sample, Sample]) -> tuple[Sample, Sample]:
-        newest = between(*bracket)
+        newest = next_point(*bracket)
         sample = Sample(newest, turning(newest))
         return other_end(*bracket, sample), sample
 

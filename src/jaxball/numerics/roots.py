@@ -127,7 +127,7 @@ class Sample(NamedTuple):
     f: Any
 
 
-def between(old: Sample, new: Sample, xp: Any = None) -> Any:
+def next_point(old: Sample, new: Sample, xp: Any = None) -> Any:
     """Returns the next point: the zero of the secant, or the midpoint if that is not inside or an end is already a
     zero.
 

@@ -137,7 +137,7 @@ def _dependence(value: Value) -> Dependent:
 
 
 def is_linear(name: str, equation: Any, given: Sequence[Value]) -> bool:
-    """Returns whether an operation on these operands gives pieces again, of which there are not too many."""
+    """Returns whether an operation on linear pieces gives linear pieces, and not too many of them."""
     if not all(isinstance(value, Fixed | Piecewise) for value in given):
         return False
     count = 1

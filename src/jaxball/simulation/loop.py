@@ -99,9 +99,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
         progress_meter: diffrax.AbstractProgressMeter,
         **_: Any,
     ) -> tuple[Any, dict[str, Any]]:
-        """Returns the state of diffrax's loop at the end of a solve, with all that was saved, and no further
-        statistics.
-        """
+        """Returns the state of diffrax's loop at the end of a solve, and all that was saved; no further statistics."""
         if self.kind == "lax" and isinstance(solver, diffrax.AbstractRungeKutta) and solver.scan_kind is None:
             solver = eqx.tree_at(lambda s: s.scan_kind, solver, "lax", is_leaf=lambda x: x is None)
         output, dense = DenseOutput.of(solver), init_state.dense_ts is not None

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..numerics.arrays import select_tree
-from ..numerics.roots import Sample, between, other_end
+from ..numerics.roots import Sample, next_point, other_end
 from ..physics.hybrid import NONE, entry
 from ..solvers.dense.steps import sampling
 
@@ -163,7 +163,7 @@ def _root(samples: Float[Array, " nodes"], low: Float[Array, ""], high: Float[Ar
         return Sample(u, a0 + u * (a1 + u * (a2 + u * (a3 + u * a4))))
 
     def narrow(_, bracket: tuple[Sample, Sample]) -> tuple[Sample, Sample]:
-        newest = at(between(*bracket))
+        newest = at(next_point(*bracket))
         return other_end(*bracket, newest), newest
 
     return jax.lax.fori_loop(0, ROOT_STEPS, narrow, (at(low), at(high)))[1].x

@@ -231,10 +231,10 @@ class _Deciding(NamedTuple):
         body = with_directions(self.plane.body, choice.slips)
         return response(body, self.t, self.state, touching=~choice.flies)
 
-    def direct(self, choice: _Choice, of_impulse: Response) -> _Choice:
+    def direct(self, choice: _Choice, body_response: Response) -> _Choice:
         """Returns the choice with the direction in which a slip grows, if one begins."""
         begins = self.still & ~choice.sticks & ~choice.flies
-        sigma = jax.lax.cond(begins, lambda: friction.first_slip(of_impulse, self.mu).sigma, lambda: choice.sigma)
+        sigma = jax.lax.cond(begins, lambda: friction.first_slip(body_response, self.mu).sigma, lambda: choice.sigma)
         return choice._replace(sigma=sigma)
 
     def with_one_less(self, choice: _Choice) -> _Choice:
@@ -269,23 +269,23 @@ class _Deciding(NamedTuple):
 def _decide(plane: StickingOnPlane, done: Progress, event: Int[Array, ""]) -> Progress:
     """Decides the mode that follows: everything is held as far as friction can do it."""
     t, body = done.t, plane.body
-    joints_changed = _change_joints(plane, done, event)
-    slip = slip_velocity(body, t, joints_changed.released)
-    still = done.still | plane.is_still(slip, joints_changed)
-    deciding = _Deciding(plane, t, joints_changed.released, still, plane.coefficient(jnp.where(still, 0.0, slip)))
+    switch_state = _change_joints(plane, done, event)
+    slip = slip_velocity(body, t, switch_state.released)
+    still = done.still | plane.is_still(slip, switch_state)
+    deciding = _Deciding(plane, t, switch_state.released, still, plane.coefficient(jnp.where(still, 0.0, slip)))
     sticks = still & (plane.contact.static_friction > 0) & (event != int(SwitchCause.GIVES_WAY)) & ~done.flies
     sigma = friction.slip_direction(slip, jnp.zeros_like(slip[:2]))
-    first = _Choice(sticks, done.flies, sigma, joints_changed.slips)
+    first = _Choice(sticks, done.flies, sigma, switch_state.slips)
     fixed, held = without_derivatives((deciding, first))
-    most = joints_changed.slips.size + 2  # that let go: the contact, twice, and the joints
+    most = switch_state.slips.size + 2  # that let go: the contact, twice, and the joints
     held = jax.lax.fori_loop(0, most, lambda _, held: fixed.with_one_less(held), held)
     choice = held._replace(sigma=sigma)
     body_response = deciding.response(choice)
     choice = deciding.direct(choice, body_response)
     # The rest of a slip that ends is dissipated by friction; one without an end continues.
-    stopped = with_slip(body, joints_changed.released, body_response, slip, jnp.zeros_like(slip))
+    stopped = with_slip(body, switch_state.released, body_response, slip, jnp.zeros_like(slip))
     stops = still & ~choice.flies & (choice.sticks | plane.slips_end)
-    state: Any = select_tree(stops, joints_changed.move(stopped), joints_changed)
+    state: Any = select_tree(stops, switch_state.move(stopped), switch_state)
     rise = slip_velocity(body, t, state.released)[2]
     rise = jnp.where(choice.flies & (event != int(SwitchCause.LIFTS)), rise, 0.0)
     V = with_rise(body, t, state.released, rise)

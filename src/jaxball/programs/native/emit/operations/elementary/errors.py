@@ -4,7 +4,7 @@ Source: FDLIBM (Sun Microsystems, 1993), s_erf.c, for the intervals and the coef
 """
 
 from .exponentials import exp_of_pair
-from .writer import Writer, between
+from .writer import Writer, clamp
 
 _NEAR, _FAR, _FARTHEST = 0.84375, 1.25, 1 / 0.35  # where intervals end
 _AT_1 = 8.45062911510467529297e-01  # about erf 1
@@ -91,7 +91,7 @@ def _parts(w: Writer, x: str) -> tuple[str, str, str, str]:
     """Computes whether |x| < _NEAR and |x| < _FAR, the rational function of x's interval, and erfc |x| beyond _FAR."""
     size = w.call("fabs", x)
     near, middle = w.compare("olt", size, _NEAR), w.compare("olt", size, _FAR)
-    far = between(w, size, 1.0, 30.0)
+    far = clamp(w, size, 1.0, 30.0)
     square, rest = w.product(far, far)
     inverse = w.div(1.0, square)
     intervals = [

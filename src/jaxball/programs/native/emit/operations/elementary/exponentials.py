@@ -6,7 +6,7 @@ from fractions import Fraction
 import numpy as np
 
 from ...instructions import BOOL
-from .writer import DOUBLE, LONG, SHIFT, Writer, between, scale
+from .writer import DOUBLE, LONG, SHIFT, Writer, clamp, scale
 
 _LN2 = (float.fromhex("0x1.62e42fee00000p-1"), float.fromhex("0x1.a39ef35793c76p-33"))
 _LN2_NEAREST = (float.fromhex("0x1.62e42fefa39efp-1"), float.fromhex("0x1.abc9e3b39803fp-56"))
@@ -35,7 +35,7 @@ def _exponent(w: Writer, x: str) -> tuple[str, str, str]:
 def exp_of_pair(w: Writer, x: str, more: str | None) -> str:
     """Computes the exponential of a sum of two numbers, of which the second is small, or None."""
     # Beyond, the result is 0 or infinite all the same, and n would not fit into the bits of two exponents.
-    n, r, rest = _exponent(w, between(w, x, -800.0, 800.0))
+    n, r, rest = _exponent(w, clamp(w, x, -800.0, 800.0))
     if more is not None:
         r, rest = w.sum(r, w.add(rest, more))
     tail = w.fma(w.mul(r, r), w.polynomial(r, _EXP), w.fma(rest, r, rest))
@@ -58,7 +58,7 @@ def exp(w: Writer, operands: list[str]) -> list[str]:
 def expm1(w: Writer, operands: list[str]) -> list[str]:
     """Computes 2ⁿ (eʳ − 1) + 2ⁿ − 1."""
     (x,) = operands
-    n, r, rest = _exponent(w, between(w, x, -60.0, 709.9))
+    n, r, rest = _exponent(w, clamp(w, x, -60.0, 709.9))
     tail = w.fma(w.mul(r, r), w.polynomial(r, _EXP), w.fma(rest, r, rest))
     # 2ⁿ may be beyond the largest number though the result is not.
     large = w.integer("icmp sgt", n, 1000)

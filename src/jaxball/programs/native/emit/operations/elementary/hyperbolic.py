@@ -3,7 +3,7 @@
 import math
 
 from .exponentials import expm1, exponential_in_parts, log1p_of_pair
-from .writer import LONG, Writer, between, scale
+from .writer import LONG, Writer, clamp, scale
 
 _SINH = tuple(1 / math.factorial(k) for k in range(3, 21, 2))  # (sinh x − x)/x³ as powers of x², |x| ≤ 1, to 2⁻⁵⁷
 _AS_ITSELF = 2.0**-28  # below it, asinh and atanh are the argument to 2⁻⁵⁷ of it
@@ -11,7 +11,7 @@ _AS_ITSELF = 2.0**-28  # below it, asinh and atanh are the argument to 2⁻⁵�
 
 def _half_sum(w: Writer, size: str, sign: float) -> str:
     """Computes (eˣ ± e⁻ˣ)/2 of x ≥ 0, without cancellation for x ≥ 1 or a sum."""
-    n, high, low = exponential_in_parts(w, between(w, size, 0.0, 800.0))
+    n, high, low = exponential_in_parts(w, clamp(w, size, 0.0, 800.0))
     # The second term in units of 2ⁿ; where it is too small to be one, it is too small to matter.
     fewer = w.select(w.compare("ogt", size, 300.0), -1000, w.integer("mul", n, -2), LONG)
     second, rest = w.quotient(w.power_of_two(fewer), None, high, low)
@@ -36,7 +36,7 @@ def cosh(w: Writer, operands: list[str]) -> list[str]:
 def tanh(w: Writer, operands: list[str]) -> list[str]:
     """Computes t/(t + 2), t = exp(2 |x|) − 1."""
     (x,) = operands
-    (t,) = expm1(w, [w.mul(between(w, w.call("fabs", x), 0.0, 22.0), 2.0)])
+    (t,) = expm1(w, [w.mul(clamp(w, w.call("fabs", x), 0.0, 22.0), 2.0)])
     return [w.call("copysign", w.div(t, w.add(t, 2.0)), x)]
 
 

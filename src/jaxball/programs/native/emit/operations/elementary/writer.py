@@ -152,7 +152,7 @@ def scale(w: Writer, x: str, exponent: str) -> str:
     return w.mul(w.mul(x, w.power_of_two(half)), w.power_of_two(w.integer("sub", exponent, half)))
 
 
-def between(w: Writer, x: str, low: float, high: float) -> str:
+def clamp(w: Writer, x: str, low: float, high: float) -> str:
     """Returns x, or the end of an interval beyond which it is; NaN stays."""
     x = w.select(w.compare("olt", x, low), low, x)
     return w.select(w.compare("ogt", x, high), high, x)
