@@ -29,6 +29,7 @@ from ..physics.contact.released import ReleasedState
 from ..physics.contact.resting import RestingOnPlane
 from ..physics.contact.sticking import StickingOnPlane
 from ..physics.dae import WITH_UNIT
+from ..physics.dynamics.parameters import shapes_of_body
 from ..physics.modes.dry_rolling import DryRolling
 from ..physics.modes.dry_stick_slip import DryStickSlip
 from ..physics.modes.stick_slip import StickSlip
@@ -209,28 +210,22 @@ def _other_shapes(part: Any, path: str, stacked: int) -> Iterator[tuple[str, tup
             yield from _other_shapes(item, f"{path}{name}", stacked)
     elif isinstance(part, eqx.Module):
         yield from _other_shapes_of_fields(part, f"{path}." if path else "", stacked)
-    if isinstance(part, AbstractBody):
-        for kind, groups, order in (
-            ("masses", part.groups, part.order),
-            ("mechanisms", part.mechanism_groups, part.mechanism_order),
-        ):
-            for group, indices in zip(groups, order, strict=True):
-                yield from _other_shapes(group, f"{kind}[{indices[0]}]", stacked + 1)
 
 
 def _other_shapes_of_fields(
     module: eqx.Module, start: str, stacked: int
 ) -> Iterator[tuple[str, tuple[Any, ...], tuple[int, ...]]]:
-    values, shapes = vars(module), dict(shapes_of_fields(type(module)))
-    if isinstance(module, AbstractBody):  # which makes its fields itself
-        shapes |= dict.fromkeys(("mass", "radius", "gravity"), ())
-        shapes |= {"inertia": module.inertia_shape, "offset": (3,), "groups": None, "mechanism_groups": None}
-    for name, shape in shapes.items():
-        actual = None if shape is None else getattr(values.get(name), "shape", None)
-        if shape is not None and actual is not None and not has_shape(actual[stacked:], shape):
-            yield start + name, shape, actual[stacked:]
-    for name in (name for name in values if name not in shapes):
-        yield from _other_shapes(values[name], start + name, stacked)
+    parts, shapes = dict(vars(module)), shapes_of_fields(type(module))
+    if isinstance(module, AbstractBody):
+        shapes |= shapes_of_body(type(module))
+        for name, kind, order in (("groups", "masses", "order"), ("mechanism_groups", "mechanisms", "mechanism_order")):
+            for group, indices in zip(parts.pop(name), parts[order], strict=True):
+                yield from _other_shapes(group, f"{start}{kind}[{indices[0]}]", stacked + 1)
+    for name, part in parts.items():
+        if name not in shapes:
+            yield from _other_shapes(part, start + name, stacked)
+        elif hasattr(part, "shape") and not has_shape(part.shape[stacked:], shapes[name]):
+            yield start + name, shapes[name], part.shape[stacked:]
 
 
 def require_one_run(status: Any, what: str, remedy: str = "the array `status` says how each run ended") -> None:

@@ -79,6 +79,11 @@ def _require_rail(item: PointMass) -> AbstractRail:
     return item.rail
 
 
+def shapes_of_body(kind: type["BodyParameters"]) -> dict[str, tuple[int, ...]]:
+    """Returns the shapes of the numbers of a body that are not those of its parts, by name."""
+    return {"mass": (), "radius": (), "gravity": (), "inertia": kind.inertia_shape, "offset": (3,)}
+
+
 class BodyParameters(Printed):
     """The parameters that a ball and a disk share; :class:`~jaxball.Ball` describes them.
 
@@ -125,11 +130,11 @@ class BodyParameters(Printed):
         ground: AbstractGround | None = None,
         resistance: AbstractResistance | None = None,
     ):
-        self.mass, self.radius, self.gravity = (
-            numbers(name)(x) for name, x in (("mass", mass), ("radius", radius), ("gravity", gravity))
+        arguments = mass, radius, gravity, inertia, offset
+        self.mass, self.radius, self.gravity, self.inertia, self.offset = (
+            numbers(name, shape)(x)
+            for x, (name, shape) in zip(arguments, shapes_of_body(type(self)).items(), strict=True)
         )
-        self.inertia = numbers("inertia", self.inertia_shape)(inertia)
-        self.offset = numbers("offset", (3,))(offset)
         self.force, self.law = force, law
         require_each("masses", masses, PointMass, "a PointMass")
         require_each("mechanisms", mechanisms, AbstractMechanism, "a mechanism, such as Mechanism(...)")
