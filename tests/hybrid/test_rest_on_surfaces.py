@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import jaxball
-from jaxball import Ball, BallState, Bowl, ConstantRate, Ground, Resistance, TiltingPlane
+from jaxball import Ball, BallState, Bowl, ConstantRate, Contact, Ground, Resistance, TiltingPlane
 
 G, M, R, C, SPINNING, BOWL = 9.81, 2.0, 0.3, 0.1, 0.01, 2.0
 SOLID = 0.4 * M * R**2
@@ -148,7 +148,8 @@ def test_derivatives_of_when_it_comes_to_rest_in_a_bowl():
 
 
 @pytest.mark.long
-def test_a_ball_that_resistance_hardly_holds_comes_to_rest_at_every_tolerance():
+@pytest.mark.parametrize("contact", [None, Contact(0.6)], ids=["rolling", "contact"])
+def test_a_ball_that_resistance_hardly_holds_comes_to_rest_at_every_tolerance(contact):
     """The slope where it stops is 0.98 of its resistance, so that its last motion lasts long.
 
     At loose tolerances it crept on for ever. Against a tight one, because its path is no plane curve.
@@ -156,12 +157,12 @@ def test_a_ball_that_resistance_hardly_holds_comes_to_rest_at_every_tolerance():
     body, state = ball(Bowl(BOWL), 0.09437949), BallState(Omega=(0.0, 1.9037845, 0.5))
 
     def rest(tolerance):
-        run = jaxball.simulate(body, (0.0, 4.0), state, rtol=tolerance, atol=tolerance, throw=True)
-        assert run.switches.lines[-1].endswith("the body comes to rest")
+        run = jaxball.simulate(body, (0.0, 4.0), state, contact=contact, rtol=tolerance, atol=tolerance, throw=True)
+        assert run.history.rests[-1]
         assert int(run.steps) < 400
         return np.asarray(run.state.z[-1])
 
     exact = rest(1e-11)
     assert 0.97 < np.hypot(*exact) / BOWL / 0.09437949 < 0.99  # the slope over the resistance, in small angles
     for tolerance in (1e-8, 1e-6, 1e-5, 1e-4, 1e-3):
-        np.testing.assert_allclose(rest(tolerance), exact, atol=2 * tolerance)
+        np.testing.assert_allclose(rest(tolerance), exact, atol=3 * tolerance)

@@ -150,7 +150,7 @@ def _end_rolling(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array
     halfway = brake(about, first.time, slips.HALFWAY, state)
     about = _Rolling.of(plane, t + slips.HALFWAY * first.time, halfway)
     second = end(about)
-    ends = slips.rolling_ends(first, second, omega, plane.body, tolerance)
+    ends = plane.comes_to_rest(first, second, omega, tolerance)
     stopped = brake(about, second.time, 1.0, halfway).projected()
     axes = plane.contact_axes(t + second.time, stopped)
     spin = axes.over_ground(stopped.body.Omega)[2]

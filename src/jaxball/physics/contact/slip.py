@@ -54,8 +54,6 @@ LONGEST_WINDOW = 0.1  # of √(r/g): the longest time for which the direction of
 BEFORE_KINK = 0.999  # of the time until the next kink: the same
 LONGEST_PAUSE = 0.25  # power of rounding: the longest time, in √(r/g), over which a slip is followed to its end
 COARSER = 0.3  # the same over the cube root of the tolerance, because the error of the response halfway grows like this
-LONGEST_WAY = 10  # in tolerances: the angle over which rolling is followed to its end however long it takes, ...
-STEADY_RESPONSE = 0.2  # ... if the response halfway changes the time to the end by no more than this share
 HALFWAY = 0.5  # through the time, and the speed, of a slip that ends
 STEPS_TO_END = 16  # in the time τ, to the end of a slip
 TURN = 1.5  # by which σ turns and ln s falls in one of them, at most
@@ -226,20 +224,6 @@ def longest_pause(tolerance: Float[Array, ""], unit_of_time: Float[Array, ""]) -
     """Computes the longest time over which a slip is followed to its end by :func:`end`."""
     eps = float(jnp.finfo(unit_of_time.dtype).eps)
     return jnp.maximum(eps**LONGEST_PAUSE, COARSER * jnp.cbrt(tolerance)) * unit_of_time
-
-
-def rolling_ends(
-    first: End, second: End, omega: Float[Array, "2"], body: AbstractBody, tolerance: Float[Array, ""]
-) -> Bool[Array, ""]:
-    """Returns whether a ball that rolls slowly has come to rest at its ``first`` end.
-
-    Where resistance is hardly enough to hold it, a ball no faster than the errors of its speed takes long to stop. It
-    does all the same, if it turns little until then, and if what acts halfway, at the ``second`` end, is much the same.
-    """
-    is_soon = first.time <= longest_pause(tolerance, unit_of_time(body))
-    is_short = root(jnp.sum(omega**2)) * first.time <= LONGEST_WAY * tolerance
-    is_steady = second.comes & (jnp.abs(second.time - first.time) <= STEADY_RESPONSE * first.time)
-    return first.comes & (is_soon | (is_short & is_steady))
 
 
 def longest_window(

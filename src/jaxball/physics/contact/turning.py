@@ -21,6 +21,10 @@ from ..hybrid import Accuracy, GuardedStep
 from . import slip as slips
 from .slip import Heading
 
+ERRORS_OF_ROLLING = 100  # tolerances: how fast a ball may roll to and fro by the errors of a method of low order
+LONGEST_WAY = 10  # in tolerances: the angle over which a ball is followed to its rest however long that takes, ...
+STEADY_RESPONSE = 0.2  # ... if what acts halfway changes the time until then by no more than this share
+
 
 class AbstractTurning(AbstractBodyWithModes[Any]):
     """A ball or a disk that exact dry resistance may hold at rest.
@@ -90,6 +94,20 @@ class AbstractTurning(AbstractBodyWithModes[Any]):
             spinning = jnp.where(state.spin == 0, spare.spinning, state.spin * omega[2])
         return jnp.stack([rolling, spinning])
 
+    def comes_to_rest(
+        self, first: slips.End, second: slips.End, omega: Float[Array, "2"], tolerance: Float[Array, ""]
+    ) -> Bool[Array, ""]:
+        """Returns whether a ball that rolls slowly, with ω_h over the ground, has come to rest at its ``first`` end.
+
+        Where resistance is hardly enough to hold it, a ball no faster than the errors of its speed takes long to stop.
+        It does all the same, if it turns little until then, and if what acts halfway, by which its end is the
+        ``second``, is much the same.
+        """
+        is_soon = first.time <= slips.longest_pause(tolerance, slips.unit_of_time(self.body))
+        is_short = root(jnp.sum(omega**2)) * first.time <= LONGEST_WAY * tolerance
+        is_steady = second.comes & (jnp.abs(second.time - first.time) <= STEADY_RESPONSE * first.time)
+        return first.comes & (is_soon | (is_short & is_steady))
+
     def approach_rest(
         self, step: GuardedStep, heading: Heading, guard: int, accuracy: Accuracy
     ) -> tuple[Bool[Array, ""], Bool[Array, ""], Float[Array, ""]]:
@@ -98,8 +116,8 @@ class AbstractTurning(AbstractBodyWithModes[Any]):
         - ``guard``: the index of the guard of rolling.
         """
         least, omega = heading.least, self.over_ground(step.end, step.state)
-        errors = slips.ERRORS * (accuracy.atol + accuracy.rtol * root(jnp.sum(omega**2)))
+        errors = ERRORS_OF_ROLLING * (accuracy.atol + accuracy.rtol * root(jnp.sum(omega**2)))
         slow = root(jnp.sum(omega[:2] ** 2)) <= 2 * least + errors
         before, after = step.guards[guard, 0] + least, step.guards[guard, -1] + least
-        nears = slow & slips.nears_its_end(before, after, least)
+        nears = slow & slips.nears_its_end(before, after, least + 0.5 * errors)
         return slow, nears, slips.longest_step(before, after, least, step.end - step.start, accuracy)

@@ -274,7 +274,7 @@ class DryRolling(AbstractTurning):
             first = self._end(t, state, state, omega)
             halfway = self._brake(t, state, state, omega, first.time, HALFWAY)
             end = self._end(t + HALFWAY * first.time, halfway, state, omega)
-            ends = slips.rolling_ends(first, end, omega, self.body, tolerance)
+            ends = self.comes_to_rest(first, end, omega, tolerance)
             stopped = self._brake(t, state, halfway, omega, end.time, 1.0).projected()
             contact = ContactAxes.of(self.body, t + end.time, stopped.body)
             spin = contact.over_ground(stopped.body.Omega)[2]
