@@ -8,8 +8,8 @@ import mpmath
 import numpy as np
 import pytest
 
-from jaxball.programs.native.emit.operations import elementary
-from jaxball.programs.native.emit.operations.elementary import reduction
+from jaxball.programs.native.emit.scalars import elementary
+from jaxball.programs.native.emit.scalars.elementary import reduction
 from jaxball.programs.native.targets.machine import Code, object_code
 
 LANES = [1, 8]

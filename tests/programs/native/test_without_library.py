@@ -13,7 +13,7 @@ from jax import lax
 
 from jaxball.programs.native import Lowered
 from jaxball.programs.native.emit import lowering
-from jaxball.programs.native.emit.operations import complex, real
+from jaxball.programs.native.emit.scalars import complex, real
 from jaxball.programs.native.ir.elements import UnsupportedError
 from jaxball.programs.native.ir.module import Module
 from jaxball.programs.native.limits import LANES

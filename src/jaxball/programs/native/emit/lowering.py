@@ -13,6 +13,7 @@ from ..targets.processors import HOST, Target
 from .buffers import Buffer
 from .builder import Builder, Module
 from .rules import RULES
+from .scalars.dispatch import ELEMENTWISE, scalar
 from .storage import Storage
 from .values import Array, Formula, Memory, Registers, is_small
 
@@ -198,9 +199,6 @@ class Function:
 
     def combination(self, block: Block) -> Callable[..., Sequence[Element]]:
         """Returns the function that a region computes of single numbers."""
-        # Here, because its module imports this one.
-        from .operations.elementwise import ELEMENTWISE, scalar
-
         # Usually a sum or a maximum, of many elements: no array is made around each of them.
         if len(block.operations) == 1:
             (operation,) = block.operations

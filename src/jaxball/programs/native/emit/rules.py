@@ -3,17 +3,13 @@
 A rule takes the function being compiled, the operation, and its operands; it returns the result, or a list of results.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TypeAlias
 
-if TYPE_CHECKING:
-    from ..ir.program import Operation
-    from .lowering import Function
-    from .values import Array
+from .values import Array
 
-Rule = Callable[["Function", "Operation", "list[Array]"], "Array | list[Array]"]
+# Of a Function, an Operation and a list of Arrays. The first is left open, because its module asks this one.
+Rule: TypeAlias = Callable[..., Array | list[Array]]
 
 RULES: dict[str, Rule] = {}
 

@@ -4,13 +4,14 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ...ir.elements import Element, UnsupportedError
+from ...ir.elements import Element
 from ...ir.program import Operation
 from ..lowering import Function
 from ..rules import rule, short
+from ..scalars import complex, real
+from ..scalars.dispatch import ELEMENTWISE, scalar
 from ..values import Array, Formula, Memory, Registers, is_small, registers, size_of
 from ..vectors import in_columns, is_of_vectors, row_by_row, side_by_side
-from . import complex, real
 
 
 def map_elements(
@@ -52,33 +53,6 @@ def as_array(elements: Sequence[Element], shape: tuple[int, ...], dtype: np.dtyp
     if dtype.kind != "c" and not any(isinstance(element, str) for element in elements):
         return np.array(elements, dtype).reshape(shape)
     return registers(dtype, elements, shape).elements
-
-
-def scalar(operation: Operation) -> Callable[..., Element]:
-    """Returns the function that an operation computes of single numbers; its arguments are the builder and these
-    numbers.
-
-    **Raises:** ``UnsupportedError`` for an operation that is not elementwise or is not known.
-    """
-    name, dtype, to = short(operation.name), operation.operands[0].dtype, operation.results[0].dtype
-    if name == "convert":
-        # Either type may be complex: to a real one, only the real part is converted.
-        conversion = complex.convert if "c" in (dtype.kind, to.kind) else real.convert
-        return lambda builder, x: conversion(builder, dtype, to, x)
-    if name == "bitcast_convert":
-        return lambda builder, x: real.bitcast(builder, dtype, to, x)
-    family = complex if dtype.kind == "c" else real
-    if name == "compare":
-        total = operation.has("compare_type") and operation.attribute("compare_type") == "TOTALORDER"
-        compute = family.comparison(operation.attribute("comparison_direction"), total)
-    elif name in family.SCALARS:
-        compute = family.SCALARS[name]
-    else:
-        raise UnsupportedError(f"{operation.name} of {dtype}")
-    return lambda builder, *operands: compute(builder, dtype, *operands)
-
-
-ELEMENTWISE = sorted({*real.SCALARS, *complex.SCALARS, "convert", "compare", "bitcast_convert"})
 
 
 @rule(*(f"stablehlo.{name}" for name in ELEMENTWISE), *(f"chlo.{name}" for name in ELEMENTWISE))

@@ -10,9 +10,9 @@ from ...ir.program import Operation
 from ...limits import MOST_PRODUCTS, MOST_TERMS, PARTIAL_SUMS
 from ..lowering import Function
 from ..rules import rule
+from ..scalars import complex, real
 from ..values import Array, Formula, Registers, is_small, size_of
 from ..vectors import is_of_vectors, row_by_row, side_by_side
-from . import complex, real
 from .elementwise import as_array
 
 

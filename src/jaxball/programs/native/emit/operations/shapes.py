@@ -9,8 +9,8 @@ from ...ir.elements import Element, Index
 from ...ir.program import Operation
 from ..lowering import Function
 from ..rules import rule
+from ..scalars import complex, real
 from ..values import Array, Formula, Registers, is_small, linear, unravel
-from . import complex, real
 
 
 def rearrange(

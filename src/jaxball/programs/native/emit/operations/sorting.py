@@ -8,8 +8,8 @@ from ...limits import LANES
 from ..builder import BOOL, INDEX
 from ..lowering import Function
 from ..rules import rule
+from ..scalars import complex, real
 from ..values import Array, Memory
-from . import complex, real
 
 
 @rule("stablehlo.sort")
