@@ -55,15 +55,8 @@ from .grounds import ReadPlate, write_targets
 from .imports import is_python_name
 from .initial import INITIAL, balance_schedules, initial_state, read_initial, release, write_initial
 from .logs import with_logs
-from .mechanisms import (
-    CHOICES as MASSES,
-    MECHANISM,
-    joints_in_state,
-    read_masses,
-    read_mechanisms,
-    write_masses,
-    write_mechanisms,
-)
+from .mechanisms import MECHANISM, joints_in_state, read_mechanisms, write_mechanisms
+from .motions import MASSES, read_masses, write_masses
 from .paths import has_path, key_of, numbers_of, value_at, with_numbers, with_values
 from .scenario import Scenario
 from .solve import SOLVE, TIMES, SaveTimes, check_dae, read_times, write_times
