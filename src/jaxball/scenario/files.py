@@ -6,14 +6,14 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import jax
 import numpy as np
 import tomli_w
 from jaxtyping import Array, Bool, Float
 
-from ..physics.body import System
+from ..physics.body import PointMass, System
 from ..physics.contact.law import Contact
 from ..physics.contact.released import ReleasedState
 from ..physics.prescribed.motion import Driven
@@ -55,7 +55,7 @@ from .grounds import ReadPlate, write_targets
 from .imports import is_python_name
 from .initial import INITIAL, balance_schedules, initial_state, read_initial, release, write_initial
 from .logs import with_logs
-from .mechanisms import MECHANISM, joints_in_state, read_mechanisms, write_mechanisms
+from .mechanisms import MECHANISM, ReadMechanism, joints_in_state, read_mechanisms, write_mechanisms
 from .motions import MASSES, read_masses, write_masses
 from .paths import has_path, key_of, numbers_of, value_at, with_numbers, with_values
 from .scenario import Scenario
@@ -185,6 +185,38 @@ class Contents(NamedTuple):
         return Scenario(self.title, self.system, self.state, times, **self.solve, **others)
 
 
+_OfBody = tuple[dict[str, Any], dict[str, Any], SaveTimes, list[PointMass], list[ReadMechanism], dict[str, Any]]
+
+
+class _Tables(NamedTuple):
+    """The tables of a file about a body, each read by itself; None where one is missing or cannot be read.
+
+    - ``top``: the keys that are in no table; ``shell``: the arguments of the body for its shell.
+    """
+
+    top: dict[str, Any] | None
+    shell: dict[str, Any] | None
+    surroundings: dict[str, Any] | None
+    contact: Contact | None
+    times: SaveTimes | None
+    solve: dict[str, Any] | None
+    masses: list[PointMass] | None
+    mechanisms: list[ReadMechanism] | None
+    initial: dict[str, Any] | None
+    sensors: dict[str, AbstractSensor] | None
+    events: dict[str, AbstractEvent] | None
+    feedback: AbstractFeedbackSettings | None
+    estimator: EstimatorSettings | None
+
+    @property
+    def of_body(self) -> _OfBody | None:
+        """Those without which there is no body: top, shell, times, masses, mechanisms and initial; None if one is
+        missing.
+        """
+        needed = self.top, self.shell, self.times, self.masses, self.mechanisms, self.initial
+        return None if any(table is None for table in needed) else cast(Any, needed)
+
+
 def read_contents(document: dict[str, Any]) -> Contents:
     """Reads the contents of a file; raises as :func:`read_document`.
 
@@ -196,7 +228,7 @@ def read_contents(document: dict[str, Any]) -> Contents:
     if kind not in BODIES:
         read_table(document, "", KEYS)
     readers = {
-        "table": lambda: read_table(document, "", KEYS),
+        "top": lambda: read_table(document, "", KEYS),
         "shell": lambda: read_shell(document["body"], "body", kind) if "body" in document else None,
         "surroundings": lambda: read_surroundings(document, kind),
         "contact": lambda: read_contact(document["contact"], "contact") if "contact" in document else None,
@@ -211,10 +243,11 @@ def read_contents(document: dict[str, Any]) -> Contents:
         "estimator": lambda: ESTIMATOR.read(document["estimator"], "estimator") if "estimator" in document else None,
     }
     read, errors = try_readers(*readers.values())
-    parts = dict(zip(readers, read, strict=True))
-    if all(parts[name] is not None for name in ("table", "shell", "times", "masses", "mechanisms", "initial")):
+    tables = _Tables(**dict(zip(readers, read, strict=True)))
+    of_body = tables.of_body
+    if of_body is not None:
         # Errors elsewhere must not hide errors in the body.
-        contents, later = try_readers(lambda: _contents(kind, document, **parts))
+        contents, later = try_readers(lambda: _join_tables(kind, document, of_body, tables))
         if not errors and not later:
             return contents[0]
         errors += later
@@ -222,36 +255,19 @@ def read_contents(document: dict[str, Any]) -> Contents:
     raise AssertionError("A part that could not be read has an error.")
 
 
-def _contents(
-    kind: str,
-    document: Mapping[str, Any],
-    *,
-    table: Any,
-    shell: Any,
-    surroundings: Any,
-    contact: Contact | None,
-    times: SaveTimes,
-    solve: Any,
-    masses: Any,
-    mechanisms: Any,
-    initial: Any,
-    sensors: Any,
-    events: Any,
-    feedback: Any,
-    estimator: Any,
-) -> Contents:
-    """Returns the contents of a file whose parts fit together; None stands for a part that cannot be read or is
-    missing.
-    """
-    check_units_of_logs(document, table["units"])
-    start, surroundings, angles = times.start, dict(surroundings or {}), []
+def _join_tables(kind: str, document: Mapping[str, Any], of_body: _OfBody, tables: _Tables) -> Contents:
+    """Makes the contents of tables, which must fit each other."""
+    top, shell, times, masses, mechanisms, initial = of_body
+    check_units_of_logs(document, top["units"])
+    start, surroundings, angles = times.start, dict(tables.surroundings or {}), []
     ground = surroundings.get("ground")
     if isinstance(ground, ReadPlate):
         surroundings["ground"], angles = ground.ground, ground.angles
         ground = ground.without_law()
-    shell_and_ground = {**shell, "ground": ground}
-    masses = balance_schedules(masses, mechanisms, shell_and_ground, initial, "initial", kind, start)
-    actuation = {"form": "prescribed"} if table["actuation"] is None else table["actuation"]
+    if initial["balance"] is not None:
+        shell_and_ground = {**shell, "ground": ground}
+        masses = balance_schedules(masses, mechanisms, shell_and_ground, initial, "initial", kind, start)
+    actuation = {"form": "prescribed"} if top["actuation"] is None else top["actuation"]
     actuated = apply_actuation(actuation, "actuation", masses, mechanisms, angles, kind)
     driven = sum(isinstance(item.motion, Driven) for item in actuated.masses)
     check_force(surroundings.get("force"), "force", driven + len(joints_in_state(mechanisms)) + len(angles))
@@ -264,7 +280,8 @@ def _contents(
     )
     state = initial_state(initial, "initial", kind, system.coordinates, actuated.targets, start)
     span = namespace(times.start, times.end).stack([times.start, times.end])
-    fixed = Fixed(system, times, solve or {})
+    solve, sensors, events, contact = tables.solve or {}, tables.sensors, tables.events or {}, tables.contact
+    feedback, estimator, fixed = tables.feedback, tables.estimator, Fixed(system, times, solve)
     *_, first_state, _, _ = each_of(
         lambda: check_modes(system, contact),
         lambda: solve and check_dae(system, contact, solve["solver"], solve["dae"]),
@@ -276,8 +293,8 @@ def _contents(
         lambda: solve and sensors is not None and check_feedback(feedback, estimator, sensors, fixed, document),
         lambda: events and check_events_of(events, "events", system, contact, start, state),
     )
-    settings = sensors, events, feedback, estimator, table["units"]
-    return Contents(table["title"], system, first_state, contact, times, solve, *settings)
+    settings = sensors or {}, events, feedback, estimator, top["units"]
+    return Contents(top["title"], system, first_state, contact, times, solve, *settings)
 
 
 def _read_classical(document: dict[str, Any]) -> Contents:

@@ -191,13 +191,11 @@ def balance_schedules(
     kind: str,
     start: Any,
 ) -> list[PointMass]:
-    """Shifts the schedules of masses so that the body starts in balance.
+    """Shifts the schedules of masses so that the body starts in balance, as the ``fields`` of the state ask for.
 
     ``shell_and_ground`` has the numbers of the shell, and the ground.
     """
     request = fields["balance"]
-    if request is None:
-        return masses
     # Imported here, because few files need it, and its imports take long.
     from ..simulation.equilibrium import balance, with_angles
 
