@@ -5,7 +5,8 @@ import math
 import jax.numpy as jnp
 
 from ..numerics.arrays import Numbers, to_array
-from ..physics.body import Ball, PointMass
+from ..physics.body import Ball
+from ..physics.dynamics.parameters import PointMass
 from ..physics.prescribed.motion import OnRail
 from ..physics.prescribed.rails import Circle
 from ..physics.prescribed.schedules import ConstantRate

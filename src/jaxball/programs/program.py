@@ -18,7 +18,8 @@ import jax.numpy as jnp
 
 from ..compat import is_within_trace, settings
 from . import native
-from .computation import QUICKLY, ROWS_OF_XLA, Compiled, Computation, Rest, call_with, take_arrays, within_a_computation
+from .compiled import QUICKLY, Compiled, Rest
+from .computation import ROWS_OF_XLA, Computation, call_with, take_arrays, within_a_computation
 from .identity.closures import put_captures, take_captures
 from .operation import may_be_an_operation, operation
 from .store import current

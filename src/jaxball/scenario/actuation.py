@@ -5,27 +5,17 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from ..interface.wording import all_of, number_of
-from ..physics.body import PointMass, System
+from ..physics.body import System
+from ..physics.dynamics.parameters import PointMass
 from ..physics.feedback import AbstractLaw, FollowSchedules, LinearLaw, Servo
 from ..physics.prescribed.motion import Driven
 from ..physics.prescribed.schedules import AbstractSchedule
 from ..physics.prescribed.signals import AbstractSignal
-from .errors import each_of
+from .errors import ScenarioError, describe, each_of, key_error
 from .mechanisms import JointInState, ReadMechanism, joints_in_state
 from .motions import SIGNALS, read_signal, write_signal
 from .table import Family, Key, Module, join, keys_of, read_family
-from .values import (
-    ACCELERATION,
-    NOT_NEGATIVE,
-    PER_TIME,
-    Dimension,
-    Indices,
-    Nested,
-    Numbers,
-    ScenarioError,
-    describe,
-    key_error,
-)
+from .values import ACCELERATION, NOT_NEGATIVE, PER_TIME, Dimension, Indices, Nested, Numbers
 
 _SIGNALS_WORDS = "a list of numbers, and tables of signals or schedules"
 

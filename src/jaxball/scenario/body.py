@@ -24,7 +24,7 @@ from ..physics.forces.resistance import SMOOTHING, AbstractResistance, Resistanc
 from ..physics.grounds.ground import Ground
 from ..physics.system import AbstractState
 from ..sensors import AbstractSensor, Accelerometer, Encoder, Gyroscope, Position, SensorErrors, Tachometer
-from .errors import each_of
+from .errors import ScenarioError, each_of
 from .grounds import GROUNDS, read_ground
 from .motions import FRAME, HARMONIC_FORCE
 from .own import FUNCTION, Open, names_own, read_own, trying, trying_class
@@ -59,7 +59,6 @@ from .values import (
     Nested,
     Numbers,
     Rule,
-    ScenarioError,
     Text,
     WholeNumber,
     namespace,

@@ -21,9 +21,9 @@ from ..physics.limits.breaches import breaches
 from ..physics.limits.confinement import is_confined, surely_stay
 from ..physics.state import BallState, DiskState
 from ..physics.validity import beyond_arithmetic
-from .errors import raise_first
+from .errors import ScenarioError, raise_first
 from .table import join
-from .values import ScenarioError, any_traced, leave_open
+from .values import any_traced, leave_open
 
 if TYPE_CHECKING:
     from ..simulation.trajectory import Trajectory

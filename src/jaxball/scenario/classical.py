@@ -31,7 +31,7 @@ from ..numerics.arrays import is_traced, to_array
 from ..physics.conditions import Condition
 from ..physics.system import AbstractState, AbstractSystem
 from .body import read_resistance, write_surroundings
-from .errors import ScenarioError
+from .errors import ScenarioError, key_error
 from .initial import read_orientation
 from .motions import SERIES, WAVES, check_lengths, wave_arguments
 from .own import Open, module_of, trying_class
@@ -49,7 +49,6 @@ from .values import (
     VELOCITY,
     Nested,
     Numbers,
-    key_error,
     require_condition,
 )
 

@@ -7,11 +7,11 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from .errors import ScenarioError
+from .errors import ScenarioError, describe
 from .logs import KIND as LOG
 from .paths import key_of, steps, value_at
 from .units import Units, parse_unit
-from .values import ACCELERATION, EFFORT, Dimension, Numbers, describe
+from .values import ACCELERATION, EFFORT, Dimension, Numbers
 
 _PLACE = re.compile(r"mechanisms\[\d+\]\.joints\[\d+\]|masses\[\d+\]|ground\.(?:motion|displacement)")
 # Angles of frames and of sinusoids, in joints of any kind.

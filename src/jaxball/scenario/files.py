@@ -13,9 +13,10 @@ import numpy as np
 import tomli_w
 from jaxtyping import Array, Bool, Float
 
-from ..physics.body import PointMass, System
+from ..physics.body import System
 from ..physics.contact.law import Contact
 from ..physics.contact.released import ReleasedState
+from ..physics.dynamics.parameters import PointMass
 from ..physics.prescribed.motion import Driven
 from ..physics.system import AbstractState, AbstractSystem
 from ..sensors import AbstractSensor
@@ -39,7 +40,7 @@ from .body import (
 from .checks import check_confinement, check_run, check_start
 from .classical import CLASSICAL, INITIAL as CLASSICAL_INITIAL, RESISTED, read_classical, write_classical
 from .dimensions import check_units_of_logs
-from .errors import all_problems, each_of, raise_first, try_readers
+from .errors import ScenarioError, all_problems, each_of, raise_first, try_readers
 from .events import KEYS as EVENT_KEYS, check_events_of, read_events, write_events
 from .feedback import (
     ESTIMATOR,
@@ -63,7 +64,7 @@ from .solve import SOLVE, TIMES, SaveTimes, check_dae, read_times, write_times
 from .sources import document_of, naming, scenario_text
 from .table import Key, keeping_defaults, keys_of, read_table, write_table
 from .units import UNITS_KEY, Units, write_units
-from .values import Choice, Conditions, Integer, ScenarioError, Text, collect_conditions, namespace, unread
+from .values import Choice, Conditions, Integer, Text, collect_conditions, namespace, unread
 
 if TYPE_CHECKING:
     from .closed_loop import LoopNumbers

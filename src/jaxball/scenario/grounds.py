@@ -20,7 +20,7 @@ from ..physics.grounds import (
 from ..physics.grounds.ground import AbstractGround, Ground, Turntable
 from ..physics.mechanisms import Accelerated
 from ..physics.prescribed.schedules import AbstractSchedule
-from .errors import describe, key_error
+from .errors import ScenarioError, describe, key_error
 from .mechanisms import JointInState
 from .motions import MOTIONS, SCHEDULE, SCHEDULES, read_motion, write_motion
 from .own import FUNCTION, Open, names_own, read_own, trying
@@ -37,7 +37,6 @@ from .values import (
     Nested,
     Numbers,
     Radians,
-    ScenarioError,
     require_conditions,
 )
 

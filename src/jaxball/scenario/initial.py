@@ -11,12 +11,13 @@ from .. import programs
 from ..interface.wording import all_of, number_of
 from ..numerics.arrays import is_traced, to_array
 from ..numerics.vectors import length
-from ..physics.body import Ball, Disk, PointMass, System
+from ..physics.body import Ball, Disk, System
 from ..physics.contact.released import ReleasedState
+from ..physics.dynamics.parameters import PointMass
 from ..physics.grounds.ground import Ground
 from ..physics.prescribed.schedules import AbstractSchedule
 from ..physics.state import BallState, DiskState, State
-from .errors import UntraceableError
+from .errors import ScenarioError, UntraceableError, key_error
 from .mechanisms import ReadMechanism, joints_in_state
 from .table import Key, join, read_one_of, read_table, write_table
 from .values import (
@@ -30,8 +31,6 @@ from .values import (
     Nested,
     Numbers,
     Rule,
-    ScenarioError,
-    key_error,
     namespace,
     outside_of_traces,
     require,

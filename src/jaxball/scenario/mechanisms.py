@@ -27,6 +27,7 @@ from ..physics.mechanisms import (
     Spring,
 )
 from ..physics.prescribed.schedules import AbstractSchedule
+from .errors import ScenarioError, describe, key_error
 from .motions import MASS, RAILS, SCHEDULE, SIGNAL
 from .own import Open
 from .table import (
@@ -57,9 +58,6 @@ from .values import (
     Integer,
     Nested,
     Numbers,
-    ScenarioError,
-    describe,
-    key_error,
     require_conditions,
 )
 

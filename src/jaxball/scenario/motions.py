@@ -10,7 +10,8 @@ from ..interface.arguments import require_function
 from ..interface.wording import number_of
 from ..numerics.arrays import a_number
 from ..numerics.functions import HarmonicSeries
-from ..physics.body import PointMass, System
+from ..physics.body import System
+from ..physics.dynamics.parameters import PointMass
 from ..physics.forces.force import HarmonicForce
 from ..physics.prescribed.frames import AbstractFrame, MatrixFrame, SphericalFrame, VersorFrame
 from ..physics.prescribed.motion import AbstractMotion, Driven, Fixed, OnRail, Oscillating, rail_of, schedule_of
@@ -34,6 +35,7 @@ from ..physics.prescribed.schedules import (
     Waypoints,
 )
 from ..physics.prescribed.signals import AbstractSignal, ConstantSignal, PiecewiseSignal
+from .errors import ScenarioError, key_error
 from .logs import KIND as LOG
 from .own import Open
 from .recorded import SCHEDULE_FROM_LOG, SIGNAL_OR_SCHEDULE_FROM_LOG
@@ -69,8 +71,6 @@ from .values import (
     Nested,
     Numbers,
     Radians,
-    ScenarioError,
-    key_error,
     namespace,
     require,
 )

@@ -10,9 +10,9 @@ from operator import attrgetter
 from typing import Any
 
 from ..interface.wording import did_you_mean
-from .errors import each_of
+from .errors import ScenarioError, describe, each_of, key_error
 from .imports import is_python_name
-from .values import Choice, Kind, Nested, ScenarioError, describe, key_error
+from .values import Choice, Kind, Nested
 
 REQUIRED = object()
 

@@ -11,8 +11,9 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..scenario.errors import describe, key_error
 from ..scenario.table import Key, Keys, read_one_of, read_table
-from ..scenario.values import Choice, Integer, Numbers, Text, describe, key_error, unread
+from ..scenario.values import Choice, Integer, Numbers, Text, unread
 from .errors import StudyError
 
 Design = Callable[[Int[np.ndarray, " points"], int, int, int], Float[np.ndarray, "points numbers"]]

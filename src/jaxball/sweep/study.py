@@ -20,14 +20,14 @@ from ..interface.status import BACK_WITHIN
 from ..interface.wording import did_you_mean, number_of
 from ..physics.rolling import AbstractRollingSystem
 from ..scenario import Scenario, ScenarioError, read_document
-from ..scenario.errors import each_of, raise_first, try_readers
+from ..scenario.errors import describe, each_of, key_error, raise_first, try_readers
 from ..scenario.files import with_defaults
 from ..scenario.imports import import_name
 from ..scenario.own import own_class, trying_class
 from ..scenario.paths import check_number, value_at, with_numbers
 from ..scenario.sources import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
 from ..scenario.table import Key, read_list, read_one_of, read_table
-from ..scenario.values import POSITIVE, Choice, Flag, Integer, Numbers, Text, describe, key_error, unread
+from ..scenario.values import POSITIVE, Choice, Flag, Integer, Numbers, Text, unread
 from .axes import AXES, Axis, keys_of_paths, read_axis
 from .errors import StudyError
 

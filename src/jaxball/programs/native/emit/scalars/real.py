@@ -10,7 +10,8 @@ import numpy as np
 
 from ...ir.elements import Element, UnsupportedError, in_lanes, is_known, llvm_type
 from ...targets import machine
-from ..builder import BOOL, Builder
+from ..builder import Builder
+from ..instructions import BOOL
 from . import elementary
 
 
