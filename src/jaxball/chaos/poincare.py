@@ -12,7 +12,7 @@ from ..interface.printing import Printed
 from ..interface.status import Status
 from ..numerics.arrays import Numbers
 from ..physics.system import AbstractState, AbstractSystem
-from ..simulation.arguments import DEFAULT_TOLERANCE
+from ..simulation import DEFAULT_TOLERANCE
 from ..simulation.events import Event
 from ..simulation.simulate import simulate
 

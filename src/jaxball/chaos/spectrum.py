@@ -16,7 +16,8 @@ from ..numerics.arrays import Numbers, numbers, to_array, to_numpy
 from ..physics.packing import Packing, dimension, normal_of, phase_point
 from ..physics.system import AbstractState, AbstractSystem
 from ..physics.validity import possible_start
-from ..simulation.arguments import DEFAULT_TOLERANCE, check_solver, check_steps, check_tolerances
+from ..simulation import DEFAULT_TOLERANCE
+from ..simulation.arguments import check_solver, check_steps, check_tolerances
 from ..simulation.deviations import (
     FIRST_STEP_SHARE,
     Field,

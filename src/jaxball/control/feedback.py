@@ -9,17 +9,18 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .. import programs
+from ..compat import is_traced
 from ..interface.arguments import require
 from ..interface.printing import Printed
-from ..numerics.arrays import Numbers, default_dtype, is_traced
+from ..numerics.arrays import Numbers, default_dtype
 from ..physics.body import Ball, Disk, System
 from ..physics.observables import Observables
 from ..physics.prescribed.schedules import AbstractSchedule
-from ..physics.state import BallState, DiskState, RotationState
+from ..physics.state import BallState, DiskState, PlacedState, RotationState
 from ..simulation.simulate import simulate
 from ..simulation.trajectory import Trajectory
 from .inputs import Place, drive_without_motors
-from .sampled import PlacedState, SampledSystem
+from .sampled import SampledSystem
 
 GAUSS = (0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5)  # of a sample
 MISSING_OF_SAMPLE = 1e-9  # of a sample, by which a run may be shorter than a whole number of them

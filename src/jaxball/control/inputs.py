@@ -8,9 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..compat import is_traced
 from ..interface.arguments import refusal
 from ..interface.wording import did_you_mean
-from ..numerics.arrays import default_dtype, is_traced
+from ..numerics.arrays import default_dtype
 from ..physics.body import System
 from ..physics.feedback import AbstractLaw, FollowSchedules
 from ..physics.grounds import TiltingPlane

@@ -11,19 +11,21 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .. import programs
+from ..compat import is_traced
 from ..interface.arguments import refusal, require, whole_number
 from ..interface.printing import Printed
 from ..interface.status import Status
-from ..numerics.arrays import Numbers, is_traced, to_array
+from ..numerics.arrays import Numbers, to_array
 from ..physics.body import System
 from ..physics.forces.force import AbstractWrench, Wrenches
 from ..physics.hybrid import NO_HISTORY
+from ..physics.state import PlacedState
 from ..physics.system import require_one_state
 from ..simulation.trajectory import Trajectory
 from .feedback import AbstractFeedback
 from .history import FeedbackHistory, until_end
 from .inputs import replay_inputs
-from .sampled import PlacedState, SampledSystem
+from .sampled import SampledSystem
 from .weights import by_name
 
 

@@ -10,14 +10,14 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .. import programs
+from ..compat import is_traced
 from ..interface.arguments import require, whole_number
-from ..numerics.arrays import Numbers, is_traced, to_array
+from ..numerics.arrays import Numbers, to_array
 from ..physics.observables import movement
-from ..physics.state import RotationState
+from ..physics.state import PlacedState, RotationState
 from .feedback import AbstractFeedback
 from .loop import limits_of
 from .predictive import Plan, Stages, solve_stages
-from .sampled import PlacedState
 from .track import Track
 
 FACETS = 8  # of the pyramid within the friction cone

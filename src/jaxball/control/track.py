@@ -10,9 +10,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .. import programs
+from ..compat import is_traced
 from ..interface.printing import format_value
 from ..interface.wording import number_of
-from ..numerics.arrays import AnyArray, Numbers, default_dtype, is_traced, to_numpy
+from ..numerics.arrays import AnyArray, Numbers, default_dtype, to_numpy
 from ..simulation import DEFAULT_TOLERANCE
 from ..simulation.trajectory import Trajectory
 from .feedback import AbstractFeedback, NominalMotion, nominal_of, require_motion, samples_in

@@ -7,8 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..compat import is_traced
 from ..interface.wording import did_you_mean
-from ..numerics.arrays import AnyArray, Numbers, is_traced, to_numpy
+from ..numerics.arrays import AnyArray, Numbers, to_numpy
 
 Weights = Numbers | Mapping[str, Numbers]
 ROUNDING_OF_EIGENVALUE = 1e-10  # of the largest eigenvalue, by which one may be negative

@@ -10,24 +10,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..compat import is_traced
 from ..interface.arguments import require, require_flags
 from ..interface.printing import Printed, format_value
 from ..interface.status import SUCCESSES
 from ..interface.wording import no_attribute
-from ..numerics.arrays import Numbers, is_traced, to_numpy
+from ..numerics.arrays import Numbers, to_numpy
 from ..physics.contact.body_on_plane import ContactHistory
 from ..physics.contact.law import Contact
 from ..physics.contact.released import ReleasedState
 from ..physics.observables import Observables
 from ..physics.system import AbstractState, AbstractSystem
 from ..programs.operation import in_threads
-from ..simulation.arguments import (
-    DEFAULT_TOLERANCE,
-    check_tolerances,
-    require_dae,
-    require_kind_of_state,
-    system_to_solve,
-)
+from ..simulation import DEFAULT_TOLERANCE
+from ..simulation.arguments import check_tolerances, require_dae, require_kind_of_state, system_to_solve
 from ..simulation.events import AbstractEvent, Occurrences, check_events
 from ..simulation.simulate import Method, at_rest
 from ..simulation.trajectory import Trajectory

@@ -10,17 +10,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..compat import is_traced
 from ..control.inputs import hold_inputs
 from ..control.loop import limits_of
-from ..control.sampled import PlacedState, SampledSystem
+from ..control.sampled import SampledSystem
 from ..interface.arguments import refusal, require, require_callable, whole_number
 from ..interface.printing import Printed
 from ..interface.status import Status
-from ..numerics.arrays import Numbers, is_traced, number_or_none, numbers
+from ..numerics.arrays import Numbers, number_or_none, numbers
 from ..physics.body import System
 from ..physics.grounds import AbstractSurface
 from ..physics.grounds.ground import require_plane
-from ..physics.state import BallState, DiskState, RotationState
+from ..physics.state import BallState, DiskState, PlacedState, RotationState
 from ..physics.system import require_one_state
 from ..sensors import AbstractSensor
 from ..sensors.errors import random_key

@@ -10,10 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..compat import is_traced
 from ..interface.arguments import require
 from ..interface.printing import Printed
 from ..interface.wording import did_you_mean
-from ..numerics.arrays import is_traced, numbers
+from ..numerics.arrays import numbers
 from ..physics.body import System
 
 

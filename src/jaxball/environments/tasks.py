@@ -10,7 +10,6 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..control.sampled import PlacedState
 from ..interface.arguments import require
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, number_or_none, numbers, to_array
@@ -20,7 +19,7 @@ from ..physics.dynamics.footing import locate_surface
 from ..physics.grounds import AbstractSurface
 from ..physics.prescribed.schedules import AbstractSchedule
 from ..physics.prescribed.signals import AbstractSignal, ConstantSignal
-from ..physics.state import centre_velocity
+from ..physics.state import PlacedState, centre_velocity
 from .randomisation import AbstractDistribution
 
 UPRIGHT = 1e-12  # the square of the horizontal part of a body axis that has no direction on the plane

@@ -13,10 +13,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .. import programs
+from ..compat import is_traced
 from ..interface.arguments import refusal
 from ..interface.printing import Printed
 from ..interface.wording import number_of
-from ..numerics.arrays import is_traced
 from ..physics.state import PlacedState
 
 # Of a covariance scaled to a diagonal of 1, an eigenvalue below which a combination is known, but for rounding.

@@ -16,16 +16,18 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .. import programs
+from ..compat import is_traced
 from ..control.sampled import SampledSystem, in_words, null_space, reachability_factor
 from ..control.weights import by_name
 from ..interface.arguments import refusal, require
 from ..interface.printing import Printed
 from ..interface.wording import did_you_mean
-from ..numerics.arrays import Numbers, default_dtype, is_traced, to_array
+from ..numerics.arrays import Numbers, default_dtype, to_array
 from ..physics.body import Ball, Disk, System
+from ..physics.state import PlacedState
 from ..physics.system import require_one_state
 from ..sensors import AbstractSensor
-from ..sensors.base import Measurement, PlacedState, measurement_of
+from ..sensors.base import Measurement, measurement_of
 from ..sensors.errors import SAME_TIME
 from ..simulation import DEFAULT_TOLERANCE
 from .estimate import Belief, Estimate, Filtered, symmetric

@@ -27,7 +27,8 @@ from ..classical import (
     VakonomicParticle,
     VakonomicState,
 )
-from ..numerics.arrays import is_traced, to_array
+from ..compat import is_traced
+from ..numerics.arrays import to_array
 from ..physics.conditions import Condition
 from ..physics.system import AbstractState, AbstractSystem
 from .body import read_resistance, write_surroundings

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ..compat import is_traced
 from ..control.feedback import AbstractFeedback, Feedforward, nominal_from
 from ..control.inputs import replay_inputs
 from ..control.loop import ClosedLoop, closed_loop, limits_of, plant_of
@@ -21,7 +22,7 @@ from ..control.track import build_track, factors_of
 from ..control.weights import by_name, weight_matrix
 from ..estimation import ErrorStateFilter, OutputFeedback
 from ..estimation.filter import samples_late, wanders
-from ..numerics.arrays import is_traced, to_array
+from ..numerics.arrays import to_array
 from ..physics.body import System
 from ..physics.forces.force import Push, Wrenches
 from ..physics.state import PlacedState

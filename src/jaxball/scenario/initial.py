@@ -8,8 +8,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .. import programs
+from ..compat import is_traced
 from ..interface.wording import all_of, number_of
-from ..numerics.arrays import is_traced, to_array
+from ..numerics.arrays import to_array
 from ..numerics.vectors import length
 from ..physics.body import Ball, Disk, System
 from ..physics.contact.released import ReleasedState

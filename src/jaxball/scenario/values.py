@@ -16,8 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from ..compat import is_traced
 from ..interface.wording import did_you_mean, nearest, one_of
-from ..numerics.arrays import is_traced
 from ..physics.conditions import Condition
 from .errors import ScenarioError as ScenarioError, describe as describe, key_error
 from .paths import key_of

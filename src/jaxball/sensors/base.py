@@ -16,10 +16,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..compat import is_traced
 from ..interface.arguments import refusal, require
 from ..interface.printing import Printed
 from ..interface.wording import did_you_mean
-from ..numerics.arrays import is_traced
 from ..numerics.calculus import two_derivatives
 from ..physics.body import AbstractBody, System
 from ..physics.dynamics.moments import kinematics

@@ -11,9 +11,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .. import programs
+from ..compat import is_traced
 from ..interface.arguments import refusal, require
 from ..interface.printing import Printed
-from ..numerics.arrays import is_traced, numbers
+from ..numerics.arrays import numbers
 
 # Times that differ by less, in spans of the run, are the same: more than rounding, less than any interval.
 SAME_TIME = 1e-9

@@ -10,10 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ..compat import is_traced
 from ..interface.arguments import require, require_callable, require_flags, traceable
 from ..interface.printing import Printed, format_value, is_single
 from ..interface.status import Status
-from ..numerics.arrays import Numbers, is_traced, numbers
+from ..numerics.arrays import Numbers, numbers
 from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.modes import Mode
 from ..physics.rolling import AbstractRollingSystem, Reaction

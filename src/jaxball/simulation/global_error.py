@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .. import programs
+from ..compat import is_traced
 from ..interface.arguments import describe, require, require_callable
 from ..interface.status import SUCCESSES, SolveError, Status
-from ..numerics.arrays import is_traced
 from ..physics.body import AbstractBody
 from ..physics.contact.law import Contact
 from ..physics.contact.modes import Mode

@@ -12,9 +12,10 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
 from .. import programs
+from ..compat import is_traced
 from ..interface.arguments import require_flags
 from ..interface.status import Status
-from ..numerics.arrays import Numbers, is_traced
+from ..numerics.arrays import Numbers
 from ..physics.body import System
 from ..physics.contact.law import Contact
 from ..physics.contact.modes import ContactState, Mode
@@ -34,11 +35,11 @@ from ..programs.derivatives.differentiation import (
     with_unknown_derivatives,
 )
 from ..programs.identity.closures import change_with_captures, put_captures, take_captures
+from ..simulation import DEFAULT_TOLERANCE
 from ..solvers import ProjectedSteps, SwitchingMassMatrixTerm
 from ..solvers.base import approach_of
 from ..solvers.collocation import fills_vectors
 from .arguments import (
-    DEFAULT_TOLERANCE,
     adjoint_in_mode,
     check_adjoint,
     check_progress,

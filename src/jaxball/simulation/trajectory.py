@@ -14,12 +14,13 @@ from jaxtyping import Array, Float, Int
 from typing_extensions import TypeVar
 
 from .. import programs
+from ..compat import is_traced
 from ..interface.html import as_html, sketch_of
 from ..interface.printing import Printed
 from ..interface.provided import leave_to_above
 from ..interface.status import SUCCESSES, SolveError, Status
 from ..interface.wording import no_attribute, number_of
-from ..numerics.arrays import Numbers, is_traced, to_array
+from ..numerics.arrays import Numbers, to_array
 from ..numerics.kinks import just_before
 from ..physics.body import AbstractBody, System
 from ..physics.conditions import Problem

@@ -12,7 +12,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
-from ..numerics.arrays import is_traced
+from ..compat import is_traced
 from ..numerics.linear import inverses, product
 
 VectorField = Callable[[Any, Any, Any], Any]

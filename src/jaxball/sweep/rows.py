@@ -11,7 +11,7 @@ import tomli_w
 from jaxtyping import Array, Bool, Float, Int
 
 from .. import programs
-from ..numerics.arrays import is_traced
+from ..compat import is_traced
 from ..physics.body import AbstractBody
 from ..programs.batches import in_batches
 from ..scenario import Scenario, ScenarioError

@@ -13,10 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ...compat import is_traced
 from ...interface.arguments import require, require_each
 from ...interface.printing import Printed, entry, format_fields, format_value
 from ...interface.wording import all_of
-from ...numerics.arrays import Numbers, is_traced, numbers
+from ...numerics.arrays import Numbers, numbers
 from ..feedback import AbstractLaw
 from ..forces.force import AbstractWrench, FunctionForce, HarmonicForce, require_wrench
 from ..forces.resistance import AbstractResistance, Resistance

@@ -11,10 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ...compat import is_traced
 from ...interface.arguments import refusal
 from ...interface.printing import Printed
 from ...interface.wording import one_of
-from ...numerics.arrays import AnyArray, is_traced, numbers
+from ...numerics.arrays import AnyArray, numbers
 from ...numerics.functions import PiecewisePolynomial, not_a_knot_cubic_spline
 from ...numerics.kinks import CLOSE_KINKS
 from ..conditions import ExplainedCondition, Problem
