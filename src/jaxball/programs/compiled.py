@@ -54,16 +54,16 @@ class Compiled(NamedTuple):
     made: Any
     result: Rest
 
-    def numbers(self, arrays: list[Any]) -> list[Any]:
+    def run(self, arrays: list[Any]) -> list[Any]:
         """Returns the arrays of the result, as numbers."""
-        if not isinstance(self.made, native.Program):
+        if not isinstance(self.made, native.Executable):
             arrays = list(map(_as_converted, arrays))
         return self.made(arrays)
 
     @property
     def target(self) -> str | None:
         """The name by which XLA calls it, if it can."""
-        return self.made.target if isinstance(self.made, native.Program | native.GridProgram) else None
+        return self.made.target if isinstance(self.made, native.Executable | native.GridExecutable) else None
 
     @property
     def gives(self) -> list[jax.ShapeDtypeStruct]:

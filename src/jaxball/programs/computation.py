@@ -26,11 +26,6 @@ ROWS_OF_BLOCK = native.FEWEST * native.LANES  # rows that a program computes at 
 ROWS_OF_XLA = 64  # rows that are one solve by XLA on a CPU, where 512 were no faster
 
 
-def within_a_computation() -> bool:
-    """Returns whether a computation of jaxball's own is being traced, all of which is compiled as one program."""
-    return traces.within_a_computation.value
-
-
 class Result(NamedTuple):
     """The arrays of a result, and the parts of it that are not."""
 
@@ -187,13 +182,13 @@ class Computation:
 
     def __call__(self, arrays: Sequence[Any]) -> list[Any]:
         """Returns the arrays of the result, for arrays that are not traced."""
-        runs = self.runs(current.store)
-        if runs is not None:
+        program = self.obtain(current.store)
+        if program is not None:
             with contextlib.suppress(native.CallbackReachedError):
-                return runs.numbers(list(arrays))
+                return program.run(list(arrays))
         return self.here(arrays)
 
-    def runs(self, store: Store | None) -> Compiled | None:
+    def obtain(self, store: Store | None) -> Compiled | None:
         """Returns the program, from the store or compiled: natively, or by XLA if that is chosen or necessary.
 
         None if JAX compiles it as usual.
@@ -230,7 +225,7 @@ class Computation:
             stored_program, place = place.find(), place.of_quick_code()
         if not compiles:
             return stored_program or (place and place.find())
-        program = stored_program or self._obtain(place, lambda: self.traced.natively(large, quickly, self.rows))
+        program = stored_program or self._obtain(place, lambda: self.traced.compile_natively(large, quickly, self.rows))
         if isinstance(program, native.Refusal):
             native.warn_if_chosen_by_name(program, self.name)
         return program
@@ -239,7 +234,7 @@ class Computation:
         place = None if is_kept_by_jax() else place_in(store, self._describe(), "xla", settings()[QUICKLY])
         if place is None and natively is None:
             return None
-        program = self._obtain(place, self.traced.by_xla)
+        program = self._obtain(place, self.traced.compile_by_xla)
         return program if isinstance(program, Compiled) else None
 
     def _describe(self) -> list[Any]:
@@ -257,7 +252,7 @@ class Computation:
 
         return compile_now() if place is None else place.obtain(compile_now, len(self.takes))
 
-    def program_of_rows(self, rows: tuple[bool, ...], count: int) -> native.Program | None:
+    def program_of_rows(self, rows: tuple[bool, ...], count: int) -> native.Executable | None:
         """Returns the natively compiled program of this many rows, which XLA may call too, if there is one.
 
         - ``rows``: which arrays have rows as leading axis.
@@ -283,7 +278,7 @@ class Computation:
         if not compiles:
             return place and place.find()
         try:
-            program = self._obtain(place, lambda: self.traced.for_gpu(large))
+            program = self._obtain(place, lambda: self.traced.compile_for_gpu(large))
         except native.CudaError as error:  # which need not come again, so that no store keeps it
             program = native.Refusal(str(error))
         if isinstance(program, native.Refusal):

@@ -15,8 +15,8 @@ from .. import traces
 from .arguments import type_of
 from .choice import Refusal
 from .collecting import seldom_collected
-from .executable import Given, Program
-from .gpu import GridProgram
+from .executable import Executable, Given
+from .gpu import GridExecutable
 from .ir.elements import UnsupportedError
 
 _asked: set[int] = set()  # the threads in which `is_traced_natively` was true since they last began to trace
@@ -97,7 +97,7 @@ class Lowered:
         """The types of the results."""
         return [type_of(aval) for aval in self.traced.jaxpr.out_avals]
 
-    def natively(self, large: bool = True, quickly: bool = False, rows: Any = None) -> Program | Refusal:
+    def compile_natively(self, large: bool = True, quickly: bool = False, rows: Any = None) -> Executable | Refusal:
         """Returns the program; a refusal if it contains something unsupported.
 
         - ``large``: whether it is compiled even if its loops are over large arrays, which XLA runs faster.
@@ -111,12 +111,14 @@ class Lowered:
                 takes = list(map(_numpy_type, self.traced.jaxpr.in_avals))
                 gives = _describe_results(self.traced.jaxpr.out_avals)
                 module = self.for_cpu().compiler_ir("stablehlo")
-                return Program(compile_for_cpu(module, takes, gives, large=large, quickly=quickly, rows=rows))
+                form = compile_for_cpu(module, takes, gives, large=large, quickly=quickly, rows=rows)
+                return Executable(form)
         except UnsupportedError as error:
             return Refusal(str(error))
 
-    def for_gpu(self, large: bool) -> GridProgram | Refusal:
-        """Returns the program of a GPU's threads, each of which computes a row; otherwise like :meth:`natively`.
+    def compile_for_gpu(self, large: bool) -> GridExecutable | Refusal:
+        """Returns the program of a GPU's threads, each of which computes a row; otherwise
+        like :meth:`compile_natively`.
 
         **Raises:** :class:`~.cuda.CudaError` where the driver cannot compile it.
         """
@@ -126,7 +128,7 @@ class Lowered:
             with seldom_collected():
                 gives = _describe_results(self.traced.jaxpr.out_avals)
                 module = self.for_cpu().compiler_ir("stablehlo")
-                return GridProgram(compile_for_gpu(module, len(self.takes), gives, large))
+                return GridExecutable(compile_for_gpu(module, len(self.takes), gives, large))
         except UnsupportedError as error:
             return Refusal(str(error))
 
@@ -139,7 +141,7 @@ class Lowered:
 
         return cpu_text(emit(read_functions(self.lowered.compiler_ir("stablehlo"), len(self.takes))))
 
-    def by_xla(self) -> Callable[[list[Any]], list[Any]]:
+    def compile_by_xla(self) -> Callable[[list[Any]], list[Any]]:
         """Returns the program."""
         return self.for_xla().lowered.compile()
 
