@@ -1,6 +1,6 @@
-"""The methods of a ``Trajectory`` that save it, draw it and estimate its error, by packages built upon it.
+"""Methods of a ``Trajectory`` and a ``Scenario`` that need packages built upon them: files, figures, closed loops.
 
-Its class has their docstrings. They are provided when jaxball is imported, and import those packages when called.
+Their classes have the docstrings. They are provided when jaxball is imported, and import those packages when called.
 """
 
 import os
@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     import matplotlib.figure
     import xarray
 
+    from .control.loop import ClosedLoop
     from .plot.view.page import View
+    from .scenario.scenario import Scenario
     from .simulation.trajectory import Trajectory
 
 
@@ -64,4 +66,17 @@ def view(
     return page
 
 
+def closed_loop(scenario: "Scenario") -> "ClosedLoop":
+    from .scenario.closed_loop import build_loop
+
+    return build_loop(scenario)
+
+
+def _simulate_loop(scenario: "Scenario", asks_for_more: bool) -> "Trajectory[Any, Any]":
+    from .scenario.closed_loop import simulate_loop
+
+    return simulate_loop(scenario, asks_for_more)
+
+
 provide("Trajectory", error_estimate, to_dataset, save, plot, view)
+provide("Scenario", closed_loop, _simulate_loop)

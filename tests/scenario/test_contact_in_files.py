@@ -11,7 +11,7 @@ import jaxball
 from jaxball import BallState, Contact, DiskState, ReleasedState, SmoothedCoulomb
 from jaxball.physics.contact.body_on_plane import BodyOnPlane
 from jaxball.scenario import Scenario, ScenarioError, read_scenario, write_scenario
-from jaxball.scenario.files import Structure
+from jaxball.scenario.traced import Structure
 
 from .documents import BALL, DISK
 from .test_round_trip import same_objects

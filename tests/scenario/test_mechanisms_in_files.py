@@ -11,8 +11,8 @@ import tomli_w
 import jaxball
 from jaxball import Accelerated, BallState, CarriedMass, ConstantRate, Hinge, Mechanism, PiecewiseSignal
 from jaxball.scenario import Scenario, ScenarioError, builtin_text, read_scenario, write_scenario
-from jaxball.scenario.files import Structure
 from jaxball.scenario.paths import with_numbers
+from jaxball.scenario.traced import Structure
 from tests.support import corpus
 
 from .documents import BALL, DISK, edited

@@ -12,8 +12,9 @@ import tomli_w
 
 from jaxball.scenario import ScenarioError, builtin_text
 from jaxball.scenario.errors import UntraceableError
-from jaxball.scenario.files import Parts, Structure, read_contents
+from jaxball.scenario.files import read_contents
 from jaxball.scenario.paths import numbers_of, value_at, with_numbers
+from jaxball.scenario.traced import Parts, Structure
 from jaxball.sweep import Study, StudyError, read_study, rows
 from jaxball.sweep.axes import Listed, Zipped
 from jaxball.sweep.rows import read_rows

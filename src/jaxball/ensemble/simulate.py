@@ -162,20 +162,17 @@ def simulate_ensemble(
     inside: bool = True,
     in_axes: Any = 0,
 ) -> Ensemble:
-    """Simulates many runs of systems of one structure; each agrees with :func:`jaxball.simulate`, to within the
-    tolerances.
+    """Simulates many runs of systems of one structure; each agrees with :func:`jaxball.simulate` within tolerances.
 
-    **Arguments:**
+    **Arguments**; others are as for one run:
 
     - ``system``, ``state``: every array has the runs as leading axis, as ``jax.vmap`` takes them and ``jax.tree.map``
       with ``np.stack`` makes them, unless ``in_axes`` says otherwise.
-      Without a ``state`` all runs start as :func:`jaxball.simulate` does without one.
     - ``times``: of shape (runs, T), or (T,) for all runs.
-    - ``events``: as for one run, the same for all unless ``in_axes`` says otherwise. Reductions go on to the end of the
-      step within which the first terminal event ends the run.
-    - ``contact``: as for one run. Each of its numbers is for all runs or, made by ``jax.vmap``, of shape (runs,); its
-      ``capacity`` is the same for every run.
-    - ``solver``, ``step_to_times``, ``dae``, ``project``, ``inside``, ``adjoint``, ``max_steps``: as for one run.
+    - ``events``: the same for all runs unless ``in_axes`` says otherwise. Reductions go on to the end of the step
+      within which the first terminal event ends the run.
+    - ``contact``: each of its numbers is for all runs or, made by ``jax.vmap``, of shape (runs,); its ``capacity`` is
+      the same for every run.
     - ``rtol``, ``atol``: for all runs, or of shape (runs,).
     - ``reductions``: results to find in each run while it is computed, by name: some of
       ``jaxball.ensemble.REDUCTIONS``, or any :class:`Maximum`, :class:`Minimum`, :class:`Drift` or :class:`Integral` of
@@ -200,10 +197,8 @@ def simulate_ensemble(
     >>> import jax.numpy as jnp
     >>> from jaxball import Disk, DiskState
     >>> from jaxball.ensemble import simulate_ensemble
-    >>> def rolling(radius):
-    ...     return Disk(mass=1.0, inertia=0.5, radius=radius), DiskState(phidot=-jnp.ones_like(radius))
-    >>> disks, starts = jax.vmap(rolling)(jnp.array([1.0, 2.0, 3.0]))
-    >>> ensemble = simulate_ensemble(disks, [0.0, 2.0], starts)
+    >>> disks = jax.vmap(lambda radius: Disk(mass=1.0, inertia=0.5, radius=radius))(jnp.array([1.0, 2.0, 3.0]))
+    >>> ensemble = simulate_ensemble(disks, [0.0, 2.0], DiskState(phidot=-1.0), in_axes=(0, None))
     >>> print(ensemble.state.z[:, -1])
     [2. 4. 6.]
     >>> round(float(ensemble[1].observables.kinetic_energy[-1]), 9)  # ½ (1/2 + r²) φ̇²
@@ -225,8 +220,6 @@ def simulate_ensemble(
     own_shared, shared = _find_shared(in_axes, system, state, contact, events)
     parameters = simulated, state, events
     runs = _count(parameters, shared, instants, rtol, atol)
-    if not runs:
-        raise ValueError("Arguments `system` and `state` must be those of one run or more, but they are of none.")
     whole = instants if instants.ndim == 2 else jnp.broadcast_to(instants, (runs, instants.shape[-1]))
     limits = tuple(x if x.ndim else jnp.broadcast_to(x, (runs,)) for x in (rtol, atol))
     lanes = lanes or (DEFAULT_LANES if jax.default_backend() == "cpu" else runs)
@@ -304,6 +297,8 @@ def _count(parameters: Any, shared: Sequence[bool], times: Any, *tolerances: Any
             f"every array, but the leading axes are {sorted(counts, key=str)}; stack systems with jax.tree.map, and "
             "use `in_axes` for what all runs share."
         )
+    if not runs:
+        raise ValueError("Arguments `system` and `state` must be those of one run or more, but they are of none.")
     return runs
 
 

@@ -5,7 +5,7 @@ The numbers of a loop that a study may change from row to row are all arrays.
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -35,19 +35,18 @@ from .feedback import (
     EstimatorSettings,
     PredictiveSettings,
     RegulatorSettings,
+    check_solver,
     document_of_model,
     in_keys,
     sample_of,
 )
 from .files import Contents, document_with_defaults, read_contents, read_document
 from .paths import with_numbers
+from .scenario import Scenario
 from .values import require
 
-if TYPE_CHECKING:
-    from .scenario import Scenario
 
-
-def model_of(scenario: "Scenario") -> "Scenario":
+def model_of(scenario: Scenario) -> Scenario:
     """Returns the scenario as its feedback knows it: with the numbers of the model, and without feedback.
 
     **Raises:** :class:`ScenarioError` where a file cannot hold the scenario, or a path of the model leads nowhere in
@@ -67,18 +66,18 @@ def model_of(scenario: "Scenario") -> "Scenario":
         ) from None
 
 
-def nominal_run(scenario: "Scenario") -> Trajectory[Any, Any]:
+def nominal_run(scenario: Scenario) -> Trajectory[Any, Any]:
     """Simulates the motion that is held: the run of the model, which may have failed."""
     return model_of(scenario).simulate()
 
 
-def feedback_along(scenario: "Scenario", run: Trajectory[Any, Any]) -> AbstractFeedback:
+def feedback_along(scenario: Scenario, run: Trajectory[Any, Any]) -> AbstractFeedback:
     """Returns the feedback of a scenario along a run of its model, from its state."""
     with in_keys():
         return settings_of(scenario).along(run, sample_of(scenario.times), scenario.rtol, scenario.atol)
 
 
-def with_estimator(scenario: "Scenario", feedback: AbstractFeedback) -> AbstractFeedback:
+def with_estimator(scenario: Scenario, feedback: AbstractFeedback) -> AbstractFeedback:
     """Returns the same feedback, but from the readings of the scenario's sensors if it has an estimator."""
     estimator = scenario.estimator
     if estimator is None:
@@ -94,12 +93,12 @@ def with_estimator(scenario: "Scenario", feedback: AbstractFeedback) -> Abstract
         )
 
 
-def robot_of(scenario: "Scenario") -> System:
+def robot_of(scenario: Scenario) -> System:
     """Returns the body of a scenario with the pushes on it."""
     return with_pushes(scenario.system, settings_of(scenario).pushes)
 
 
-def build_sampled_system(scenario: "Scenario") -> SampledSystem:
+def build_sampled_system(scenario: Scenario) -> SampledSystem:
     """Builds the robot that is simulated, with its inputs."""
     return SampledSystem.of(robot_of(scenario), sample_of(scenario.times), settings_of(scenario).inputs)
 
@@ -114,7 +113,32 @@ def with_pushes(system: Any, pushes: Sequence[Push]) -> System:
     return eqx.tree_at(lambda s: s.force, system, whole, is_leaf=lambda x: x is None)
 
 
-def loop_along(scenario: "Scenario", feedback: AbstractFeedback) -> ClosedLoop:
+def build_loop(scenario: Scenario) -> ClosedLoop:
+    """Builds the closed loop of :meth:`Scenario.closed_loop`."""
+    feedback = feedback_along(scenario, nominal_run(scenario).raise_if_failed())
+    return loop_along(scenario, with_estimator(scenario, feedback))
+
+
+def simulate_loop(scenario: Scenario, asks_for_more: bool) -> Trajectory[Any, Any]:
+    """Simulates the closed loop, or returns the run of the motion where that fails.
+
+    **Raises:** :class:`ScenarioError` for a solver that feedback does not support, and if the caller
+    ``asks_for_more``: for dense output or events.
+    """
+    check_solver(scenario.solver)
+    if asks_for_more:
+        raise ScenarioError(
+            "A scenario with `feedback` has no dense output and no events, because its samples are solved one by one; "
+            "simulate without them."
+        )
+    run = nominal_run(scenario)
+    if not run.ok:
+        return run.set_scenario(scenario)
+    feedback = feedback_along(scenario, run)
+    return loop_along(scenario, with_estimator(scenario, feedback)).run.set_scenario(scenario)
+
+
+def loop_along(scenario: Scenario, feedback: AbstractFeedback) -> ClosedLoop:
     """Builds the closed loop of a scenario, from its own start."""
     settings = settings_of(scenario)
     with in_keys():
@@ -127,7 +151,7 @@ def loop_along(scenario: "Scenario", feedback: AbstractFeedback) -> ClosedLoop:
         )
 
 
-def system_of_run(scenario: "Scenario", u: Float[np.ndarray, "T m"]) -> System:
+def system_of_run(scenario: Scenario, u: Float[np.ndarray, "T m"]) -> System:
     """Returns the robot of a saved run with the inputs that acted, each from its save time on."""
     settings, times = settings_of(scenario), jnp.asarray(scenario.times)
     sampled = build_sampled_system(scenario)
@@ -135,7 +159,7 @@ def system_of_run(scenario: "Scenario", u: Float[np.ndarray, "T m"]) -> System:
     return replay_inputs(sampled.system, sampled.places, limits, times, jnp.asarray(u[:-1]))
 
 
-def settings_of(scenario: "Scenario") -> AbstractFeedbackSettings:
+def settings_of(scenario: Scenario) -> AbstractFeedbackSettings:
     """Returns the settings of a scenario's feedback.
 
     **Raises:** :class:`ScenarioError` where it has none.

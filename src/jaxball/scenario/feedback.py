@@ -3,7 +3,7 @@
 import abc
 import contextlib
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -289,8 +289,9 @@ def check_feedback(
     sensors: Mapping[str, AbstractSensor],
     fixed: Fixed,
     document: Mapping[str, Any],
+    read: Callable[[dict[str, Any]], object],
 ) -> None:
-    """Raises where feedback or an estimator does not fit the rest of the scenario."""
+    """Raises where feedback or an estimator does not fit the rest of the scenario; ``read`` reads a document."""
     if feedback is None:
         if estimator is not None:
             raise ScenarioError(
@@ -303,7 +304,7 @@ def check_feedback(
     each_of(
         lambda: _check_solve(document, fixed.solve),
         lambda: sample_of(fixed.times.array(fixed.times.count)),
-        lambda: check_model(feedback.model, document),
+        lambda: check_model(feedback.model, document, read),
         lambda: _check_fit(feedback, estimator, fixed, sensors),
     )
 
@@ -342,10 +343,11 @@ def sample_of(times: np.ndarray) -> float:
     return float(times[-1] - times[0]) / (times.size - 1)
 
 
-def check_model(model: Named, document: Mapping[str, Any]) -> None:
-    """Raises for a path of a model that is none of a number of the robot, and for numbers that no robot can have."""
-    from .files import read_contents  # which reads this table
+def check_model(model: Named, document: Mapping[str, Any], read: Callable[[dict[str, Any]], object]) -> None:
+    """Raises for a path of a model that is none of a number of the robot, and for numbers that no robot can have.
 
+    A model is a robot of its own: it is checked as the document of the scenario is, by the function that reads both.
+    """
     for path in model:
         if re.split(r"[.\[]", path)[0] not in OF_MODEL:
             raise ScenarioError(
@@ -358,7 +360,7 @@ def check_model(model: Named, document: Mapping[str, Any]) -> None:
             raise ScenarioError(f"Key `feedback.model` has a wrong path: {error}") from None
     if model:
         try:
-            read_contents(document_of_model(model, document))
+            read(document_of_model(model, document))
         except ScenarioError as error:
             raise ScenarioError(f"Key `feedback.model` makes an impossible robot: {error}") from None
 

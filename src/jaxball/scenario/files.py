@@ -1,24 +1,20 @@
-"""Scenario files: text to scenario and back, and documents as functions of their numbers."""
+"""Scenario files: text to scenario and back."""
 
-import functools
-import json
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import jax
 import numpy as np
 import tomli_w
-from jaxtyping import Array, Bool, Float
 
 from ..physics.body import System
 from ..physics.contact.law import Contact
-from ..physics.contact.released import ReleasedState
 from ..physics.dynamics.parameters import PointMass
 from ..physics.prescribed.motion import Driven
-from ..physics.system import AbstractState, AbstractSystem
+from ..physics.system import AbstractSystem
 from ..sensors import AbstractSensor
 from ..simulation.events import AbstractEvent
 from .actuation import FORMS, apply_actuation, is_linear, targets_of, write_actuation
@@ -58,16 +54,13 @@ from .initial import INITIAL, balance_schedules, initial_state, read_initial, re
 from .logs import with_logs
 from .mechanisms import MECHANISM, ReadMechanism, joints_in_state, read_mechanisms, write_mechanisms
 from .motions import MASSES, read_masses, write_masses
-from .paths import has_path, key_of, numbers_of, value_at, with_numbers, with_values
+from .paths import has_path, key_of, numbers_of, value_at, with_values
 from .scenario import Scenario
 from .solve import SOLVE, TIMES, SaveTimes, check_dae, read_times, write_times
 from .sources import document_of, naming, scenario_text
 from .table import Key, keeping_defaults, keys_of, read_table, write_table
 from .units import UNITS_KEY, Units, write_units
-from .values import Choice, Conditions, Integer, Text, collect_conditions, namespace, unread
-
-if TYPE_CHECKING:
-    from .closed_loop import LoopNumbers
+from .values import Choice, Integer, Text, namespace, unread
 
 FORMAT = 1
 
@@ -291,7 +284,11 @@ def _join_tables(kind: str, document: Mapping[str, Any], of_body: _OfBody, table
         lambda: check_start(system, start, state),
         lambda: sensors is None or check_sensors(sensors, "sensors", system),
         lambda: release(initial, "initial", state, "contact" in document),
-        lambda: solve and sensors is not None and check_feedback(feedback, estimator, sensors, fixed, document),
+        lambda: (
+            solve
+            and sensors is not None
+            and check_feedback(feedback, estimator, sensors, fixed, document, read_contents)
+        ),
         lambda: events and check_events_of(events, "events", system, contact, start, state),
     )
     settings = sensors or {}, events, feedback, estimator, top["units"]
@@ -393,107 +390,3 @@ def _tables(system: AbstractSystem, state: Any) -> dict[str, Any]:
         "actuation": write_actuation(system),
         "initial": write_initial(system, state),
     }
-
-
-class Parts(NamedTuple):
-    """The parts of a scenario that depend on the numbers of its document.
-
-    ``sensors`` and ``events`` are all that there are, ``loop`` is what determines its closed loop, or None without
-    feedback.
-    """
-
-    system: AbstractSystem
-    state: AbstractState | ReleasedState
-    contact: Contact | None
-    times: SaveTimes
-    rtol: Any
-    atol: Any
-    sensors: dict[str, AbstractSensor]
-    events: dict[str, AbstractEvent]
-    loop: "LoopNumbers | None"
-
-    @classmethod
-    def of(cls, contents: Contents, document: Mapping[str, Any]) -> "Parts":
-        """Returns the parts of a file with these ``contents``, whose whole is ``document``."""
-        solve, loop = contents.solve, None
-        if contents.feedback is not None:
-            from .closed_loop import loop_numbers  # which reads the model as another file
-
-            times = contents.times
-            loop = loop_numbers(contents, document, (times.end - times.start) / (times.count - 1))
-        main = contents.system, contents.state, contents.contact, contents.times, solve["rtol"], solve["atol"]
-        return cls(*main, contents.sensors, contents.events, loop)
-
-
-class Structure:
-    """A document as a traceable function of the numbers at ``paths``.
-
-    - ``document``: as in the file, including numbers at these paths.
-    - ``scenario``, ``parts``: its contents as it is.
-    - ``paths``: of numbers that do not determine how much is computed: see :func:`~.paths.check_number`.
-
-    **Raises:** :class:`~jaxball.ScenarioError` as :func:`~jaxball.scenario.read_document`; where ``values`` are used,
-    :class:`~.errors.UntraceableError` where something depends on them that cannot be traced.
-    """
-
-    def __init__(self, document: Mapping[str, Any], paths: tuple[str, ...]):
-        self.document, self.paths = dict(document), paths
-        contents = read_contents(self.document)
-        self.scenario, self.parts = contents.scenario(), Parts.of(contents, self.document)
-        self._build = jax.jit(lambda values: self.trace(values)[0])
-
-    def build(self, values: Float[Array, " paths"]) -> Parts:
-        """Builds the contents of the document with ``values`` at ``paths``, possible or not."""
-        return self._build(values)
-
-    def conditions(self, values: Float[Array, " paths"]) -> dict[str, Bool[Array, ""]]:
-        """Returns whether each rule that involves ``values`` holds, by the path of the rule's key."""
-        results: dict[str, Bool[Array, ""]] = {}
-        for path, holds in self.trace(values)[1].holds:
-            results[path] = results[path] & holds() if path in results else holds()
-        return results
-
-    def trace(self, values: Float[Array, " paths"]) -> tuple[Parts, Conditions]:
-        """Builds the parts from ``values``, which must be traced, and the conditions on them; other parts are known."""
-        return _trace(self.document, self.paths, values)
-
-
-def _trace(
-    document: Mapping[str, Any], paths: tuple[str, ...], values: Float[Array, " paths"]
-) -> tuple[Parts, Conditions]:
-    with collect_conditions() as conditions:
-        traced = with_numbers(document, dict(zip(paths, values, strict=True)))
-        return Parts.of(read_contents(traced), traced), conditions
-
-
-@dataclass(frozen=True)
-class Outline:
-    """A document without the numbers at some paths, as a traceable function of these.
-
-    Equal ones, of any documents, are the same function.
-
-    - ``text``: the document without its title and with 0 at the paths, as JSON.
-    - ``paths``: of numbers that do not determine how much is computed: see :func:`~.paths.check_number`.
-    """
-
-    text: str
-    paths: tuple[str, ...]
-
-    @classmethod
-    def of(cls, document: Mapping[str, Any], paths: tuple[str, ...]) -> "Outline":
-        """Returns the outline of a document with numbers at these paths."""
-        rest = with_numbers(document, dict.fromkeys(paths, 0.0))
-        rest.pop("title", None)
-        return cls(json.dumps(rest, default=lambda array: array.tolist()), paths)
-
-    def build(self, values: Float[Array, " paths"]) -> Parts:
-        """Builds the contents of the document with ``values`` at the paths, possible or not.
-
-        **Raises:** :class:`~.errors.UntraceableError` where something depends on them that cannot be traced.
-        """
-        return _build(self, values)
-
-
-@functools.partial(jax.jit, static_argnums=0)
-def _build(outline: Outline, values: Float[Array, " paths"]) -> Parts:
-    return _trace(json.loads(outline.text), outline.paths, values)[0]

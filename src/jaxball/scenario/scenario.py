@@ -9,6 +9,7 @@ import numpy as np
 from ..interface.arguments import refusal
 from ..interface.html import repr_html
 from ..interface.printing import format_value
+from ..interface.provided import leave_to_above
 from ..interface.wording import one_of
 from ..physics.contact.law import Contact
 from ..physics.contact.released import ReleasedState
@@ -171,30 +172,16 @@ class Scenario:
                 )
         return {**self.events, **events}
 
+    @leave_to_above
     def closed_loop(self) -> "ClosedLoop":
         """Builds the closed loop of a scenario with ``feedback``, like :func:`jaxball.control.closed_loop`.
 
         **Raises:** :class:`ScenarioError` without feedback, and where it does not fit;
         :class:`~jaxball.SolveError` where the motion that it holds cannot be simulated.
         """
-        from . import closed_loop  # here, as above
+        raise NotImplementedError
 
-        feedback = closed_loop.feedback_along(self, closed_loop.nominal_run(self).raise_if_failed())
-        return closed_loop.loop_along(self, closed_loop.with_estimator(self, feedback))
-
+    @leave_to_above
     def _simulate_loop(self, asks_for_more: bool) -> "Trajectory[Any, Any]":
         """Simulates the closed loop, or returns the run of the motion where that fails."""
-        from . import closed_loop
-        from .feedback import check_solver
-
-        check_solver(self.solver)
-        if asks_for_more:
-            raise ScenarioError(
-                "A scenario with `feedback` has no dense output and no events, because its samples are solved one by "
-                "one; simulate without them."
-            )
-        run = closed_loop.nominal_run(self)
-        if not run.ok:
-            return run.set_scenario(self)
-        feedback = closed_loop.feedback_along(self, run)
-        return closed_loop.loop_along(self, closed_loop.with_estimator(self, feedback)).run.set_scenario(self)
+        raise NotImplementedError

@@ -16,7 +16,8 @@ from ..physics.body import AbstractBody
 from ..programs.batches import in_batches
 from ..scenario import Scenario, ScenarioError
 from ..scenario.errors import UntraceableError
-from ..scenario.files import Parts, Structure, read_contents
+from ..scenario.files import read_contents
+from ..scenario.traced import Parts, Structure
 from .errors import StudyError
 from .study import Find, Study
 

@@ -23,8 +23,9 @@ from ...scenario import Scenario, ScenarioError, read_document
 from ...scenario.body import rolling_state
 from ...scenario.dimensions import dimension_of
 from ...scenario.errors import UntraceableError, each_of
-from ...scenario.files import Outline, with_defaults
+from ...scenario.files import with_defaults
 from ...scenario.paths import check_number, key_of, numbers_of, value_at, with_numbers
+from ...scenario.traced import Outline
 from ...scenario.values import OF_GRAVITY, Dimension, Numbers, kinds_of_numbers
 
 # A start on a bound, from which it could not move away, is moved inside by this fraction of its scale.

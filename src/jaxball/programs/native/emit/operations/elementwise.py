@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ...ir.elements import Element
+from ...ir.elements import Element, UnsupportedError
 from ...ir.program import Operation
 from ..lowering import Function
 from ..rules import rule, short
