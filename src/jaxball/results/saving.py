@@ -22,7 +22,7 @@ from ..simulation.extremes import contact_extremes
 from ..simulation.trajectory import Trajectory, always_rolls
 from ..simulation.variables import Variable
 from .feedback import feedback_labels
-from .files import FORMAT, SUFFIXES, UNKNOWN_SOLVER, check_format
+from .files import FORMAT, UNKNOWN_SOLVER, check_format
 from .recording import write_mcap
 from .variables import (
     Variables,
@@ -278,6 +278,9 @@ def _write_mcap(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario
     write_mcap(trajectory, path, _over_time(trajectory, sensors), attributes(trajectory, scenario, sensors))
 
 
-WRITERS: dict[str, Callable[[Trajectory[Any, Any], Path, Scenario | None, Sensors], None]] = dict(
-    zip(SUFFIXES, (_write_netcdf, _write_npz, _write_csv, _write_mcap), strict=True)
-)
+WRITERS: dict[str, Callable[[Trajectory[Any, Any], Path, Scenario | None, Sensors], None]] = {
+    ".nc": _write_netcdf,
+    ".npz": _write_npz,
+    ".csv": _write_csv,
+    ".mcap": _write_mcap,
+}
