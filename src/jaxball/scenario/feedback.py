@@ -262,8 +262,8 @@ KEYS = {
 }
 
 
-class Fixed(NamedTuple):
-    """The parts of a scenario that feedback must fit."""
+class HeldRun(NamedTuple):
+    """The run that feedback holds, by the parts of a scenario that determine it."""
 
     system: System
     times: SaveTimes
@@ -287,7 +287,7 @@ def check_feedback(
     feedback: AbstractFeedbackSettings | None,
     estimator: EstimatorSettings | None,
     sensors: Mapping[str, AbstractSensor],
-    fixed: Fixed,
+    held: HeldRun,
     document: Mapping[str, Any],
     read: Callable[[dict[str, Any]], object],
 ) -> None:
@@ -302,10 +302,10 @@ def check_feedback(
     if is_traced_document():
         return
     each_of(
-        lambda: _check_solve(document, fixed.solve),
-        lambda: sample_of(fixed.times.array(fixed.times.count)),
+        lambda: _check_solve(document, held.solve),
+        lambda: sample_of(held.times.array(held.times.count)),
         lambda: check_model(feedback.model, document, read),
-        lambda: _check_fit(feedback, estimator, fixed, sensors),
+        lambda: _check_fit(feedback, estimator, held, sensors),
     )
 
 
@@ -374,14 +374,14 @@ def document_of_model(model: Named, document: Mapping[str, Any]) -> dict[str, An
 def _check_fit(
     feedback: AbstractFeedbackSettings,
     estimator: EstimatorSettings | None,
-    fixed: Fixed,
+    held: HeldRun,
     sensors: Mapping[str, AbstractSensor],
 ) -> None:
     from ..control.sampled import SampledSystem
 
-    times = fixed.times
+    times = held.times
     sample = (times.end - times.start) / (times.count - 1)
-    sampled = _in_keys(SampledSystem.of, fixed.system, sample, feedback.inputs)
+    sampled = _in_keys(SampledSystem.of, held.system, sample, feedback.inputs)
     each_of(
         lambda: _in_keys(feedback.check, sampled),
         lambda: estimator is None or _check_estimator(estimator, sampled, sensors),

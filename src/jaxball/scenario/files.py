@@ -43,7 +43,7 @@ from .feedback import (
     KEYS as FEEDBACK_KEYS,
     AbstractFeedbackSettings,
     EstimatorSettings,
-    Fixed,
+    HeldRun,
     check_feedback,
     read_feedback,
     write_settings,
@@ -275,21 +275,25 @@ def _join_tables(kind: str, document: Mapping[str, Any], of_body: _OfBody, table
     state = initial_state(initial, "initial", kind, system.coordinates, actuated.targets, start)
     span = namespace(times.start, times.end).stack([times.start, times.end])
     solve, sensors, events, contact = tables.solve or {}, tables.sensors, tables.events or {}, tables.contact
-    feedback, estimator, fixed = tables.feedback, tables.estimator, Fixed(system, times, solve)
-    *_, first_state, _, _ = each_of(
-        lambda: check_modes(system, contact),
-        lambda: solve and check_dae(system, contact, solve["solver"], solve["dae"]),
-        lambda: check_run(system, span),
-        lambda: check_confinement(system, span, state),
-        lambda: check_start(system, start, state),
-        lambda: sensors is None or check_sensors(sensors, "sensors", system),
-        lambda: release(initial, "initial", state, "contact" in document),
-        lambda: (
-            solve
-            and sensors is not None
-            and check_feedback(feedback, estimator, sensors, fixed, document, read_contents)
+    feedback, estimator, held = tables.feedback, tables.estimator, HeldRun(system, times, solve)
+    _, first_state, _ = each_of(
+        lambda: each_of(
+            lambda: check_modes(system, contact),
+            lambda: solve and check_dae(system, contact, solve["solver"], solve["dae"]),
+            lambda: check_run(system, span),
+            lambda: check_confinement(system, span, state),
+            lambda: check_start(system, start, state),
+            lambda: sensors is None or check_sensors(sensors, "sensors", system),
         ),
-        lambda: events and check_events_of(events, "events", system, contact, start, state),
+        lambda: release(initial, "initial", state, "contact" in document),
+        lambda: each_of(
+            lambda: (
+                solve
+                and sensors is not None
+                and check_feedback(feedback, estimator, sensors, held, document, read_contents)
+            ),
+            lambda: events and check_events_of(events, "events", system, contact, start, state),
+        ),
     )
     settings = sensors or {}, events, feedback, estimator, top["units"]
     return Contents(top["title"], system, first_state, contact, times, solve, *settings)
