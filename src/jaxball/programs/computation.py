@@ -128,7 +128,7 @@ class Computation:
         if self._in_store:
             return self._in_store.result
         if not self._results:
-            _ = self.traced.traced
+            _ = self.traced.trace
         return self._results[-1]
 
     def is_pure(self) -> bool:
@@ -137,14 +137,14 @@ class Computation:
             return False
         if self._in_store:
             return self._in_store.target is not None
-        return not self.traced.traced.jaxpr.effects and not self.captures
+        return not self.traced.trace.jaxpr.effects and not self.captures
 
     @property
     def captures(self) -> list[Any]:
         """Arrays that are traced around the function, which uses them besides its arguments."""
         if self._in_store:
             return []
-        traced = self.traced.traced
+        traced = self.traced.trace
         return captures(traced) if len(traced.jaxpr.in_avals) > len(self.takes) else []
 
     def of_captures(self, arrays: list[Any]) -> tuple["Computation", list[Any]]:
@@ -153,7 +153,7 @@ class Computation:
         It is traced here in both forms, because captures cannot be used when the trace around it has ended.
         """
         with differentiate_forward(), self.traced.as_traced():
-            forms = [self.traced.traced, self.traced.function.trace(self.takes)]
+            forms = [self.traced.trace, self.traced.function.trace(self.takes)]
         captured = {id(array): array for traced in forms for array in captures(traced)}
         functions = [_OfCaptures(traced, list(captured), self.opaque) for traced in forms]
         passed = [*captured.values(), *arrays]
@@ -263,7 +263,7 @@ class Computation:
         for computation in (*((self.block(rows),) if several else ()), self):
             natively = computation.natively(current.store)
             if isinstance(natively, Compiled) and natively.target is not None:
-                return natively.made
+                return natively.executable
         return None
 
     def on_gpu(self, store: Store | None, compiles: bool = True) -> Compiled | native.Refusal | None:

@@ -62,7 +62,7 @@ class Lowered:
         self._depends, self._context = False, context
 
     @functools.cached_property
-    def traced(self) -> Any:
+    def trace(self) -> Any:
         """The trace."""
         _asked.discard(threading.get_ident())
         with self.as_traced():
@@ -82,7 +82,7 @@ class Lowered:
         return self.lowered if jax.default_backend() == "cpu" else self._lower("cpu")
 
     def _lower(self, *platforms: str) -> Any:
-        traced = self.traced
+        traced = self.trace
         with self.as_traced(), without_locations():
             return traced.lower(lowering_platforms=platforms or None)
 
@@ -95,7 +95,7 @@ class Lowered:
     @property
     def gives(self) -> list[Any]:
         """The types of the results."""
-        return [type_of(aval) for aval in self.traced.jaxpr.out_avals]
+        return [type_of(aval) for aval in self.trace.jaxpr.out_avals]
 
     def compile_natively(self, large: bool = True, quickly: bool = False, rows: Any = None) -> Executable | Refusal:
         """Returns the program; a refusal if it contains something unsupported.
@@ -108,8 +108,8 @@ class Lowered:
 
         try:
             with seldom_collected():
-                takes = list(map(_numpy_type, self.traced.jaxpr.in_avals))
-                gives = _describe_results(self.traced.jaxpr.out_avals)
+                takes = list(map(_numpy_type, self.trace.jaxpr.in_avals))
+                gives = _describe_results(self.trace.jaxpr.out_avals)
                 module = self.for_cpu().compiler_ir("stablehlo")
                 form = compile_for_cpu(module, takes, gives, large=large, quickly=quickly, rows=rows)
                 return Executable(form)
@@ -126,7 +126,7 @@ class Lowered:
 
         try:
             with seldom_collected():
-                gives = _describe_results(self.traced.jaxpr.out_avals)
+                gives = _describe_results(self.trace.jaxpr.out_avals)
                 module = self.for_cpu().compiler_ir("stablehlo")
                 return GridExecutable(compile_for_gpu(module, len(self.takes), gives, large))
         except UnsupportedError as error:
@@ -148,11 +148,11 @@ class Lowered:
     def for_xla(self) -> "Lowered":
         """Returns the same, traced for XLA; this one, where that does not matter."""
         # A function that asked who compiles it may have been traced differently for the other one.
-        if self.traced and not self._depends:
+        if self.trace and not self._depends:
             return self
         again = copy.copy(self)
         again._natively = False
-        for name in ("traced", "lowered"):
+        for name in ("trace", "lowered"):
             vars(again).pop(name, None)
         return again
 
