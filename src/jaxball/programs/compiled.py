@@ -63,17 +63,14 @@ class Compiled(NamedTuple):
     @property
     def target(self) -> str | None:
         """The name by which XLA calls it, if it can."""
-        return (
-            self.executable.target if isinstance(self.executable, native.Executable | native.GridExecutable) else None
-        )
+        can_be_called = isinstance(self.executable, native.Executable | native.GridExecutable)
+        return self.executable.target if can_be_called else None
 
     @property
     def gives(self) -> list[jax.ShapeDtypeStruct]:
         """The types of the arrays of the result of a native program."""
-        return [
-            jax.ShapeDtypeStruct(shape, dtype, weak_type=is_weak)
-            for shape, dtype, is_weak in self.executable.form.gives
-        ]
+        described = self.executable.form.gives
+        return [jax.ShapeDtypeStruct(shape, dtype, weak_type=is_weak) for shape, dtype, is_weak in described]
 
 
 class Place(NamedTuple):
