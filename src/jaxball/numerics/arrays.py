@@ -1,4 +1,4 @@
-"""Conversion of parameters to array leaves."""
+"""Converts numbers that users give to arrays, and checks their types and shapes; converters of fields."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple, TypeVar
