@@ -1,4 +1,4 @@
-"""Common to all solvers: the problem of a step over a flat state, what a step reports, and what a run must know."""
+"""What all solvers here share: the problem of a step as flat vectors, the outcome of a step, and base classes."""
 
 import functools
 from collections.abc import Callable

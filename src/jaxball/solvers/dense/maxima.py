@@ -1,4 +1,4 @@
-"""The largest values that functions of the state take within the steps of a solve."""
+"""Finds the largest values of functions of the state within the steps of a solve, such as of the contact force."""
 
 from typing import NamedTuple
 
