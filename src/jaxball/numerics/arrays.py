@@ -1,4 +1,4 @@
-"""Converts numbers that users give to arrays, and checks their types and shapes; converters of fields."""
+"""Converts numbers that users give to arrays, with checks of types and shapes, and makes the converters of fields."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple, TypeVar

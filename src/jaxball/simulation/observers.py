@@ -1,6 +1,6 @@
 """Finds extreme values and integrals in the steps of a run while it is computed, so that only a few numbers are kept.
 
-The loop of a solve passes each step on to it; an ensemble makes its reductions of what it finds.
+The loop of a solve passes each step on to it; the reductions of an ensemble are made from its results.
 """
 
 from collections.abc import Callable

@@ -30,7 +30,7 @@ TOO_MANY = 64  # crowded switches
 
 
 class Rows(NamedTuple):
-    """The switches that are kept, as vectors; unused rows have the time NaN. Or one of them."""
+    """The switches that are kept, as vectors, or one of them; unused rows have the time NaN."""
 
     times: Float[Array, "*capacity"]
     event: Int[Array, "*capacity"]

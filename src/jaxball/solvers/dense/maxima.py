@@ -1,4 +1,4 @@
-"""Finds the largest values of functions of the state within the steps of a solve, such as of the contact force."""
+"""Finds the largest values of functions of the state, such as the contact force, within the steps of a solve."""
 
 from typing import NamedTuple
 
