@@ -1,4 +1,4 @@
-"""Base classes of the classical systems and of their states; a system has laws, quantities that its motions conserve."""
+"""Base classes of the classical systems and their states; a system has laws, quantities that its motions conserve."""
 
 import abc
 from typing import Any
