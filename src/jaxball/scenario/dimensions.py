@@ -1,7 +1,7 @@
 """Finds the dimension of a number in a file by its path, from its key and, where that leaves it open, from its joint.
 
-A hinge has an angle where a slider has a length; so do masses on rails and in tubes. Studies, designs and logs state
-the units of their numbers by it.
+A hinge has an angle where a slider has a length; so do masses on rails and in tubes. Studies and designs state the
+units of their numbers by it, and the units of logs are checked.
 """
 
 import re
