@@ -1,4 +1,4 @@
-"""The program of a run with what is found in it, and many runs by ``jax.vmap`` of that."""
+"""The program of ``simulate_ensemble``: one run with its reductions, mapped over many by ``jax.vmap``."""
 
 import functools
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Many runs: from systems that differ in numbers to their trajectories, as one result."""
+"""Simulates many systems that differ in numbers, and holds their trajectories as one :class:`Ensemble`."""
 
 import itertools
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""What a solve and a system with modes tell each other: steps within a mode, transitions, and the switches of a run.
+"""The interface between a solve and a system with modes: steps within a mode, transitions, and the switches of a run.
 
 In the terms of hybrid systems (R. Goebel, R. G. Sanfelice, A. R. Teel, Hybrid dynamical systems, Princeton University
 Press 2012), the state flows along a field while all guards are positive. Where one of them falls to zero there is an

@@ -1,4 +1,7 @@
-"""What may happen along a motion, such as that the ball slips, or a function crosses zero, and when it happened."""
+"""The events that a run looks for, such as that the ball slips or a function crosses zero, and their occurrences.
+
+``watch`` finds them in the loop of a solve.
+"""
 
 import abc
 import inspect

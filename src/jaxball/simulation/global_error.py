@@ -1,4 +1,4 @@
-"""The global error of a run, from the errors between its saved times and how each of them grows until later ones."""
+"""Estimates the global error of a run, from the errors between its saved times and how each grows until later ones."""
 
 import dataclasses
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""A run with a law of contact, with the states just before and just after each switch of its mode."""
+"""Adds to a run with a law of contact the states just before and just after each switch of its mode, for figures."""
 
 import dataclasses
 import functools

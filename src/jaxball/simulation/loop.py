@@ -1,5 +1,7 @@
 """The time-stepping loop of a solve: how long its steps are, where they end, what is saved of them, and when to stop.
 
+``simulate`` runs it within its program.
+
 diffrax prepares what the loop needs, and its solvers and controllers take the steps. Its own loop is not used, because
 the program of that is twice as large, and because diffrax checks the times at which to save by calling back to Python,
 which took a third of a solve.

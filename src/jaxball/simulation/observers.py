@@ -1,4 +1,7 @@
-"""What is observed in the steps of a run while it is computed, so that only a few numbers of it are kept."""
+"""Finds extreme values and integrals in the steps of a run while it is computed, so that only a few numbers are kept.
+
+The loop of a solve passes each step on to it; the reductions of an ensemble are made from its results.
+"""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple

@@ -1,4 +1,4 @@
-"""The entry point: from a system, times and a state to a trajectory."""
+"""``simulate``, the entry point: from a system, times and a state to a trajectory."""
 
 import functools
 from collections.abc import Callable, Mapping

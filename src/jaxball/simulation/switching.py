@@ -1,4 +1,4 @@
-"""Where in a solve the mode of a system ends, and how the solve continues.
+"""Finds where in a solve the mode of a system ends, and continues the solve in the next mode, for the ``loop``.
 
 Each step is checked as soon as it is taken. Where one of the guards, which are positive while the mode lasts, falls to
 zero within it, the step is rejected, and the search of :mod:`mode_ends` begins. The next step begins with the state
@@ -30,7 +30,7 @@ TOO_MANY = 64  # crowded switches
 
 
 class Rows(NamedTuple):
-    """The switches that are kept, as vectors; unused rows have the time NaN. Or one of them."""
+    """The switches that are kept, as vectors, or one of them; unused rows have the time NaN."""
 
     times: Float[Array, "*capacity"]
     event: Int[Array, "*capacity"]

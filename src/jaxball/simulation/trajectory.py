@@ -1,4 +1,4 @@
-"""The result of a simulation."""
+"""``Trajectory``, the result of a simulation."""
 
 import dataclasses
 import functools

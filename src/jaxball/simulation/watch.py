@@ -1,4 +1,4 @@
-"""Events in the loop of a solve: what is seen of them in each step, where they end a run, and when they happened."""
+"""Looks for events in each step of a solve, ends the run at those that end it, and gathers when they happened."""
 
 import functools
 from collections.abc import Callable, Mapping

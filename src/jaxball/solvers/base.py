@@ -1,4 +1,4 @@
-"""Common to all solvers: the problem of a step over a flat state, what a step reports, and what a run must know."""
+"""What all solvers here share: the problem of a step as flat vectors, the outcome of a step, and base classes."""
 
 import functools
 from collections.abc import Callable
@@ -16,7 +16,7 @@ from .tableau import Tableau
 
 
 class Slope(eqx.Module):
-    """h g(t, x)."""
+    """The slope h g(t, x) of a step, as a function of t and x."""
 
     field: Callable[[Float[Array, ""], Float[Array, " n"]], Float[Array, " n"]]
     control: Float[Array, ""]
@@ -26,7 +26,7 @@ class Slope(eqx.Module):
 
 
 class FlatProblem(NamedTuple):
-    """g(t, x), h g(t, x) and M for one step, with x of one axis."""
+    """The problem of one step: g(t, x), h g(t, x) and M, with x as one flat vector."""
 
     field: Callable[[Float[Array, ""], Float[Array, " n"]], Float[Array, " n"]]
     slope: Slope

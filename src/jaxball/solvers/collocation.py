@@ -1,4 +1,4 @@
-"""Collocation, at the nodes of Gauss and at those of Radau, and estimates of the error of its steps."""
+"""The collocation methods, at the nodes of Gauss and at those of Radau, and estimates of the error of their steps."""
 
 import abc
 from typing import Any, ClassVar, NamedTuple

@@ -1,4 +1,4 @@
-"""Consistent initial values of problems with a mass matrix."""
+"""Consistent initial values of problems with a mass matrix, for users and for the starts of the implicit methods."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple

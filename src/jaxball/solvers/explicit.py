@@ -1,4 +1,7 @@
-"""The derivatives of a step of an explicit Runge–Kutta method in reverse mode, from its last stage to its first."""
+"""The derivatives of a step of an explicit Runge–Kutta method in reverse mode, from its last stage to its first.
+
+The loop of a solve wraps such a method in it, where it is to have reverse mode.
+"""
 
 import functools
 from typing import Any, NamedTuple

@@ -1,4 +1,4 @@
-"""Common to multistep methods, which choose their order together with the step: their step-size controllers."""
+"""What ``adams`` and ``ndf`` share: step-size controllers of methods that choose their order together with the step."""
 
 from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple

@@ -1,5 +1,7 @@
 """A body on its ground that rolls, slides or flies, as one hybrid system with a mode for each.
 
+``simulate`` solves it in place of a body that is given a law of contact.
+
 Within a mode, the motion follows a smooth field, and guard functions are positive. Where one of them falls to zero, the
 mode ends, and the next one is decided there:
 

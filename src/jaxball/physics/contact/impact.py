@@ -1,4 +1,4 @@
-"""The impact of a body on the ground, with Newton's restitution and Coulomb's friction.
+"""The impact of a body on the ground, with Newton's restitution and Coulomb's friction; ``transition`` computes it.
 
 An impact takes no time: positions are unchanged, and so are the rates of joints that a schedule or a law moves. The
 impulse I of the ground changes the slip velocity v_s by D I, and with it Ω and θ̇ of free joints as a slip acceleration

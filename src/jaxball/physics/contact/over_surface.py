@@ -1,5 +1,7 @@
 """A body over a surface: where it is in flight, what a solve advances for that, and how far a step may go.
 
+``body_on_plane`` and ``resting`` ask here where the ground is not a plane.
+
 In flight a solve advances the place of the centre in space, along a parabola, in the fields ``z`` and ``height`` of a
 packed state. The piece of the surface that is nearest, and the height over it, follow from the place.
 """

@@ -1,5 +1,7 @@
 """How exact dry resistance and the reaction of the plane act together on a body that rolls, slides, or rests.
 
+``resting`` and its transitions compute both by it.
+
 The torque T of dry resistance adds to the motion in proportion, as the reaction does: with v̇_s and T given,
 
     ω̇ = ω̇₀ + Y v̇_s + G T        R = R₀ + D⁻¹ v̇_s + ρ T

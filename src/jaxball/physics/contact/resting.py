@@ -1,5 +1,7 @@
 """A body that rolls, slides or flies where exact dry resistance may hold it at rest on its ground.
 
+``simulate`` solves it in place of a body that has such resistance and is given a law of contact.
+
 The modes are those of a body on its ground, and in each of them but flight the body turns, or is held against rolling
 or against spinning. A body that does not slip and is held against rolling is at rest. One that slips may be held, too:
 it slides without turning where sliding friction is less than dry resistance. In flight the ground resists nothing.

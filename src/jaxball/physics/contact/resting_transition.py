@@ -1,4 +1,4 @@
-"""What follows the end of a mode of a body on its ground where exact dry resistance may hold it: as in ``transition``.
+"""Finds the next mode where a mode of ``resting`` ends, and the state with which it begins, as ``transition`` does.
 
 Everything that does not move is held, as far as friction and dry resistance can do it: the most overloaded of them lets
 go first. A slip and rolling that begin at the same time each depend on the direction of the other, and their windows

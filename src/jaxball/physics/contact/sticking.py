@@ -1,5 +1,7 @@
-"""A body that rolls, slides or flies, with joints that dry friction may hold: in each of its modes each joint sticks or
-slips, as in ``stick_slip``.
+"""A body that rolls, slides or flies, with joints that dry friction may hold.
+
+``simulate`` solves it in place of a body with such joints that is given a law of contact. In each of its modes each
+joint sticks or slips, as in ``stick_slip``.
 
 Joints that stick are held in the matrix of the equations, so that the response of the body to the ground is that of one
 in which they are locked, and so is the friction that holds them: linear in the slip acceleration. What ends a mode are

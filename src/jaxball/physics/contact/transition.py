@@ -1,4 +1,7 @@
-"""What follows the end of a mode of a body on its ground: the next mode, and the state with which it begins."""
+"""Finds the next mode of a body on its ground where a mode ends, and the state with which it begins.
+
+``body_on_plane`` calls it; ``sticking`` and ``resting_transition`` use its parts.
+"""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple

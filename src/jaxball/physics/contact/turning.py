@@ -1,4 +1,4 @@
-"""How a body turns that exact dry resistance may hold: against rolling, against spinning, or both, at rest.
+"""What ``resting`` and ``dry_rolling`` share: a body that exact dry resistance may hold against rolling or spinning.
 
 With a law of contact (``resting``) or without (``dry_rolling``), it rolls in the direction of ω_h until that vanishes,
 and rests until the torque that holds it exceeds the largest one; spinning, ω₃, has a mode of rest of its own. All

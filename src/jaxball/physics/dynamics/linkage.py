@@ -21,7 +21,7 @@ RatesOfGroup = tuple[Float[Array, "mechanisms k"], Float[Array, "mechanisms k"],
 class Linkage:
     """A group of mechanisms at a state. The first axis of arrays is that of the mechanisms.
 
-    What is computed of it is kept, so that it is traced once.
+    Its results are kept, so that each is traced once.
     """
 
     group: AbstractMechanism

@@ -1,4 +1,6 @@
-"""What exact dry friction does to the turning of a body over its plane: it brakes it, or holds it at rest.
+"""Exact dry friction against the turning of a body over its plane: the torque that brakes it, or holds it at rest.
+
+``equations`` adds the torque; ``dry_rolling`` and the contact ask whether it can hold the body.
 
 Without it, ω has some rate and the plane presses with some normal force, and a torque T at the contact adds to both in
 proportion: ω̇ = ω̇₀ + G T, N = N₀ + ν·T. Where the body rolls and spins, T is −N r times the coefficients and the

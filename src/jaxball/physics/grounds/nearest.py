@@ -1,4 +1,7 @@
-"""The piece of a surface that is nearest to a point, by Newton's method on its two coordinates."""
+"""The piece of a surface that is nearest to a point, by Newton's method on its two coordinates.
+
+A ``surface`` without a closed form finds by it what is under a body in flight.
+"""
 
 from typing import Any, NamedTuple
 

@@ -1,4 +1,4 @@
-"""Violations of the rule of ``confinement``: which mass, where and when, and how far it is from the centre.
+"""Describes violations of the rule of ``confinement``: which mass, where and when, and how far it is from the centre.
 
 A force or a ground that would turn a disk out of its plane is reported here too.
 """

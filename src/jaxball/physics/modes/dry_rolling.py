@@ -1,5 +1,7 @@
 """A body that exact dry resistance brings to rest, as one hybrid system with a mode of rest.
 
+``simulate`` solves it in place of a body with such resistance, if no law of contact is given.
+
 A body rolls until ω_h falls to zero. It then rests, with ω_h = 0 and ω̇_h = 0, if friction can hold it; if not, it rolls
 on in another direction. It rests until the torque that holds it exceeds the largest one. Spinning, ω₃, has a mode of
 rest of its own. As one of them begins or ends, the torque on the other jumps, which may break that loose, too.

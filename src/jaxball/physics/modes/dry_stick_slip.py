@@ -1,5 +1,7 @@
 """A body that exact dry resistance brings to rest, with joints that stick and slip.
 
+``simulate`` solves it in place of a body with both, if no law of contact is given.
+
 Everything that dry friction may hold is held at once by one linear system: joints that stick are held in its matrix,
 and the torque at the contact is what then keeps ω_h and ω₃ as they are. Its guards are those of ``dry_rolling``, and
 those of ``stick_slip``. As one thing stops or lets go, the loads of all others jump, and the most overloaded lets go

@@ -1,4 +1,4 @@
-"""Finds all times within a step of a solve at which functions of time cross zero, from left to right.
+"""Finds all times within a step of a solve at which functions of time cross zero, from left to right, for events.
 
 A step is cut into pieces, and pieces are halved, until of each function one thing is certain in a piece:
 

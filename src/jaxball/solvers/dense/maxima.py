@@ -1,4 +1,4 @@
-"""The largest values that functions of the state take within the steps of a solve."""
+"""Finds the largest values of functions of the state, such as the contact force, within the steps of a solve."""
 
 from typing import NamedTuple
 
