@@ -89,8 +89,10 @@ class Resisting(NamedTuple):
         pushed, rho = push(mu, sigma), response.twisting.reaction
         moved, needed = apply(response.delassus, pushed), -response.free
         yields = jnp.sum(rho[:, None, :] * response.delassus[None], axis=-1)
+        # N is such that v̇_s3 = 0, and ``lift`` what a torque adds to it, by the change of v̇_s3 that it would make.
         over = jnp.where(moved[2] == 0, response.delassus[2, 2], moved[2])
         N, lift = needed[2] / over, yields[:, 2] / over
+        # The third entry is zero but for rounding, which would lift the body off the plane.
         a = jnp.where(slides, N * moved - needed, 0.0).at[2].set(0.0)
         by_torque = jnp.where(slides, lift[:, None] * moved[None] - yields, 0.0).at[:, 2].set(0.0)
         Y = self.in_space(response.yielding.Omegadot)

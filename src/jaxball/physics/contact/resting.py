@@ -203,6 +203,7 @@ class RestingOnPlane(AbstractTurning, BodyOnPlane):
         """Finds the cause that the guard which is zero stands for, or an end of a slip or of rolling; and the longest
         step.
         """
+        # The contact assesses its own three guards, as if there were no others.
         turns, state = step.zero >= TURNING_GUARD, step.state
         reference, guards = step.reference, step.guards
         contact_step = step._replace(
