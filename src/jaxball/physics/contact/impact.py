@@ -189,13 +189,11 @@ class _Process(NamedTuple):
         self, x: Float[Array, "4"], share: Float[Array, ""] | float, error: Float[Array, ""]
     ) -> Float[Array, ""]:
         """Chooses a step with this error of v_s, which is smaller the less σ turns; at most a fraction of v_s."""
-        # ``uneven`` is the difference of the two principal values of D along the ground: it bounds how far the pull
-        # changes with σ, so a step is short enough also where σ is about to turn.
         D, sigma = self.D, _direction(x)
         pull = self.pull(sigma)[:2]
         turning = jnp.abs(sigma[0] * pull[1] - sigma[1] * pull[0])
-        # The difference of the principal values of D along the ground bounds how far the pull changes with σ: so a step is
-        # short enough also where σ is about to turn.
+        # The difference of the principal values of D along the ground bounds how far the pull changes with σ: so a
+        # step is short enough also where σ is about to turn.
         uneven = root((D[0, 0] - D[1, 1]) ** 2 + 4 * D[0, 1] ** 2)
         fastest = jnp.maximum(root(jnp.sum(pull**2)), root(jnp.sum(D[:2, 2] ** 2)) + self.mu * uneven)
         speed = root(jnp.sum(x[:2] ** 2))

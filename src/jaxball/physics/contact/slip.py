@@ -407,8 +407,8 @@ class _Start(NamedTuple):
             aside, x = self.integrate(window, *self.accelerations(window)[:2])[1::2]
             return window._replace(x=x, tangents=window.turn(aside)), None
 
-        # The window has converged: with the matrix from then, each sweep leaves less of the derivatives' error, as it
-        # did of the values'.
+        # With the matrix at the end of the search. The values have converged, and the error of the derivatives shrinks
+        # with each sweep as that of the values did.
         return jax.lax.scan(sweep, window, None, length=SWEEPS)[0].tangents
 
 

@@ -255,7 +255,7 @@ class _Deciding(NamedTuple):
         N, static = acting.R[2], contact.static_friction
         holds = (friction.margin(acting.R, static) > -slack) & (-slack < N)
         # As squares of shares of the largest friction, loads of the contact and of joints compare. The least divisor
-        # keeps its square, and that of the reciprocal, within the range of numbers.
+        # keeps the square and the quotient within the range of numbers.
         load = jnp.sum(acting.R[:2] ** 2) / jnp.maximum(static * N, float(jnp.finfo(N.dtype).tiny) ** 0.25) ** 2
         # A body that no friction presses on its ground leaves it before any joint lets go.
         of_ground = jnp.where(choice.sticks & ~holds, load, jnp.where(slides & ~(-slack < N), jnp.inf, -jnp.inf))

@@ -65,6 +65,7 @@ class Load(NamedTuple):
     def about_contact(self, at: AbstractMoments, r: Float[Array, ""]) -> Float[Array, "3"]:
         """Computes the torque of the load about the contact point: γ × (MrΓ + p) + rΓ × F̃ + T̃."""
         if self.gamma is None:
+            # γ = gΓ is along rΓ, so only p is left of its lever, and weight and force share one product with Γ.
             push = self.g * at.p if self.force is None else self.g * at.p + r * self.force
             torque = cross(self.Gamma, push)
         else:

@@ -317,6 +317,7 @@ class AbstractSurface(AbstractGround):
         if not u.ndim:
             return self._footing_along(t, r, u, omega, V, height)
         contact, (by_u1, by_u2, by_t) = self._slopes(t, u)
+        # Above the ground the centre moves over a surface parallel to it, which bends as if the ball were larger.
         reach = r if height is None else r + height
         chart = Chart.of(contact.n, by_u1, by_u2, reach)
         rolling = r * cross(omega, contact.n)
