@@ -320,9 +320,11 @@ class _Candidates(NamedTuple):
 
 
 def _choose(end: _Candidates, rails, guess, above, radius, sloping) -> Balance:
+    # On an open rail, the search may leave the shell.
     theta, miss = end.theta, np.where(end.farthest < radius, end.miss, np.inf)
     for j, rail in enumerate(rails):
         if rail.period is not None:
+            # Of angles that differ by full turns, the one nearest to the guess.
             theta[:, j] = guess[j] + (theta[:, j] - guess[j] + rail.period / 2) % rail.period - rail.period / 2
     rounding = float(np.finfo(end.miss.dtype).eps)
     good = miss < max(BALANCED, ROUNDING_OF_BALANCE * rounding) * radius
@@ -379,6 +381,7 @@ class Imbalance(NamedTuple):
     @property
     def beside(self) -> Float[Array, "2"]:
         """The horizontal distance of the centre of mass from where it could rest; on a level plane, from the centre."""
+        # The torque of the weight is γ × Σ m s: with γ upwards, the horizontal lever turned by a right angle.
         turned = jnp.stack([self.torque[1], -self.torque[0]])
         return turned / (self.M * self.weight[2])
 

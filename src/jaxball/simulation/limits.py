@@ -142,6 +142,7 @@ def _directions(
     for row in np.flatnonzero(still[: 2 * count : 2]) * 2:
         start = row - 1
         earlier = np.flatnonzero(saved < sides.times[row])
+        # A slip that has ended has the direction last saved within it, or where none was, that with which it began.
         within = earlier.size and (start < 0 or saved[earlier[-1]] > sides.times[start])
         sigma[row] = directions[earlier[-1]] if within else sigma[start] if start >= 0 else 0.0
     return sigma

@@ -252,9 +252,9 @@ def solve(
         functions.terms(initial),
         solver,
         times[0],
-        jnp.where(startable, times[-1], times[0]),
+        jnp.where(startable, times[-1], times[0]),  # of no length, where it cannot start
         None,
-        jnp.where(startable, initial, 0.0),
+        jnp.where(startable, initial, 0.0),  # not NaN, which the loop would differentiate
         args=functions.parameters,
         saveat=diffrax.SaveAt(t1=True, dense=method.dense),
         stepsize_controller=_controller(method, system, times, rtol, atol),
@@ -388,6 +388,8 @@ def _unpack(packing: Packing[Any, Any], mask: Array, times: Array, states: Array
 
     - ``projects``: whether steps end on the constraints; so do then states within steps.
     """
+    # Some known vector stands in for each unknown one: the derivatives of what unpacking makes of NaN are NaN, and a
+    # mask on its result would not stop them.
     times, states = jnp.where(mask, times, times[0]), jnp.where(mask[:, None], states, states[0])
 
     def unpack(sample: tuple[Array, Array]) -> Any:

@@ -222,6 +222,8 @@ class NDF(AbstractMultistep):
         alpha = _at(leading(self.kappa), state.order, problem.x0.dtype)
         psi = jnp.sum(jnp.asarray(HARMONIC_SUMS[: len(before)], before.dtype)[:, None] * before, axis=0) / alpha
         mass_psi = (psi if problem.mass is None else problem.mass.times(psi[None])[0])[None]
+        # Divided by α, the formula is a step of Euler's implicit method, whose matrices the iteration knows to make and
+        # keep.
         control = problem.control / alpha.astype(problem.control.dtype)
         scaled = problem._replace(slope=Slope(problem.field, control), control=control)
         equations = scaled.equations(EULER, t1, t1[None], jnp.sum(before, axis=0), known=-mass_psi)
@@ -264,6 +266,7 @@ class NDF(AbstractMultistep):
             order=following.order,
             equal=jnp.where(stays | changes, 0, equal),
             stayed=stays,
+            # Matrices only say how fast the iteration gets to the stages, not to which.
             memory=jax.lax.stop_gradient(stages.memory),
             fault=state.fault,
         )
