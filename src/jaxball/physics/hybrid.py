@@ -25,7 +25,7 @@ NONE = -1  # no event
 START = -2  # the start of a run
 WINDOW = -3  # the end of the time for which a system knew beforehand how it begins to move
 ZERO_GUARD = 1e-6  # a guard below this part of its size in a step is zero
-SOON = 16  # after a kink, in units of rounding of the time: where the shortest of steps may end, and no other does
+SOON = 16  # in units of rounding of the time: only the shortest of steps ends so soon after a kink
 MOST_SWITCHES_SHOWN = 8  # switches in a summary; `lines` of the switches has all
 
 

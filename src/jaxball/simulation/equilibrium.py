@@ -273,6 +273,7 @@ def _others(system, free, state, t):
 def _starts(rails, radius, guess):
     """Returns the guess and an even cover of the box of all angles (the R-sequence of Roberts)."""
     k = len(rails)
+    # The root of xᵏ⁺¹ = x + 1, the golden ratio for one angle, by which the points are spread.
     ratio = 2.0
     for _ in range(60):
         ratio = (1 + ratio) ** (1 / (k + 1))
@@ -296,6 +297,8 @@ def _search(rails, masses, offset, total, Lambda, over_contact, up, starts):
         return cross(over_contact + centre(theta), up)
 
     def one(start):
+        # Least squares, because there are as many angles as there are masses, more or fewer than conditions, and there
+        # need not be a solution.
         solution = optimistix.least_squares(
             lambda theta, _: aside(theta),
             optimistix.LevenbergMarquardt(rtol=1e-14, atol=1e-14),

@@ -57,6 +57,7 @@ def _of_contact(history: ContactHistory, trajectory: Trajectory[Any, Any]) -> Tr
     sides = _sides(trajectory, history)
     size = len(times) + 2 * history.law.capacity
     order = _order(times, sides)
+    # The rows that are left over take the entry behind all others, which is ``nothing``.
     rows = np.concatenate([order, np.full(size - len(order), len(times) + 2 * history.law.capacity)])
 
     def join_rows(saved: Any, limits: Any, nothing: float | int) -> Any:

@@ -264,8 +264,8 @@ class Switching(AbstractSwitching):
         row = jnp.where(switches, carry.switches, self.capacity)
         grazing = jnp.abs(done.slope) * carry.length <= GRAZING * carry.size
         switch = Rows(t, done.event, done.before, after, grazing)
-        # The step that ended at the event says nothing about the next, which has at least some length; after a pause,
-        # that of the longest step before, because those just before the pause were short only because of it.
+        # The least length of the next step. After a pause it is that of the longest step before, because those just
+        # before the pause were short only because of it.
         least = LEAST_LENGTH * float(jnp.finfo(fixed.dtype).eps) * jnp.abs(fixed)
         length = jnp.where(done.pauses, carry.length, least)
         kinks = jax.lax.stop_gradient(self._packing(args).system.driving_kinks())

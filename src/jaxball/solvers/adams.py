@@ -247,6 +247,7 @@ def _attempt(
     x0, k = problem.x0, state.order
     h, g, factors = (a.astype(x0.dtype) for a in (problem.control, points.integrals(), points.factors()))
     rows = jnp.arange(g.size)
+    # With the factors β these are the differences at the end of the step if the slope there is the extrapolated one.
     starred = factors[None, None] * state.differences
     totals = sums(starred)
     extrapolations = _around(k, totals)

@@ -253,6 +253,7 @@ class NDF(AbstractMultistep):
         following = plan(jnp.where(stages.converged, sizes, jnp.inf), state.order, equal, self.max_order)
         # After a step much shorter than those before, rounding errors of its differences would grow with the next
         # steps. So the points stay on their old polynomial; the next step begins where this one ended.
+        # Only once: the next step adds its end, however short it is.
         stays = ~state.stayed & (ratio < SHORT_NDF_STEP)
         after, last = jax.lax.cond(stays, lambda: _differences_before(state, ratio), lambda: (after, last))
         changes = following.order != state.order

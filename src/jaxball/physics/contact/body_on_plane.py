@@ -49,10 +49,10 @@ from .released import (
 )
 from .transition import response_on_plane, transition
 
-ROUNDING_OF_VELOCITY = 8  # of velocities, and of accelerations, in units of rounding: what is smaller is none
-FORCES = 32  # of the reaction, in units of rounding of a force that compares with it: what is smaller is none
-RISEN = 1e-6  # of √(r/g): the time in which a body that lifts has left the plane
-SLOW_DISK = 0.55  # as slip.SLOW, for a disk, whose slip does not turn; more than the error of the time of a mode's end
+ROUNDING_OF_VELOCITY = 8  # in units of rounding: velocities and accelerations that are smaller count as zero
+FORCES = 32  # in units of rounding of the forces whose sum a reaction is: one that is smaller counts as zero
+RISEN = 1e-6  # of √(r/g): a body that rises counts as being as high as after this time, at least
+SLOW_DISK = 0.55  # as slip.SLOW, for a disk: its slip does not turn, but must exceed the error of a mode's end
 NOWHERE = -1  # the mode at times to which a solve did not come
 NOTHING = 1e-9  # a normal force below this part of its size in a step counts as zero
 

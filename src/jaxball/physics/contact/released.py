@@ -250,6 +250,7 @@ def response(
     Omegadot, thetaddot = dynamics.solve(r, t, body, acting)
     R = reaction_in_body(dynamics.complete(thetaddot), r, acting, dynamics.Omega, Omegadot)
     resistance = system.resistance
+    # Exact resistance depends on a mode that is not known here: ``Resisting`` adds its torque by ``twisting``.
     is_exact = resistance is not None and resistance.holds
     dry = None if resistance is None or is_exact else resistance.dry_torque(r, acting.resisted, dynamics.Gamma)
     idle = [jnp.zeros(link.slots.shape, dtype=Lambda.dtype) for link in dynamics.free]

@@ -77,6 +77,7 @@ class Resisting(NamedTuple):
         rolling, twisting = self.response.rolling, self.response.twisting
         assert twisting is not None
         up = jnp.zeros_like(self.axes[0]).at[2].set(1.0)
+        # A unit of torque along each axis turns the body, and by its inertia also presses it on or lifts it.
         G, lift = self.in_space(twisting.Omegadot).T, twisting.reaction[:, 2]
         rate = apply(self.axes, rolling.Omegadot)
         rate = rate if self.carried is None else rate + self.carried
@@ -107,6 +108,8 @@ class Resisting(NamedTuple):
         """Computes T in a mode of turning."""
         bare = self.bare
         hold, d = Hold.of(bare, mode), drag(self.resistance, bare, mode)
+        # What is held keeps its rate, so T cancels whatever else would turn it: the motion without it, a slip
+        # acceleration, and the torque of N on what moves.
         by_slip = -jax.vmap(hold)(self.in_space(self.response.yielding.Omegadot))
         return DryTorque(hold(mode.braking - bare.rate), by_slip, d - hold(apply(bare.compliance, d)))
 

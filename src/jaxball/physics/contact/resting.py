@@ -216,6 +216,8 @@ class RestingOnPlane(AbstractTurning, BodyOnPlane):
         stops, ends = rolls & (step.zero == TURNING_GUARD), turns & step.has_fallen
         nears, longest = jnp.zeros_like(turns), contact.longest
         if not self.body.planar:
+            # The rate along the heading also falls to zero where a ball turns aside at speed: only a slow one may be at
+            # its end.
             slow, nears, braked = self.approach_rest(step, reference.rolling, TURNING_GUARD, accuracy)
             ends, nears = turns & jnp.where(stops, slow, step.has_fallen), rolls & nears
             longest = jnp.minimum(longest, jnp.where(rolls & ~ends, braked, jnp.inf))

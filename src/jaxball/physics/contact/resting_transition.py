@@ -253,6 +253,8 @@ def _decide(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> P
     slack = plane.rounding_of_force(before, resisting.response)
     deciding = _Deciding(resisting, still, mu, contact.static_friction, slack)
     moving = candidates(resisting.resistance, resisting.bare, omega)
+    # A body that rolls comes to rest by an event that says so, and not because its rate is rounding, as just after it
+    # broke loose.
     may_rest = (cause == START) | done.stands | done.lands | (before.rolls == 0)
     moving = moving._replace(rests=moving.rests & may_rest)
     gives_way = cause == int(SwitchCause.GIVES_WAY)
@@ -265,6 +267,7 @@ def _decide(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> P
     slips_now, turns = still & ~choice.sticks, moving.rests & ~choice.mode.rests
     choice = _direct(deciding, choice, slips_now, turns, plane.body.planar)
     response = deciding.response(choice)
+    # A contact that sticks has been found to press, or it would have let go.
     flies = done.flies | ~choice.sticks & ~(friction.sliding(response, mu, choice.sigma).normal > -slack)
     # The rest of a slip that ends is dissipated by friction; one without an end continues.
     stopped = with_slip(body, before.released, response, slip, jnp.zeros_like(slip))
@@ -305,6 +308,7 @@ def _choose(deciding: _Deciding, choice: _Choice, at_once: Bool[Array, "3"]) -> 
     none = jnp.zeros_like(at_once)
     last = jax.lax.fori_loop(0, RELEASES, lambda _, held: still.with_one_less(held, none), held)
     slides, turned = choice.sticks & ~last.sticks, choice.mode.rests & ~last.mode.rests
+    # What slipped and rolled before does so on, in its own direction, with its derivatives.
     mode = last.mode._replace(sigma=jnp.where(turned, last.mode.sigma, choice.mode.sigma))
     return _Choice(last.sticks, jnp.where(slides | deciding.still, last.sigma, choice.sigma), mode)
 
@@ -398,6 +402,7 @@ def _begin(plane: "RestingOnPlane", done: Progress) -> "RestingState":
         )
         return eqx.tree_at(lambda x: x.rolling, start, turning), None
 
+    # The first guess of a direction that is found in turn with the other: the one in which it begins.
     ahead = Beginning.along(t + longest, sigma), Beginning.along(t + longest, rolling)
     previous = select_tree(done.decides, none, start.begun), select_tree(done.decides, none, start.rolling)
     first = select_tree(begins, ahead[0], previous[0]), select_tree(turns, ahead[1], previous[1])

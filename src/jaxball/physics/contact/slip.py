@@ -43,17 +43,17 @@ SHORTER_WINDOW = 0.4  # a window that is too long, when it is tried again
 RESOLVED = 2e-11  # the last coefficient of the polynomial in a window that is short enough
 SWEEPS = 10  # of collocation, each of which gains two digits, with one window
 MOST_SWEEPS = 4 * SWEEPS  # with four windows
-NEARLY_STILL = 3  # times the least speed of a slip: one that is slower than that may end in the next step
+NEARLY_STILL = 3  # times the least speed of a slip: a slower one may end in the next step
 SAME_SPEED = 1e-9  # of a speed: what rounding may change
 PAST = 0.5  # of the least speed: a step is to end no slower than that
-TRUNCATED = 2e5  # tolerances: the most of a step's error beside the speed of a slip that ends, for its derivatives
+TRUNCATED = 2e5  # tolerances: the largest error of a step, relative to the speed of a slip that ends, for derivatives
 SLOW = 0.4  # power of rounding: a slip slower than this share of a body's speed is followed by `end`, not by steps
 UNTOLD = 10  # errors of the speed: steps cannot tell the direction of so slow a slip
 ERRORS = 30  # errors of the speed, by which a slip at its end may exceed twice the least one
 LONGEST_WINDOW = 0.1  # of √(r/g): the longest time for which the direction of a slip that begins is known beforehand
 BEFORE_KINK = 0.999  # of the time until the next kink: no window is longer than that
 LONGEST_PAUSE = 0.25  # power of rounding: the longest time, in √(r/g), over which a slip is followed to its end
-COARSER = 0.3  # the same over the cube root of the tolerance, because the error of the response halfway grows like this
+COARSER = 0.3  # times the cube root of the tolerance: the same if that is loose, as the error is cubic in the time
 HALFWAY = 0.5  # through the time, and the speed, of a slip that ends
 STEPS_TO_END = 16  # in the time τ, to the end of a slip
 TURN = 1.5  # by which σ turns and ln s falls in one of them, at most
@@ -299,6 +299,8 @@ def beginning(
     begun = still.window(longest)
 
     def sweep(window: _Window) -> _Window:
+        # One sweep: accelerations at the nodes with the directions so far, their integrals, and better directions from
+        # these.
         a, rate, change = still.accelerations(window, turned=True)
         sigmas, aside, along, x = still.integrate(window, a, rate)
         window = window._replace(x=x, inverse=still.newton(window, sigmas, along, change))

@@ -152,8 +152,10 @@ def transition(
 
     Events from ``FIRST_OF_JOINTS`` on are those of the guards of the joints.
     """
+    # Guards of joints come after all causes of the contact, so that one number says what has happened.
     of_joint = event >= FIRST_OF_JOINTS
     heading = without_derivatives(plane).step_reference(*without_derivatives((t, state, accuracy)))
+    # As in ``transition.transition``: the speed of a slip that ends here counts as fixed.
     heading = heading._replace(least=heading.speed)
     of_contact = jnp.argmax(jnp.asarray(CAUSES)[state.mode.astype(int)] == event)
     which = jnp.where(of_joint, OF_CONTACT + event - FIRST_OF_JOINTS, of_contact)
@@ -164,6 +166,7 @@ def transition(
     t, before, slope = at_zero(guards, plane, t, state, which, event >= 0)
     done = _next_mode(plane, t, before, event, accuracy.tolerance)
     stuck = jnp.any(_is_joint_of(event, state.slips.size) & (state.slips == 0))
+    # Which joint it was and what it does is in the directions before and after.
     changed = jnp.where(stuck, int(SwitchCause.JOINT_BREAKS_LOOSE), int(SwitchCause.JOINT_STOPS))
     cause = jnp.where(of_joint, changed, event)
     return done.finish(cause, slope, pauses=event == int(SwitchCause.STOPS))

@@ -69,6 +69,8 @@ def maxima(steps: Steps, values: Values, k: int) -> Largest:
     nodes, shares = (jnp.asarray(x, steps.start.dtype) for x in (sampling().nodes, WINDOW_SIZES))
 
     def look_again(r: Int[Array, ""], best: Largest) -> Largest:
+        # First all steps, ``width`` of them at a time; then ever narrower windows around the best points; last, the
+        # lines.
         looking, lines = r < rounds, r == rounds + LINES
         whole, around = _whole(steps, r, width), _around(steps, best, shares[jnp.maximum(r - rounds, 0)], width)
         here = select_tree(looking, whole, around)
