@@ -273,6 +273,7 @@ def _in_chunks(
 
 
 def _is_any_traced(*trees: Any) -> bool:
+    # Within a trace a new array is traced even where all arguments are known numbers.
     return any(map(is_traced, (*jax.tree.leaves(trees), jnp.zeros(()))))
 
 

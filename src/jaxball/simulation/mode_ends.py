@@ -94,7 +94,7 @@ def bracket_zero(
     width = jnp.maximum(NEAR_ZERO * length, 4 * float(jnp.finfo(end.dtype).eps) * jnp.abs(end))
     met = (jnp.abs(next_end - end) <= width) & (slope != 0) | (value == 0)
     # Still positive behind the presumed zero, and never seen below it: the zero was one of the polynomial alone. The
-    # search ends, and the guard's value says that there is no event.
+    # search ends, with a guard that has not fallen.
     met |= (value > 0) & (end >= bracket.high) & jnp.isinf(bracket.below)
     # The guard may have fallen below zero and risen again before the end of the step.
     earlier = jnp.any(samples[1:-1] < 0)

@@ -203,6 +203,7 @@ class NDF(AbstractMultistep):
             x0, fault = start_of_step(problem, problem.mass, t0, self.root_finder, fault, made_jump)
             problem = problem._replace(x0=x0)
         state = _begin(problem, t0, solver_state._replace(fault=fault), first)
+        # The formulas are those of equal steps: the past is sampled again at the length of this one.
         before, beyond = _at_distance(state, problem.control / state.length)
         stages = self._solve(problem, t1, before, state)
         change = stages.Z[0]

@@ -337,6 +337,7 @@ def energy_of_released(system: AbstractBody, t: Float[Array, ""], state: Release
         jnp.concatenate([system.offset[None], points.chi]), jnp.concatenate([still, points.chidot]), points.chiddot
     )
     m = jnp.concatenate([system.mass[None], point_mass_values(system)])
+    # What every mass has besides the velocity of rolling on a plane at rest.
     lowest = state.V - in_three(centre_velocity(body.Lambda, body.Omega, r, None))
     up = jnp.zeros_like(state.V).at[2].set(1.0) if system.ground is None else system.ground.up()
     centre = position(system, t, state)

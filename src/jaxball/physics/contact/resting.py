@@ -72,6 +72,7 @@ class RestingHistory(ContactHistory):
 
     def as_solved(self, system: AbstractBody, states: Any) -> "tuple[RestingOnPlane, RestingState]":
         plane, state = super().as_solved(system, states)
+        # Rest is a mode to those who read a run; to the equations it is rolling with ``rolls`` = 0.
         mode = jnp.where(self.mode == int(Mode.REST), int(Mode.ROLLING), self.mode).astype(state.mode.dtype)
         rolls = jnp.where(self.rests, 0.0, 1.0).astype(state.mode.dtype)
         rolling = Beginning.along(state.begun.until, self.rolling)

@@ -322,7 +322,9 @@ class AbstractSurface(AbstractGround):
         chart = Chart.of(contact.n, by_u1, by_u2, reach)
         rolling = r * cross(omega, contact.n)
         over = rolling if V is None else V - contact.w
+        # (∂c/∂u) u̇ = ċ − ∂c/∂t along the ground, with c = p + reach n and w = ∂p/∂t.
         rates = chart.coordinates(over - reach * by_t.n)
+        # A body that slips or flies may be beyond the edge: ``footing_of_released`` knows whether it touches.
         if V is None:
             rates = jnp.where(self.way_to_edge(t, u) > margin(LEAST_MARGIN, r), rates, jnp.nan)
         # The gradient of w along both tangents, of which the antisymmetric part is the turning of the ground's matter.

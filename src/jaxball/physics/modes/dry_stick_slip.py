@@ -143,6 +143,7 @@ class DryStickSlip(DryRolling):
             most &= jnp.cumsum(most) == 1
             off = jnp.where(jnp.any(at_once), jnp.concatenate([at_once, jnp.zeros(count, bool)]), most)
             against = -apply(turns.plane, acting.torque)
+            # Nothing here is differentiated, so that the root of 0 does no harm.
             size = jnp.sqrt(jnp.sum(against**2))
             mode = held.mode._replace(
                 sigma=jnp.where(off[0], against / jnp.where(size > 0, size, 1.0), held.mode.sigma),

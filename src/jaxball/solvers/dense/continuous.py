@@ -172,6 +172,8 @@ def continuous(solver: Any) -> ContinuousMethod | None:
     method = _make_extension(solver.tableau, base_order, order)
     if base_order == CUBIC:
         return method
+    # The states at the first nodes come from the method's own interpolation, of the order ``base_order``, not from the
+    # cubic.
     nodes, degree = method.nodes[: _count(base_order)], MOST_POWERS - 1
     from_places = legendre.legvander(2 * nodes - 1, degree) @ np.linalg.inv(legendre.legvander(2 * PLACES - 1, degree))
     method.rows[: _count(base_order), : solver.tableau.num_stages] = from_places @ _own_weights(solver, default_dtype())
