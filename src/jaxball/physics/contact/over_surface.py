@@ -120,7 +120,7 @@ def longest_flight(system: AbstractBody, t: Float[Array, ""], state: ContactStat
     touch = surface.touch_at(t, state.body.z)
     v, g = state.V - touch.w, jnp.abs(system.gravity)
     far = NEARER * (system.radius + jnp.maximum(state.height, 0.0))
-    # Less than the time in which the body, however it falls, goes that far from this speed.
+    # No longer than the body takes to go so far, however it falls.
     longest = far / (root(dot(v, v)) + root(2 * g * far))
     return jax.lax.stop_gradient(jnp.where(state.is_in(Mode.FLIGHT), longest, jnp.inf))
 

@@ -77,7 +77,7 @@ class Resisting(NamedTuple):
         rolling, twisting = self.response.rolling, self.response.twisting
         assert twisting is not None
         up = jnp.zeros_like(self.axes[0]).at[2].set(1.0)
-        # A unit of torque along each axis turns the body, and by its inertia also presses it on or lifts it.
+        # A torque also presses the body on, or lifts it, where its centre of mass is beside the contact.
         G, lift = self.in_space(twisting.Omegadot).T, twisting.reaction[:, 2]
         rate = apply(self.axes, rolling.Omegadot)
         rate = rate if self.carried is None else rate + self.carried

@@ -222,7 +222,7 @@ def end(pull: Callable[[Any, Float[Array, "2"]], Pull], about: Any, slip: Float[
 
     start = jnp.concatenate([unit(slip), jnp.zeros((4,), slip.dtype)])
     x = jax.lax.scan(advance, start, None, length=STEPS_TO_END)[0]
-    # σ has turned as far as it does. From here on the slip slows down uniformly, in the time slower / −growth.
+    # By now σ hardly turns: from here on the slip slows down uniformly, in the time slower / −growth.
     growth, slower, power, normal = motion(x)[2:]
     comes = (growth < 0) & (x[2] < 0)
     left_of_it = 1 / jnp.where(comes, -growth, 1.0)

@@ -134,7 +134,7 @@ def _decide(plane: "BodyOnPlane", done: "Progress", cause: Int[Array, ""]) -> "P
     R, slack = friction.rolling(response).R, plane.rounding_of_force(state, response)
     # Without static friction a body never rolls, not even one that would need no friction to.
     holds = (friction.margin(R, contact.static_friction) > -slack) & (R[2] > -slack) & (contact.static_friction > 0)
-    # Friction that has just given way is at its limit, so by rounding it may seem to hold still.
+    # Friction that has just given way is at its limit, so by rounding it may seem to be enough.
     rolls = still & holds & (cause != int(SwitchCause.GIVES_WAY))
     sigma = jax.lax.cond(
         still & ~rolls & ~flies,

@@ -222,7 +222,7 @@ def with_direction(turning: Turning, mode: TurningMode, sigma: Float[Array, "2"]
 
 def axes(up: Float[Array, "3"]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
     """Returns two unit vectors along the plane; e1 and e2 in space axes."""
-    # The axis that is most nearly along the plane, so that little is left out of its projection on it.
+    # The axis that is most nearly along the plane, so that its projection on it is not short.
     small = jnp.argmin(jnp.abs(up))
     axis = jnp.where(jnp.arange(3) == small, 1.0, 0.0).astype(up.dtype)
     first = axis - dot(axis, up) * up
