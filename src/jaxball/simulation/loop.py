@@ -109,7 +109,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
                 infos = {"pause": Pause.empty(init_state.y, max_steps), "info": infos}
             init_state = dataclasses.replace(init_state, dense_ts=init_state.dense_ts.at[0].set(t0), dense_infos=infos)
         reverse, of_stages, of_resets = self.kind == "checkpointed", Recorded("stages"), Recorded("reset")
-        by_stages = reverse and depends_on_arguments_alone(terms, t0, init_state.y, args)
+        by_stages = reverse and depends_on_arguments_alone(terms, t0, init_state.y, args)  # or derivatives get lost
 
         def stepper_of(recorded: Recorded) -> Any:
             return with_stages_pulled_back(solver, recorded) if by_stages else solver
@@ -162,7 +162,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
         )
         statistics = {"switching": hybrid, "watched": watched, "end": state.y}
         if observers is not None:
-            solve = solve._replace(stepper=stepper_of(Recorded("stages")))
+            solve = solve._replace(stepper=stepper_of(Recorded("stages")))  # its steps are none of the loop's
             statistics["found"] = observers.results(seen, t0, first, functools.partial(solve.again, output))
         return state, statistics
 
