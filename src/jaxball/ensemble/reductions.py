@@ -206,6 +206,7 @@ def values(
     the law.
     """
     body = system.shown, system.state_to_show(state)
+    # A user's quantity is written for a body, whatever the contact; those of ON_PLANE need the mode.
     whole = (system, state) if isinstance(system, BodyOnPlane) else body
 
     def value(quantity: Callable[..., Any]) -> Float[Array, ""]:

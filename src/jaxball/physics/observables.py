@@ -236,6 +236,8 @@ def compute_observables(system: AbstractBody, t: Float[Array, ""], motion: Movem
     if slip is not None:
         velocity, lowest = velocity + slip.velocity, slip.velocity if lowest is None else lowest + slip.velocity
         centre = centre.at[2].set(slip.height) if under is None else centre
+    # Momentum and energy are those of rolling on a plane at rest, with the velocity of the lowest point added to every
+    # mass.
     drift, Pi = None, contact_momentum(body_moments, r, Omega, Gamma)
     if lowest is not None:
         drift = apply(Lambda.T, lowest)
@@ -251,6 +253,7 @@ def compute_observables(system: AbstractBody, t: Float[Array, ""], motion: Movem
         power = power + dot(motion.R, under.velocity)
     elif u is not None:
         power = power + jnp.sum(contact.friction * u)
+    # Energy is relative to the axes that move with the plane, in which −m Ẍ acts on each mass.
     if isinstance(system.ground, Ground) and system.ground.motion is not None:
         P = apply(
             Lambda, linear_momentum(body_moments, r, Omega, Gamma) + (0.0 if drift is None else body_moments.M * drift)

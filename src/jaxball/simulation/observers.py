@@ -125,6 +125,7 @@ class Observers:
             t = jnp.minimum(step.start + fraction * (step.end - step.start), last)
             return self._sign(t, step.between(t))
 
+        # They only decide which steps are looked at again when the run has ended, with derivatives.
         samples = jax.lax.stop_gradient(jax.lax.map(sample, nodes))
         fine = jnp.sum(jnp.asarray(sampling().matrix, samples.dtype)[..., None] * samples[None], axis=1)
         finite = jnp.all(jnp.isfinite(samples), axis=0)
@@ -134,6 +135,7 @@ class Observers:
         def place(old: Array, new: Array) -> Array:
             shape = (-1, *(1,) * (old.ndim - 2))
             is_first, is_second = first.reshape(shape), second.reshape(shape)
+            # What was best before is now the second.
             runner_up = jnp.where(is_first, old[0], jnp.where(is_second, new, old[1]))
             return jnp.stack([jnp.where(is_first, new, old[0]), runner_up])
 

@@ -176,6 +176,7 @@ def end_by_events(
     status: Int[Array, ""],
 ) -> tuple[Float[Array, ""], Int[Array, ""]]:
     """Tells when a run ended, and its status, in view of its events: at the first of all that end it."""
+    # Of events at the same time, the first in the dictionary gives its status.
     first = jnp.full_like(reached, jnp.inf)
     for name, event in events.items():
         if event.terminal:

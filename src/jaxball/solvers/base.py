@@ -180,6 +180,7 @@ def outcome(
     solve ends with a result that says why. A fault of the problem ends it at once.
     """
     at_end = at_limit(t0, t1) | (fault != NO_FAULT)
+    # An infinite error is rejected by every controller, and asks for a shorter step.
     y_error = jnp.where(stages.converged, error, jnp.inf)
     finite = jnp.all(jnp.isfinite(stages.K))
     why = RESULTS.where(finite, RESULTS.nonlinear_divergence, RESULTS.nonfinite)
@@ -188,6 +189,7 @@ def outcome(
     result = RESULTS.where(fault == INCONSISTENT, RESULTS.nonlinear_max_steps_reached, result)
     result = RESULTS.where(fault == NOT_INDEX_ONE, RESULTS.singular, result)
     failed = ~stages.converged | (fault != NO_FAULT)
+    # diffrax ends a solve by the result of a step only if that is accepted: so one that cannot be shortened is.
     return jnp.where(failed & at_end, 0.0, y_error), result
 
 

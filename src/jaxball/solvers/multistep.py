@@ -100,6 +100,7 @@ class AbstractMultistepController(diffrax.AbstractAdaptiveStepSizeController):
             )
         target_length, failed = controller_state
         keep = y_error.size <= 1
+        # Only the start of a step carries derivatives: a length with a derivative would amplify it as the steps grow.
         h = jax.lax.stop_gradient(t1 - t0)
         length = h * jnp.where(keep, y_error.growth, y_error.shrink).astype(h.dtype)
         cut = keep & ~failed & (h < 0.99 * target_length)

@@ -37,6 +37,8 @@ def rolling(found: Response) -> Interaction:
     R, still = found.rolling.reaction, jnp.zeros_like(found.free)
     if found.rubbing is None:
         return Interaction(R, still, jnp.maximum(R[2], 0.0), jnp.ones_like(R[2]))
+    # Where a unit of N would add more than itself to N, there is no solution, and NaN ends the run. The ground does not
+    # pull, and dry friction would drive the body if N were negative.
     solvability = 1 - found.rubbing.reaction[2]
     N = jnp.maximum(R[2], 0.0) / jnp.where(solvability > 0, solvability, jnp.nan)
     return Interaction(found.reaction(still, N), still, N, solvability)
@@ -52,6 +54,7 @@ def sliding(found: Response, mu: Float[Array, ""], direction: Float[Array, "2"])
     pushed = push(mu, direction)
     net = pushed if found.rubbing is None else pushed - found.rubbing.reaction
     moved, D33 = apply(found.delassus, net), found.delassus[2, 2]
+    # Where the divisor is 0 the guard of solvability has fallen to 0, and N only has to be finite.
     N = -found.free[2] / jnp.where(moved[2] == 0, D33, moved[2])
     acceleration = (found.free + N * moved).at[2].set(0.0)  # without what rounding leaves
     return Interaction(N * pushed, acceleration, N, moved[2] / D33)

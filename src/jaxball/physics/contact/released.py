@@ -214,9 +214,11 @@ def response(
     Lambda, convected = body.Lambda, jnp.zeros_like(slip)
     if under is not None:
         Lambda = jnp.sum(under.axes[:, :, None] * body.Lambda[None], axis=1)  # from body axes to contact axes
+        # The rate of V = w + r ω × n + v_s, in axes that turn, without ω̇ and v̇_s.
         turning = apply(body.Lambda, body.Omega)
         convected = under.acceleration + r * cross(turning, under.normal_rate) + cross(under.turning, slip)
     dynamics = equations(system, t, body, None if under is None else acting.Gamma)
+    # Σ m s: an angular acceleration gives all masses together the change of momentum Ω̇ × Σ m s.
     lever = dynamics.at.M * r * dynamics.Gamma + dynamics.at.p
     p = [link.weights for link in dynamics.free]
     still = jnp.zeros_like(body.theta)
@@ -231,6 +233,8 @@ def response(
         return Motion(Omegadot, thetaddot, force, of_sticking(system, holding) if sticks else None)
 
     def change(torque: Float[Array, "3"], efforts: Joints, force: Float[Array, "3"]) -> Motion:
+        # What something adds to the motion, by the factors of rolling; and by Newton's law for the whole, the reaction
+        # that goes with it.
         Omegadot, thetaddot = dynamics.matrix.solve(torque, dynamics.without_held(efforts))
         for weights, rate in zip(p, thetaddot, strict=True):
             force = force + jnp.sum(rate[..., None] * weights, axis=(0, 1))
@@ -239,16 +243,20 @@ def response(
         return motion(Omegadot, join_coordinates(still, dynamics.links, thetaddot), force, holding)
 
     def yielding(axis: Float[Array, "3"]) -> Motion:
+        # On a ground that is accelerated by v̇_s, each mass has the inertial force −m v̇_s.
         efforts = [-jnp.sum(weights * axis[None, None], axis=-1) for weights in p]
         return change(cross(axis, lever), efforts, dynamics.at.M * axis)
 
     Omegadot, thetaddot = dynamics.solve(r, t, body, acting)
     R = reaction_in_body(dynamics.complete(thetaddot), r, acting, dynamics.Omega, Omegadot)
     resistance = system.resistance
+    # Exact resistance depends on a mode that is not known here: ``Resisting`` adds its torque by ``twisting``.
     is_exact = resistance is not None and resistance.holds
     dry = None if resistance is None or is_exact else resistance.dry_torque(r, acting.resisted, dynamics.Gamma)
     idle = [jnp.zeros(link.slots.shape, dtype=Lambda.dtype) for link in dynamics.free]
     of_slip = jax.vmap(yielding)(Lambda)
+    # No force acts on a disk along e2: without an entry there, the matrix would have no inverse. Nothing moves along
+    # it, so any mass will do.
     if system.planar:
         of_slip = of_slip._replace(reaction=of_slip.reaction.at[1, 1].set(dynamics.at.M))
     table = table_under(system, t, body, slip)
@@ -329,6 +337,7 @@ def energy_of_released(system: AbstractBody, t: Float[Array, ""], state: Release
         jnp.concatenate([system.offset[None], points.chi]), jnp.concatenate([still, points.chidot]), points.chiddot
     )
     m = jnp.concatenate([system.mass[None], point_mass_values(system)])
+    # What every mass has besides the velocity of rolling on a plane at rest.
     lowest = state.V - in_three(centre_velocity(body.Lambda, body.Omega, r, None))
     up = jnp.zeros_like(state.V).at[2].set(1.0) if system.ground is None else system.ground.up()
     centre = position(system, t, state)

@@ -150,6 +150,7 @@ def accelerations(
     normal force that is linear in Ω̇ and θ̈ as well, adds one solution with the same factors.
     """
     acting = load(system, t, state) if acting is None else acting
+    # A solve has put in the directions; from a state alone they are found here.
     if not has_directions(system):
         system = with_directions(system, _directions(*without_derivatives((system, t, state, acting))))
     r, motion_equations = system.radius, equations(system, t, state)
@@ -158,6 +159,7 @@ def accelerations(
     dry = None if system.resistance is None else system.resistance.dry_torque(r, acting.resisted, Gamma)
     if isinstance(system.resistance, Resistance) and system.resistance.holds:
         turns = _turning(system, motion_equations, acting, Omegadot, thetaddot, rate_of_carrier(system, t, state))
+        # A solve has put in the mode; from a state alone it is found here.
         mode = mode_of(system.resistance, turns, acting.resisted)
         dry = resist(system.resistance, turns, mode).torque
         change, joint_changes, _ = _dry_friction(body_moments, Gamma, free, motion_equations.matrix, dry)

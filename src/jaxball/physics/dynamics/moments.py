@@ -62,6 +62,8 @@ def velocity_moments(
     ``links`` are the mechanisms then, if they have been found.
     """
     m0, chi0 = system.mass, system.offset
+    # J and J̇ follow from S = Σ m χχᵀ and V = Σ m χχ̇ᵀ, of which ℓ is the antisymmetric part: fewer sums than one for
+    # each.
     M, p, S = m0, m0 * chi0, m0 * outer(chi0, chi0)
     pdot, V = jnp.zeros_like(chi0), jnp.zeros_like(S)
     for m, (chi, chidot) in _velocities_by_group(system, t, angles, links):

@@ -281,6 +281,7 @@ class Mechanism(AbstractMechanism):
 
     def slopes(self, at: Places, thetadot: Float[Array, " k"]) -> Float[Array, "k n 3"]:
         w, c, v, bend = at.details
+        # The rate of w × (χ − c) + v: joints before a joint carry its w, c and v, and all of them carry χ.
         rate = jnp.where(self._before, thetadot[None, :], 0.0)[..., None]  # of each joint's carriers
         omega = jnp.sum(rate * w[None], axis=1)
         cdot = jnp.sum(rate * jnp.swapaxes(_velocity(w, c, v, c), 0, 1), axis=1)

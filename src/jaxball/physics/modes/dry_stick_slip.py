@@ -103,6 +103,8 @@ class DryStickSlip(DryRolling):
         spins = given.spinning & self.is_held_still(state)
         last = self._release(t, state, moving, given.loosens & moving.rests, spins & moving.still)
         state = eqx.tree_at(lambda x: x.slips, state, last.slips)
+        # What has let go was decided without derivatives, and is let go again here, where the direction of rolling has
+        # them.
         rolls, loose = moving.rests & ~last.mode.rests, moving.still & ~last.mode.still
         mode = begin(self.resistance, self.turning(t, state), moving, rolls, loose)
         return self.with_mode(t, state, omega, mode, moving.rests & ~mode.rests)
@@ -139,9 +141,11 @@ class DryStickSlip(DryRolling):
             loads = jnp.concatenate([need.loads, (friction / largest) ** 2])
             loads = jnp.where(jnp.concatenate([fails, excess]), loads, -jnp.inf)
             most = (loads == jnp.max(loads)) & (loads > -jnp.inf)
+            # Of several that are equally overloaded the first alone lets go: that may relieve the others.
             most &= jnp.cumsum(most) == 1
             off = jnp.where(jnp.any(at_once), jnp.concatenate([at_once, jnp.zeros(count, bool)]), most)
             against = -apply(turns.plane, acting.torque)
+            # Nothing here is differentiated, so that the root of 0 does no harm.
             size = jnp.sqrt(jnp.sum(against**2))
             mode = held.mode._replace(
                 sigma=jnp.where(off[0], against / jnp.where(size > 0, size, 1.0), held.mode.sigma),

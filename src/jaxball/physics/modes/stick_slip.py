@@ -107,6 +107,7 @@ class StickSlip(AbstractBodyWithModes[StickSlipState]):
     def _release(
         self, t: Float[Array, ""], state: State, directions: Float[Array, " sticking"]
     ) -> Float[Array, " sticking"]:
+        # Which joints stick is a yes or no for each, and has no derivatives.
         body, t, state, directions = without_derivatives((self.body, t, state, directions))
         return release_joints(body, directions, lambda body: holding_friction(body, t, state))
 
