@@ -130,7 +130,8 @@ class Observers:
         fine = jnp.sum(jnp.asarray(sampling().matrix, samples.dtype)[..., None] * samples[None], axis=1)
         finite = jnp.all(jnp.isfinite(samples), axis=0)
         most = jnp.maximum(jnp.max(samples, axis=0), jnp.where(finite, jnp.max(fine, axis=0), -jnp.inf))
-        first, second = keep & (most > seen.value[0]), keep & (most > seen.value[1])
+        # A quantity that is not a number in some step has no largest value, and the result says so.
+        first, second = keep & ((most > seen.value[0]) | jnp.isnan(most)), keep & (most > seen.value[1])
 
         def place(old: Array, new: Array) -> Array:
             shape = (-1, *(1,) * (old.ndim - 2))
@@ -175,7 +176,8 @@ class Observers:
             return at(t), t
 
         values, times = (x.reshape(2, count) for x in jax.lax.map(search, jnp.arange(2 * count)))
-        values = jnp.where(best.value > -jnp.inf, values, -jnp.inf)
+        unseen = jnp.where(jnp.isnan(best.value), jnp.nan, -jnp.inf)
+        values = jnp.where(best.value > -jnp.inf, values, unseen)
         second = values[1] > values[0]
         value, time = jnp.where(second, values[1], values[0]), jnp.where(second, times[1], times[0])
         seen, signs = value > -jnp.inf, jnp.asarray(self._signs, value.dtype)

@@ -407,8 +407,8 @@ class TiltingPlane(AbstractSurface):
 
     def conditions(self, planar: bool = False) -> Iterator[Condition]:
         if planar:
-            level = not isinstance(self.about_e1, Accelerated)
-            yield Condition(namespace_of(self.pivot).asarray(level), "ground.about_e1", self.pivot, STAYS_IN_PLANE)
+            level = namespace_of(self.pivot).asarray(not isinstance(self.about_e1, Accelerated))
+            yield Condition(level, "ground.about_e1", self.about_e1, STAYS_IN_PLANE)
         yield from AbstractSurface.conditions(self, planar)
 
     def following(
