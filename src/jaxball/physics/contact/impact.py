@@ -75,17 +75,17 @@ def impact(
     system: AbstractBody,
     t: Float[Array, ""],
     state: ReleasedState,
-    found: Response,
+    response: Response,
     mu: Float[Array, ""],
     restitution: Float[Array, ""],
 ) -> Impact:
     """Computes the impact of a body that lands on the ground; nothing changes if it does not.
 
-    ``found`` is its response just before, ``mu`` the coefficient of friction and ``restitution`` Newton's e.
+    ``response`` is its response just before, ``mu`` the coefficient of friction and ``restitution`` Newton's e.
     """
     before = slip_velocity(system, t, state)
-    done = collision(found.delassus, before, mu, restitution)
-    after = with_slip(system, state, found, before, done.slip)
+    done = collision(response.delassus, before, mu, restitution)
+    after = with_slip(system, state, response, before, done.slip)
     return Impact(after, done, 0.5 * dot(done.impulse, before + done.slip))
 
 

@@ -290,7 +290,7 @@ def load_of_released(
 def rates(
     system: AbstractBody,
     state: ReleasedState,
-    found: Response,
+    body_response: Response,
     slip_acceleration: Float[Array, "3"],
     N: Float[Array, ""],
 ) -> ReleasedState:
@@ -300,28 +300,32 @@ def rates(
     V̇ = rω̇ × n + v̇_s + ``convected``.
     """
     body, r = state.body, system.radius
-    Omegadot, thetaddot = found.accelerations(slip_acceleration, N)
+    Omegadot, thetaddot = body_response.accelerations(slip_acceleration, N)
     moved = body.rates(r, Omegadot, (body.theta, body.thetadot, thetaddot))
-    V = _turning(body, r, Omegadot, found) + in_space(found.axes, slip_acceleration) + found.convected
-    rise = state.V[2] if found.rise is None else found.rise
-    return ReleasedState(_place_centre(moved, state.V, found.footing), V, rise)
+    V = (
+        _turning(body, r, Omegadot, body_response)
+        + in_space(body_response.axes, slip_acceleration)
+        + body_response.convected
+    )
+    rise = state.V[2] if body_response.rise is None else body_response.rise
+    return ReleasedState(_place_centre(moved, state.V, body_response.footing), V, rise)
 
 
 def with_slip(
     system: AbstractBody,
     state: ReleasedState,
-    found: Response,
+    body_response: Response,
     before: Float[Array, "3"],
     after: Float[Array, "3"],
 ) -> ReleasedState:
     """Returns the state with another slip velocity, after an impulse of the ground; contact axes.
 
-    ``before`` is the slip velocity that it has, and ``found`` its response.
+    ``before`` is the slip velocity that it has, and ``body_response`` its response.
     """
     body, change = state.body, after - before
-    Omega = combine_rows(change, found.yielding.Omegadot)
-    thetadot = combine_rows(change, found.yielding.thetaddot)
-    V = state.V + _turning(body, system.radius, Omega, found) + in_space(found.axes, change)
+    Omega = combine_rows(change, body_response.yielding.Omegadot)
+    thetadot = combine_rows(change, body_response.yielding.thetaddot)
+    V = state.V + _turning(body, system.radius, Omega, body_response) + in_space(body_response.axes, change)
     moved = eqx.tree_at(lambda x: x.thetadot, body.with_Omega(body.Omega + Omega), body.thetadot + thetadot)
     return ReleasedState(moved, V, state.height)
 

@@ -126,9 +126,9 @@ class _Rolling(NamedTuple):
         acting = self.interaction(response)
         return rates(body, state.released, response, acting.slip_acceleration, acting.normal)
 
-    def interaction(self, found: Response) -> friction.Interaction:
+    def interaction(self, response: Response) -> friction.Interaction:
         """Computes the reaction of the plane."""
-        return select_tree(self.slides, friction.sliding(found, self.mu, self.sigma), friction.rolling(found))
+        return select_tree(self.slides, friction.sliding(response, self.mu, self.sigma), friction.rolling(response))
 
 
 def _end_rolling(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array, ""]) -> Progress:
