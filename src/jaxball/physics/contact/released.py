@@ -219,7 +219,7 @@ def response(
         convected = under.acceleration + r * cross(turning, under.normal_rate) + cross(under.turning, slip)
     dynamics = equations(system, t, body, None if under is None else acting.Gamma)
     # Σ m s: an angular acceleration gives all masses together the change of momentum Ω̇ × Σ m s.
-    lever = dynamics.at.M * r * dynamics.Gamma + dynamics.at.p
+    lever = dynamics.body_moments.M * r * dynamics.Gamma + dynamics.body_moments.p
     p = [link.weights for link in dynamics.free]
     still = jnp.zeros_like(body.theta)
 
@@ -245,7 +245,7 @@ def response(
     def yielding(axis: Float[Array, "3"]) -> Motion:
         # On a ground that is accelerated by v̇_s, each mass has the inertial force −m v̇_s.
         efforts = [-jnp.sum(weights * axis[None, None], axis=-1) for weights in p]
-        return change(cross(axis, lever), efforts, dynamics.at.M * axis)
+        return change(cross(axis, lever), efforts, dynamics.body_moments.M * axis)
 
     Omegadot, thetaddot = dynamics.solve(r, t, body, acting)
     R = reaction_in_body(dynamics.complete(thetaddot), r, acting, dynamics.Omega, Omegadot)
@@ -258,7 +258,7 @@ def response(
     # No force acts on a disk along e2: without an entry there, the matrix would have no inverse. Nothing moves along
     # it, so any mass will do.
     if system.planar:
-        of_slip = of_slip._replace(reaction=of_slip.reaction.at[1, 1].set(dynamics.at.M))
+        of_slip = of_slip._replace(reaction=of_slip.reaction.at[1, 1].set(dynamics.body_moments.M))
     table = table_under(system, t, body, slip)
     if table is not None:
         convected = in_three(table.acceleration)

@@ -62,14 +62,14 @@ class Load(NamedTuple):
             return self
         return self._replace(torque=torque if self.torque is None else self.torque + torque)
 
-    def about_contact(self, at: AbstractMoments, r: Float[Array, ""]) -> Float[Array, "3"]:
+    def about_contact(self, body_moments: AbstractMoments, r: Float[Array, ""]) -> Float[Array, "3"]:
         """Computes the torque of the load about the contact point: γ × (MrΓ + p) + rΓ × F̃ + T̃."""
         if self.gamma is None:
             # γ = gΓ is along rΓ, so only p is left of its lever, and weight and force share one product with Γ.
-            push = self.g * at.p if self.force is None else self.g * at.p + r * self.force
+            push = self.g * body_moments.p if self.force is None else self.g * body_moments.p + r * self.force
             torque = cross(self.Gamma, push)
         else:
-            torque = cross(self.gamma, at.M * r * self.Gamma + at.p)
+            torque = cross(self.gamma, body_moments.M * r * self.Gamma + body_moments.p)
             torque = torque if self.force is None else torque + r * cross(self.Gamma, self.force)
         return torque if self.torque is None else torque + self.torque
 

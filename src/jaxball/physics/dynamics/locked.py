@@ -79,14 +79,14 @@ def field_of_locked(system: BodyParameters, t: Float[Array, ""], packed: AnyStat
 
 
 def inertia_about_contact_rate(
-    at: AbstractMoments, r: Float[Array, ""], Gamma: Float[Array, "3"], Gammadot: Float[Array, "3"]
+    body_moments: AbstractMoments, r: Float[Array, ""], Gamma: Float[Array, "3"], Gammadot: Float[Array, "3"]
 ) -> Float[Array, "3 3"]:
     """Computes Ḃ, by the rule of products."""
     turn = outer(Gammadot, Gamma)
-    mixed = outer(Gammadot, at.p) + outer(Gamma, at.pdot)
-    trace = dot(Gammadot, at.p) + dot(Gamma, at.pdot)
+    mixed = outer(Gammadot, body_moments.p) + outer(Gamma, body_moments.pdot)
+    trace = dot(Gammadot, body_moments.p) + dot(Gamma, body_moments.pdot)
     identity = jnp.eye(3, dtype=Gamma.dtype)
-    return at.Jdot - at.M * r**2 * (turn + turn.T) + r * (2 * trace * identity - mixed - mixed.T)
+    return body_moments.Jdot - body_moments.M * r**2 * (turn + turn.T) + r * (2 * trace * identity - mixed - mixed.T)
 
 
 def _move(system: BodyParameters, t: Float[Array, ""], state: AnyState, sign: float) -> AnyState:

@@ -143,7 +143,7 @@ def joint_motion(
     for link, indices in zip(linkages(system, t, angles), system.mechanism_order, strict=True):
         count = link.m.size
         forces = link.m[..., None] * lifted[back[start : start + count]].reshape(*link.m.shape, 3)
-        parts.append((link.rates[0], link.rates[1], jnp.sum(link.at.partial * forces[:, None], axis=(-2, -1))))
+        parts.append((link.rates[0], link.rates[1], jnp.sum(link.places.partial * forces[:, None], axis=(-2, -1))))
         keys += [(index, a) for index in indices for a in range(link.group.n_joints)]
         start += count
     places = np.asarray(sorted(range(len(keys)), key=keys.__getitem__), dtype=int)
