@@ -38,7 +38,8 @@ class Accelerations(NamedTuple):
     """Ω̇ in body axes, with θ, θ̇ and θ̈ of all that a state's ``theta`` holds.
 
     ``body_moments`` are all moments, ``dry`` is the torque of dry friction in body axes, and ``holding`` the friction
-    in joints that stick, among those of :func:`~jaxball.physics.dynamics.sticking.sticking_slots`; None without such joints.
+    in joints that stick, among those of :func:`~jaxball.physics.dynamics.sticking.sticking_slots`; None without such
+    joints.
     """
 
     Omegadot: Float[Array, "3"]
