@@ -1,4 +1,4 @@
-"""A Lyapunov spectrum, how it converged, and what a run of finite length reveals about it."""
+"""The result of ``lyapunov_spectrum``: the exponents, how they converged, and which of them differ from zero."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

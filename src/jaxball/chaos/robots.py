@@ -1,4 +1,4 @@
-"""Bodies whose chaotic rolling has been studied."""
+"""Builders of two bodies whose chaotic rolling has been studied: examples for users, which nothing else here uses."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What the constraints of a Lagrangian system must fulfil at the start of a run, each told in a sentence."""
+"""Checks the constraints of a Lagrangian system at the start of a run, for ``lagrangian``, with a sentence for each."""
 
 from collections.abc import Iterator
 from typing import NamedTuple

@@ -1,5 +1,7 @@
 """Lagrange's equations with multipliers: mass matrix, forces and constraints by JAX, and their linear solution.
 
+The systems of ``lagrangian`` evaluate them in every step.
+
 With M = ∂²L/∂q̇², f = ∂L/∂q + Q − (∂²L/∂q̇∂q) q̇ − ∂²L/∂q̇∂t and constraints c(t, q, q̇) = A(t, q) q̇ + b(t, q) = 0,
 
     [M −Aᵀ; A 0] (q̈, λ) = (f, −Ȧ q̇ − ḃ).

@@ -1,4 +1,4 @@
-"""The files that commands write: JSON for programs, tables, figures and charts. Needs JAX."""
+"""The files that commands write: JSON for other programs, tables, figures and charts. Needs JAX."""
 
 import argparse
 import contextlib

@@ -1,6 +1,7 @@
-"""What a command reads: a file, a built-in scenario, that of a run or standard input, possibly changed.
+"""Reads the input of a command: a file, a built-in scenario, the scenario of a saved run, or standard input.
 
-Which kind of file a document is, is known by its keys. As a document it needs no JAX; :func:`scenario_of` does.
+The option ``--set`` may change numbers of it. The keys of a document tell which kind of file it is. Nothing here needs
+JAX until :func:`scenario_of` makes a scenario of a document.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""JAX as the command line uses it."""
+"""Sets JAX up for a command: the device, float64, fast solves on a CPU, and the kept programs of the command."""
 
 import os
 from contextlib import AbstractContextManager

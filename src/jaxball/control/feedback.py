@@ -1,4 +1,7 @@
-"""Feedback on a motion: the nominal motion of a simulated run, at each sample, the contract, and feedforward alone."""
+"""The contract of feedback, the nominal motion that it holds, and feedforward alone.
+
+``track``, ``prediction`` and :mod:`jaxball.estimation` implement the contract; ``loop`` simulates a robot under it.
+"""
 
 import abc
 from typing import Any

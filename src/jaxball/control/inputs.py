@@ -1,4 +1,7 @@
-"""The inputs of a robot: efforts of joints, and accelerations of masses and of a plate's angles, that are set."""
+"""The inputs of a robot, which feedback sets: efforts of joints, and accelerations of masses and of a plate's angles.
+
+A sampled system and an environment find their inputs here, and hold values of them over a sample.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
@@ -33,9 +36,12 @@ class GivenAccelerations(AbstractLaw):
 
 
 class Place(NamedTuple):
-    """Where an input acts: on the mass of this number, or the joint of this number in a mechanism; and what it sets.
+    """Where an input acts, and what it sets there.
 
-    ``angle`` is the name of one of the ground, on which an input acts.
+    - ``mechanism``: the index of the mechanism on which it acts; None for an input on a mass or on the ground.
+    - ``number``: the index of the joint in the mechanism, of the mass, or of the angle.
+    - ``is_effort``: whether it sets the effort of a joint; otherwise it sets an acceleration.
+    - ``angle``: the name of the angle of the ground on which it acts; None for other inputs.
     """
 
     mechanism: int | None

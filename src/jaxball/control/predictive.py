@@ -1,5 +1,7 @@
 """The quadratic program of a linear system over a horizon, solved by an interior-point method stage by stage.
 
+``prediction`` solves one in each sample.
+
 It is the elastic program, which always has a solution: each limit L G (ξ, δu) ≤ d may be exceeded by s ≥ 0 at the cost
 ``penalty`` s. Where the limits can be kept and the penalty exceeds their multipliers, nothing is exceeded. Steps are
 those of Mehrotra's predictor and corrector; each is a linear quadratic regulator, whose recursion takes a time in

@@ -1,4 +1,4 @@
-"""The Riccati recursion of a linear quadratic regulator over a finite horizon, in square-root form.
+"""The Riccati recursion of a linear quadratic regulator over a finite horizon, in square-root form, for ``track``.
 
 The cost-to-go of a deviation ξ from a motion is |S (ξ, 1)|², with S upper triangular. It follows from that of the next
 sample by a QR factorisation, without subtraction and without the inverse of anything but a triangle that the weights of

@@ -1,4 +1,7 @@
-"""A robot with sampled inputs: the exact flow over one sample, its derivatives, and what no input changes."""
+"""A robot with sampled inputs: the exact flow over one sample, its derivatives, and combinations that no input changes.
+
+Controllers, filters and environments advance a robot by it.
+"""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple

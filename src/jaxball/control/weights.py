@@ -1,4 +1,4 @@
-"""Weights of deviations and of inputs: matrices from numbers, rows, or numbers by name."""
+"""Weights that users give regulators, of deviations and of inputs: matrices from numbers, rows, or numbers by name."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

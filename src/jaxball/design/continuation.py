@@ -1,5 +1,7 @@
 """Equations F(y, λ) = 0, Newton's method for them, and their solution branches followed past turning points.
 
+``optimal_control`` solves its equations by it; users may solve their own.
+
 Pseudo-arclength continuation (Keller 1977; Allgower & Georg, Numerical Continuation Methods, chapters 2, 6 and 10): a
 predictor along the tangent, and Newton's method on F = 0 together with the condition that the point is at the given
 distance along the tangent. The bordered matrix of that system is regular at a fold, where F_y is singular.

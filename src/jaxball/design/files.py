@@ -1,4 +1,4 @@
-"""Problem files: a scenario, objectives and constraints, and the variables of a search or a table `[control]`."""
+"""Reads problem files: a scenario, objectives and constraints, and the variables of a search or a table `[control]`."""
 
 import dataclasses
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""The folder that ``jaxball design`` writes: the provenance of its report, and its scenarios loaded again."""
+"""Loads the folder that ``jaxball design`` wrote as a :class:`Result`, and states the provenance of its report."""
 
 import importlib.metadata
 import tomllib

@@ -1,4 +1,4 @@
-"""Many runs: from systems that differ in numbers to their trajectories, as one result."""
+"""Simulates many systems that differ in numbers, and holds their trajectories as one :class:`Ensemble`."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -236,6 +236,7 @@ def _find_shared(
     """Finds which arrays of (system, state), and which of all that is simulated, are shared by all runs."""
     of_both, of_events = (in_axes[:2], in_axes[2]) if _has_three(in_axes) else (in_axes, None)
     flags = find_shared_leaves(of_both, (system, state))
+    # A law of contact is no part of ``in_axes``: its numbers have an axis of runs, or they have none.
     of_contact = tuple(np.ndim(leaf) == 0 for leaf in jax.tree.leaves(contact))
     of_system = len(jax.tree.leaves(system))
     return flags, (*flags[:of_system], *of_contact, *flags[of_system:], *find_shared_leaves(of_events, events))
@@ -261,6 +262,7 @@ def _in_chunks(
 
 
 def _is_any_traced(*trees: Any) -> bool:
+    # Within a trace a new array is traced even where all arguments are known numbers.
     return any(map(is_traced, (*jax.tree.leaves(trees), jnp.zeros(()))))
 
 
@@ -315,6 +317,7 @@ def find_shared_leaves(in_axes: Any, tree: Any) -> tuple[bool, ...]:
     try:
         jax.tree.map(note, in_axes, tree, is_leaf=lambda axis: axis is None)
     except ValueError:
+        # What does not fit the tree is refused below, with everything else that is no axis.
         of_leaves = [in_axes]
     axes = [*of_leaves, *jax.tree.leaves(in_axes, is_leaf=lambda axis: axis is None)]
     if not all(axis is None or (type(axis) is int and axis == 0) for axis in axes):

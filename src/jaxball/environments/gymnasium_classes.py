@@ -1,4 +1,4 @@
-"""The classes of Gymnasium's environments, which need it installed."""
+"""The classes that ``adapters`` returns for Gymnasium; this module is imported only where Gymnasium is installed."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Randomisation: distributions, and the numbers of a robot and of its start, by name, that are drawn from them."""
+"""Domain randomisation: distributions from which an environment draws numbers of its robot and its start, by name."""
 
 import abc
 from collections.abc import Iterable, Mapping
@@ -19,7 +19,7 @@ from ..physics.body import System
 
 
 class AbstractDistribution(Printed):
-    """What random numbers in place of others are drawn from.
+    """A distribution from which random numbers are drawn in place of given ones.
 
     A kind of distribution implements ``draw``, which is traced.
     """

@@ -1,4 +1,4 @@
-"""Tasks: what the robot is to do, which may change with time, and what is rewarded, at each moment of an episode.
+"""Tasks of an environment: what the robot is to do, and what is rewarded, at each moment of an episode.
 
 The goals here are to reach a point, to follow a path and to hold a speed.
 """

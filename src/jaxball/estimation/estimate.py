@@ -1,6 +1,6 @@
-"""What a filter has found: the estimates, how sure they are, and whether they deserve it.
+"""The estimates of a filter or a smoother, their covariances, and statistics that test whether these are right.
 
-At one moment that is a belief: a state, biases of sensors, and the covariance of the errors of both.
+At one moment an estimate is a belief: a state, biases of sensors, and the covariance of the errors of both.
 """
 
 import abc

@@ -34,7 +34,7 @@ from .estimate import Belief, Estimate, Filtered, symmetric
 
 
 class Reading(NamedTuple):
-    """What is read at one sample, and which of it there is; the rest is 0."""
+    """The readings at one sample, and which of them there are; those that are missing are 0."""
 
     y: Float[Array, " m"]
     there: Bool[Array, " m"]

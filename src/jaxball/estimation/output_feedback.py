@@ -25,14 +25,14 @@ from .filter import ErrorStateFilter, Reading, align_late, samples_late
 class Remembered(NamedTuple):
     """What feedback from sensors remembers from sample to sample.
 
-    A reading that is late is taken for what it was: the filter goes again from the oldest sample whose readings may
-    still arrive. With the longest delay of D samples these are
+    A late reading counts as one of the time at which it was taken: the filter runs again from the oldest sample whose
+    readings may still arrive. For that it remembers, if the longest delay is D samples,
 
     - ``belief``: what is known of the state D samples ago, with all readings up to then.
     - ``y``: what was read at the last D samples, arrived or not; NaN where nothing was.
     - ``u``: the inputs that acted in the last D + 1 samples.
 
-    The others are
+    Besides these it remembers
 
     - ``inner``: what the regulator remembers.
     - ``xi``, ``bias``: the estimated deviations from the motion at each sample so far, and biases of sensors.

@@ -1,4 +1,4 @@
-"""What moves a joint: springs and dampers are attributes of MuJoCo's joints, and all else is an actuator."""
+"""Writes and reads the drives of joints: springs and dampers as attributes of MuJoCo's joints, others as actuators."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterable

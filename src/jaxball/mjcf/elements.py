@@ -1,4 +1,7 @@
-"""Elements of MuJoCo's files: the numbers in their attributes, defaults of their classes, frames and inertias."""
+"""Elements of MuJoCo's files: the numbers in their attributes, defaults of their classes, frames and inertias.
+
+The readers of :mod:`jaxball.urdf` use the frames and inertias as well.
+"""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""The ground of a scenario as MJCF: a plane, a turntable, a sphere, or a height field of flat triangles."""
+"""Writes the ground of a scenario as MJCF: a plane, a turntable, a sphere, or a height field of flat triangles."""
 
 import xml.etree.ElementTree as ET
 from typing import Any

@@ -1,4 +1,4 @@
-"""What the shell carries: bodies without joints as masses fixed in it, and trees of bodies on joints as mechanisms."""
+"""Reads what a shell carries: bodies without joints as fixed masses, and trees of bodies on joints as mechanisms."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,6 +1,6 @@
-"""The masses and the mechanisms of a body as bodies in the shell's, each at the shell's own origin and axes.
+"""Writes masses and mechanisms as MJCF bodies inside that of the shell, each with the shell's origin and axes.
 
-So every axis, point and place has the numbers that it has here. A link is a body whose only inertia is the least that
+So every axis, point and place has the same numbers as in jaxball. A link is a body whose only inertia is the least that
 MuJoCo requires; the masses that it carries are bodies fixed in it.
 """
 
@@ -30,13 +30,13 @@ SHOWN_RADIUS = 0.04  # the radius of the sphere that shows a mass, relative to t
 
 @dataclass
 class Links:
-    """What is written of the inside of a body: its joints with their schedules, and the controls of its actuators.
+    """What is written inside the shell: joints with their schedules, and the controls of actuators.
 
     - ``actuators``: the element that gets the actuators.
     - ``timestep``: by which the servos of prescribed motions are as stiff as they can be.
     - ``shown``: the radius of the spheres that show masses.
     - ``schedules``: of each joint by its name, None where θ belongs to the state.
-    - ``shifts``: of each body that turns as the part here does, where the origin of the part is with every θ at 0.
+    - ``shifts``: of each MJCF body that turns like its part in jaxball: where the part's origin is with every θ at 0.
     """
 
     actuators: ET.Element

@@ -1,4 +1,4 @@
-"""MJCF as a scenario: a ball or a disk with mechanisms, on a plane."""
+"""Reads an MJCF file as a scenario: a ball or a disk with mechanisms, on a plane."""
 
 import xml.etree.ElementTree as ET
 from typing import Any, NamedTuple

@@ -1,4 +1,4 @@
-"""Sensors: those of MuJoCo that read the same quantity, at sites on the same parts."""
+"""Writes and reads sensors: those of MuJoCo that read the same quantity, at sites on the same parts."""
 
 import re
 import xml.etree.ElementTree as ET

@@ -1,4 +1,4 @@
-"""Masses and inertias of geoms, which MuJoCo computes where a body states none."""
+"""Computes masses and inertias of geoms, as MuJoCo does where a body states none."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Callable

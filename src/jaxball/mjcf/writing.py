@@ -1,4 +1,4 @@
-"""A scenario as MJCF: the world, the shell and its start, with what is inside, and sensors."""
+"""Writes a scenario as MJCF: the world, the shell and its start, with what is inside, and sensors."""
 
 import xml.etree.ElementTree as ET
 from typing import Any, NamedTuple

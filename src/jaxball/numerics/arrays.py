@@ -1,4 +1,4 @@
-"""Conversion of parameters to array leaves."""
+"""Converts numbers that users give to arrays, with checks of types and shapes, and makes the converters of fields."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple, TypeVar

@@ -1,4 +1,4 @@
-"""Derivatives along a curve, by forward mode, and derivatives of results found without them."""
+"""Derivatives along a curve, its point furthest from the origin, and derivatives for results found without them."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple

@@ -1,4 +1,7 @@
-"""Directions in a plane, as unit vectors, and the search for one in which a function of them points."""
+"""Directions σ in a plane, as unit vectors, and the search for one along which a vector f(σ) points.
+
+Slips and rolling begin in such directions.
+"""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -26,7 +29,7 @@ def diverging(
     about: Any,
     guess: Float[Array, "2"],
 ) -> Direction:
-    """Finds the direction σ in which ``pull`` of it points; of several, the one in which it pulls most.
+    """Finds the direction σ along which the vector ``pull(about, σ)`` points; of several, that of the longest vector.
 
     ``pull`` gives a vector for each σ, and a number that is positive where the vector means something; its first
     operand is ``about``, arrays with respect to which σ has first derivatives. ``guess`` need not be a unit vector; its

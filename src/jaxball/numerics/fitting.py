@@ -1,4 +1,7 @@
-"""Nonlinear least squares where the data may not determine all unknowns."""
+"""Nonlinear least squares where the data may not determine all unknowns.
+
+The estimators of parameters use it: ``design.identify`` and ``estimation.fitting``.
+"""
 
 import functools
 from collections.abc import Callable

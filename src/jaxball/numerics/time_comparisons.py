@@ -1,4 +1,4 @@
-"""Times at which a function of time compares the time with something, found in its trace.
+"""Finds the times at which a function of time compares the time with something, in its trace, for ``kinks``.
 
 A comparison such as ``t < p`` in a user's function is a jump or a kink of it. Where the time enters linearly, with
 coefficients that depend on nothing but parameters, the time of the change is known, with its derivatives.

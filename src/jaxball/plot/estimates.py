@@ -1,4 +1,4 @@
-"""What a filter has found: its errors beside what it thinks of them, and its innovations."""
+"""Figures of the estimates of a filter: their errors with bands of their probability, biases and innovations."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,6 @@
-"""Where a run is on the page, on which gravity points down: its ground, its bodies and the floor under them.
+"""Places a run in the axes of the page, on which gravity points down: its ground, its bodies and the floor under them.
+
+Animations (``scene``) and views (``view.rolling``) draw in these axes.
 
 A tilted plane is the top of a wedge. A moving plane carries its floor, the body and the trail over the page. What is
 drawn of a surface is in :mod:`.surface`.

@@ -1,4 +1,4 @@
-"""Labels of points, placed so that they hide as little as possible."""
+"""Labels of points, such as the names of masses in ``space``, placed so that they hide as little as possible."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""The parts of a trajectory that figures draw, as NumPy arrays."""
+"""Takes from a trajectory the parts that figures draw, as NumPy arrays."""
 
 from typing import Any, NamedTuple
 

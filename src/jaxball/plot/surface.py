@@ -1,4 +1,4 @@
-"""A ground that is a surface, on the page: its motion, the contact points on it, and a mesh of the part near them.
+"""A ground that is a surface, for animations and views: its motion, the contact points, and a mesh near them.
 
 The page has the axes of space. A mesh and the contact points are in axes that the surface's motion carries; the mesh of
 a ground that also changes its form differs from one time to the next.

@@ -1,7 +1,7 @@
-"""Functions of arrays of certain types: traced once, with their compiled programs and the functions that follow.
+"""A function for arrays of certain types: traced once, with its compiled programs, its derivatives, and its batches.
 
-What follows from a function is its derivative along tangents, the cotangents of its arguments, and the function of many
-rows or directions at once. Each of these is such a function again, compiled where it is first needed.
+Its derivative along tangents, the cotangents of its arguments, and the function of many rows or directions at once are
+such functions again, each compiled where it is first needed. ``program`` makes one for each kind of arguments.
 """
 
 import contextlib

@@ -1,4 +1,4 @@
-"""Compiled functions, like those of ``jax.jit`` and ``equinox.filter_jit``, and a store for them.
+"""``jit`` and ``filter_jit``, by which jaxball compiles its functions: like those of JAX and equinox, with a store.
 
 If the native compiler is chosen (:mod:`jaxball.programs.native`), XLA compiles only programs that it does not support
 and, unless it was chosen by name, programs whose loops are over large arrays, as for many runs side by side. Each is

@@ -1,4 +1,4 @@
-"""The files of saved runs; nothing here needs JAX."""
+"""The files of saved runs: checks of their paths, and their arrays and attributes as read. Nothing here needs JAX."""
 
 import contextlib
 import importlib.util

@@ -1,4 +1,4 @@
-"""A run as an MCAP file (https://mcap.dev), a recording of a robot: messages in JSON, each topic with its schema.
+"""Writes a run as an MCAP file (https://mcap.dev), a recording of a robot: messages in JSON, with a schema per topic.
 
 Frames and shapes have the schemas of Foxglove (https://docs.foxglove.dev/docs/sdk/schemas); joints, the contact force
 and all other numbers have schemas of jaxball.

@@ -1,4 +1,4 @@
-"""What is impossible about a scenario, in the words of its file."""
+"""Checks whether a scenario that was read is possible, with errors in the words of its file."""
 
 import re
 from collections.abc import Iterator

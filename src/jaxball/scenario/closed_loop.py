@@ -1,4 +1,4 @@
-"""Closed loops of scenarios: the motion of the model, the loop along it, and the robot of a saved run.
+"""Builds the closed loop of a scenario with feedback: the model's motion, the loop along it, the robot of a saved run.
 
 The numbers of a loop that a study may change from row to row are all arrays.
 """

@@ -1,6 +1,7 @@
-"""The dimension of a number in a file, by its path: that which its key declares, and of a joint's by its kind.
+"""Finds the dimension of a number in a file by its path, from its key and, where that leaves it open, from its joint.
 
-Hinges have angles where sliders have lengths, and so have masses on rails and in tubes.
+A hinge has an angle where a slider has a length; so do masses on rails and in tubes. Studies and designs state the
+units of their numbers by it, and the units of logs are checked.
 """
 
 import re

@@ -1,4 +1,4 @@
-"""The initial state of a scenario file."""
+"""Reads and writes the initial state of a scenario file."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""What distinguishes the readings of a real sensor from exact ones."""
+"""The errors of sensors: noise, biases, delays and losses, which turn exact readings into those of a real sensor."""
 
 import zlib
 from collections.abc import Mapping

@@ -1,4 +1,7 @@
-"""What the arguments of a solve must be, their defaults, and the system that is solved: a body with its modes."""
+"""Checks the arguments of a solve, has their defaults, and chooses the system to solve, such as a body with modes.
+
+``simulate``, ensembles, chaos and stability call these functions before they compile anything.
+"""
 
 import functools
 import math

@@ -1,4 +1,4 @@
-"""A run with a law of contact, with the states just before and just after each switch of its mode."""
+"""Adds to a run with a law of contact the states just before and just after each switch of its mode, for figures."""
 
 import dataclasses
 import functools
@@ -57,6 +57,7 @@ def _of_contact(history: ContactHistory, trajectory: Trajectory[Any, Any]) -> Tr
     sides = _sides(trajectory, history)
     size = len(times) + 2 * history.law.capacity
     order = _order(times, sides)
+    # The rows that are left over take the entry behind all others, which is ``nothing``.
     rows = np.concatenate([order, np.full(size - len(order), len(times) + 2 * history.law.capacity)])
 
     def join_rows(saved: Any, limits: Any, nothing: float | int) -> Any:
@@ -142,6 +143,7 @@ def _directions(
     for row in np.flatnonzero(still[: 2 * count : 2]) * 2:
         start = row - 1
         earlier = np.flatnonzero(saved < sides.times[row])
+        # A slip that has ended has the direction last saved within it, or where none was, that with which it began.
         within = earlier.size and (start < 0 or saved[earlier[-1]] > sides.times[start])
         sigma[row] = directions[earlier[-1]] if within else sigma[start] if start >= 0 else 0.0
     return sigma

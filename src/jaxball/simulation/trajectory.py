@@ -1,4 +1,4 @@
-"""The result of a simulation."""
+"""``Trajectory``, the result of a simulation."""
 
 import dataclasses
 import functools
@@ -478,6 +478,7 @@ def times_looked_at(system: AbstractSystem, times: Float[Array, " T"], reached: 
 @programs.filter_jit
 def _evaluate(interpolant, t, start, reached, status, parameters) -> Any:
     def one(t):
+        # Dense output is evaluated within the run alone: beyond it there is room without steps, and NaN in derivatives.
         inside = jnp.clip(t, start, reached)
         x = interpolant.vector(inside)
         valid = (t == inside) & jnp.all(jnp.isfinite(x)) & (status != Status.IMPOSSIBLE)

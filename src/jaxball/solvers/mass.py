@@ -35,6 +35,7 @@ class Mass(eqx.Module):
 
     def rates(self, g: Float[Array, " n"]) -> Float[Array, " n"]:
         """Solves M v = g for the v without an algebraic part, or does so for the nearest g for which there is one."""
+        # MᵀM is regular except on the algebraic variables, where the projection makes it so and gives the rate 0.
         matrix = product(self.matrix.T, self.matrix) + self.variables
         return product(inverses(matrix[None])[0], _each(self.matrix.T, g[None])[0][:, None])[:, 0]
 

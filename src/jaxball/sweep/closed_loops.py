@@ -1,4 +1,4 @@
-"""How the rows of a chunk are solved whose scenario has feedback: closed loops in vector lanes.
+"""Solves the rows of a study whose scenario has feedback, as closed loops in vector lanes; ``engine`` calls it.
 
 Where rows differ in what the feedback depends on, such as its weights or the model, each has a feedback of its own;
 otherwise all share that of the first.

@@ -1,4 +1,4 @@
-"""A store as a labelled data set, and some of its rows as scenarios."""
+"""Opens a store as a labelled data set, and some of its rows as scenarios."""
 
 import tomllib
 from collections.abc import Sequence

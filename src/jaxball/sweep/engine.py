@@ -1,4 +1,4 @@
-"""How the rows of a chunk are solved: as an ensemble."""
+"""Solves the rows of a chunk of a study as an ensemble; the workers of ``executors`` call it."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -1,4 +1,4 @@
-"""Where chunks are computed: in this process, in processes of its own, or wherever an executor sends them."""
+"""Computes the chunks of a study: in this process, in processes of its own, or wherever an executor sends them."""
 
 import concurrent.futures
 import contextlib

@@ -1,4 +1,4 @@
-"""The rows of a study as a grid: a dimension for each of its axes."""
+"""Arranges the rows of a study as a grid, a dimension for each of its axes, for ``open_grid``."""
 
 import functools
 from typing import Any

@@ -1,4 +1,4 @@
-"""The scenarios of many rows of a study, stacked, from reading its document once for all of them."""
+"""Reads the scenarios of many rows of a study at once, stacked, from one reading of its document."""
 
 import functools
 import tomllib

@@ -1,4 +1,4 @@
-"""URDF as a scenario: a ball with mechanisms, on a plane."""
+"""Reads a URDF file as a scenario: a ball with mechanisms, on a plane."""
 
 import xml.etree.ElementTree as ET
 from typing import NamedTuple

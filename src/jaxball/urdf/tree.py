@@ -1,4 +1,4 @@
-"""The links of a file where every joint is at 0, and which of them are fixed to each other."""
+"""Reads the tree of links of a URDF file: where they are with every joint at 0, and which are fixed to each other."""
 
 import xml.etree.ElementTree as ET
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""``jaxball export``: a scenario as a file of another simulator."""
+"""``jaxball export``: writes a scenario's robot as a file of MuJoCo."""
 
 import argparse
 import sys

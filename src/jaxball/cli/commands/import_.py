@@ -1,4 +1,4 @@
-"""``jaxball import``: a file of another simulator as a scenario."""
+"""``jaxball import``: reads a robot from a file of MuJoCo or ROS, and writes it as a scenario."""
 
 import argparse
 import re

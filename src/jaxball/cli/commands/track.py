@@ -1,4 +1,4 @@
-"""``jaxball track``: the motion of a scenario held by feedback, from disturbed starts."""
+"""``jaxball track``: holds the motion of a scenario by feedback, from disturbed starts."""
 
 import argparse
 import dataclasses

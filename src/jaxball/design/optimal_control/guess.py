@@ -1,4 +1,4 @@
-"""An initial guess on which a ball or disk rolls along the desired path."""
+"""Makes the initial guess of an optimal control problem: a ball or a disk that rolls along the desired path."""
 
 import dataclasses
 import functools

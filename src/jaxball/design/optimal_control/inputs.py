@@ -1,4 +1,7 @@
-"""The inputs of a robot in an optimal control problem: accelerations of masses and joints, and forces of motors."""
+"""The inputs of a robot in an optimal control problem: accelerations of masses and joints, and forces of motors.
+
+``rolling`` has them as its controls.
+"""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple, cast

@@ -1,4 +1,4 @@
-"""The schedules and the motors' signals in a solution, as a scenario, and that scenario simulated."""
+"""Turns a solution into schedules and motors' signals, puts these into its scenario, and simulates that."""
 
 import dataclasses
 from collections.abc import Mapping

@@ -1,5 +1,7 @@
 """A solution of an optimal control problem: its violations, means, curvature and errors, and finer meshes.
 
+``solve`` refines the mesh by it, and reports describe it.
+
 Errors of a path in the differential equation reduced by finer meshes: Betts, Practical Methods for Optimal Control and
 Estimation Using Nonlinear Programming, section 4.7.
 """

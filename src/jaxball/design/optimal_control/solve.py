@@ -1,4 +1,4 @@
-"""How a problem of optimal control is solved: from a guess, by continuation in weights, and in the barrier."""
+"""Solves a problem of optimal control: from a guess, by continuation in weights, and in the barrier."""
 
 import math
 import time

@@ -1,4 +1,7 @@
-"""Positions and curves in the plane: two numbers for a position, and one for a disk, which rolls along e1."""
+"""Positions and curves in the plane: two numbers for a position, and one for a disk, which rolls along e1.
+
+Objectives and constraints have their places and paths in these forms.
+"""
 
 import abc
 import math

@@ -1,4 +1,4 @@
-"""A nonlinear program, the settings of its search, its augmented Lagrangian, and the program of a problem's runs.
+"""The nonlinear program that a search minimises, its settings, its augmented Lagrangian, and one made from a problem.
 
 A run may be cut in pieces that are simulated side by side (multiple shooting). The states at which the pieces start are
 additional unknowns, and equality constraints require that each piece ends where the next one starts (Bock & Plitt, A

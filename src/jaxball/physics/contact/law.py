@@ -126,6 +126,7 @@ class Contact(Printed):
         if isinstance(friction, AbstractFriction):
             friction_law = friction
         self.friction_law = friction_law
+        # Whether a slip ends, and static friction by default, depend on μ(0) alone.
         at_rest: Any = friction if friction_law is None else friction_law(jnp.zeros(()))
         self.friction = numbers("friction")(at_rest)
         self.static_friction = self.friction if static_friction is None else numbers("static_friction")(static_friction)

@@ -140,6 +140,7 @@ class ContactState(AbstractState):
 
     def direction(self, t: Float[Array, ""], slip: Float[Array, "3"]) -> Float[Array, "2"]:
         """Returns σ of a body that slips with v_s; 0 without slip."""
+        # Where a slip begins, v_s is zero and has no direction.
         begins = t <= self.begun.until
         return jnp.where(begins, self.begun.direction(t), slip_direction(slip, jnp.zeros_like(slip[:2])))
 

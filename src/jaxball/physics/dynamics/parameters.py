@@ -1,6 +1,6 @@
 """The parameters of a rolling body: a shell, what acts on it, and the point masses and mechanisms that it carries.
 
-The equations of motion (``moments``, ``dynamics``, ``locked``) are functions of these; ``body`` has the systems.
+The equations of motion (``moments``, ``equations``, ``locked``) are functions of these; ``body`` has the systems.
 """
 
 import dataclasses

@@ -233,6 +233,7 @@ class RecordedSchedule(AbstractRecorded, AbstractSchedule):
     def prepare(self) -> "PreparedSchedule":
         inner = not_a_knot_cubic_spline(self.times, self.values)
         h = self.times[-1] - self.times[-2]
+        # The last piece, expanded about the last time, goes on beyond it.
         _, slope, half_bend, third = inner[-1]
         end = [
             self.values[-1],
@@ -278,6 +279,7 @@ def _kinks(times: Float[Array, " n"], changes: Float[Array, " n_minus_two"] | No
     else:
         sizes = jnp.abs(jax.lax.stop_gradient(changes))
         outstanding = sizes > OUTSTANDING * jnp.mean(sizes)
+        # A traced array has a fixed size: places that are left over lead to the infinite entry at the end.
         (places,) = jnp.nonzero(outstanding, size=MOST_KINKS, fill_value=inner.shape[0])
         inner = jnp.concatenate([inner, jnp.full((1,), jnp.inf, inner.dtype)])[places]
     return jnp.concatenate([times[:1], inner, times[-1:]])

@@ -231,6 +231,7 @@ class PiecewiseAcceleration(AbstractPiecewise):
         rate = self.rate + jnp.concatenate([jnp.zeros_like(self.rate)[None], jnp.cumsum(changes)])
         changes = rate[:-1] * h[:, 0] + jnp.sum(bends * h ** (power + 2)[None], axis=1)
         theta = self.theta + jnp.concatenate([jnp.zeros_like(self.theta)[None], jnp.cumsum(changes)])
+        # One piece for each interval and one after the last, where θ̈ = 0; another goes before the first.
         line = jnp.stack([theta, rate], axis=1)
         bends = jnp.concatenate([bends, jnp.zeros((1, k), dtype=bends.dtype)])
         pieces = jnp.concatenate([line, bends], axis=1)

@@ -1,4 +1,4 @@
-"""What a run under feedback shows besides its body: the motion that is held, and the estimate with its ellipse.
+"""What a view of a run under feedback shows besides its body: the motion that is held, the estimate and its ellipse.
 
 Its graphs are those of the deviation from the motion and, from sensors, of the normalised innovations.
 """

@@ -1,4 +1,4 @@
-"""The page of runs: the template, the program and their dictionary in one self-contained file."""
+"""Writes the page of a view: template, program and the dictionary of the runs in one self-contained HTML file."""
 
 import base64
 import functools

@@ -1,4 +1,4 @@
-"""Functions traced for arguments, from which a program is made by either compiler."""
+"""Traces a function for arrays of certain types, and has either compiler make a program of it."""
 
 import contextlib
 import copy

@@ -1,4 +1,4 @@
-"""Converts compiled programs of both compilers to bytes and back, with classes and functions by their names."""
+"""Converts compiled programs of both compilers to bytes and back, for ``compiled``, with classes by their names."""
 
 import functools
 import io

@@ -1,4 +1,4 @@
-"""Functions that are not inlined: written once as functions of LLVM IR, and called."""
+"""Functions that are not inlined: written once as functions of LLVM IR, and called, for ``operations.control``."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Operations on single numbers: floating-point numbers, integers and booleans.
+"""Operations on single numbers: floating-point numbers, integers and booleans; ``elementwise`` maps them over arrays.
 
 Each function takes the builder, the type of its operands, and the operands. NaN, infinities and signed zeros mean what
 StableHLO says, which is what XLA computes.
