@@ -96,9 +96,12 @@ def inputs(system: System, start: Numbers, state: State | None) -> Inputs:
     driven, angles = with_integrated_angles(system, start, state)
     if not driven.accelerated and not motors:
         raise DesignError(
+            # Constants take the places of all signals, with u to be filled in; the structure of the system stays the
+            # same.
             "Argument `system` must have a mass on a rail, a joint or an angle of a TiltingPlane with a schedule, or a "
             "joint with a Motor to be controlled, but it has none."
         )
+    # Likewise, one law gives θ̈ to everything that had a schedule.
     still = _with_motors(driven, motors, [Motor(0.0)] * len(motors))
     if driven.accelerated:
         still = eqx.tree_at(lambda s: s.law, still, GivenAccelerations(angles["theta"][np.asarray(driven.accelerated)]))
@@ -119,6 +122,7 @@ def with_inputs(prepared: System, motors: Sequence[MotorIndex], u: Float[Array, 
         prepared = eqx.tree_at(lambda s: s.law, prepared, GivenAccelerations(accelerations))
     if not motors:
         return prepared
+    # Mechanisms of the same structure are prepared as one group, whose signals are arrays over its members.
     entries = {place: slot for slot, place in enumerate(motors)}
     pairs: list[tuple[int, MotorIndex]] = []
     values = []
@@ -151,6 +155,7 @@ def with_schedules(
     ]
     ground = None if system.ground is None else system.ground.follow(list(following))
     moved = type(system)(**{**system.arguments, "masses": masses, "mechanisms": mechanisms, "ground": ground})
+    # A computed signal replaces the motor's own; its limit stays.
     limits = [motor.limit for motor in _motors_of(system, motors)]
     return _with_motors(moved, motors, [Motor(s, limit) for s, limit in zip(signals, limits, strict=True)])
 

@@ -106,19 +106,24 @@ def least_curvature(solution: Solution) -> float:
     equations = in_time(places.at_nodes, places.at_knots[:, None], first=places.at_start)
     controls = np.ravel(places.controls)
     A = matrix[equations]
+    # The matrix is triangular by blocks in this order, an interval each, so that its factors hardly fill it.
     # Changes of the states for each control.
+    # The Hessian on the null space of all conditions: first the states follow from the controls, then combinations of
+    # controls are kept that change no end condition.
     change = -solver(A[:, states], np.arange(states.size))(A[:, controls].toarray())
     basis = scipy.linalg.null_space(matrix[places.at_end][:, states] @ change)
     along = np.zeros((count, basis.shape[1]))
     along[states], along[controls] = change @ basis, basis
     hessian = along.T @ (_condense(matrix, np.ravel(places.excess), count) @ along)
     weights = np.repeat(np.ravel(collocation.weights), places.controls.shape[2])
+    # In this metric a control that is 1 all the time has length 1.
     metric = basis.T @ (weights[:, None] * basis)
     return float(scipy.linalg.eigh(hessian, metric, eigvals_only=True, subset_by_index=(0, 0))[0])
 
 
 def _condense(matrix: scipy.sparse.csr_array, excess: Int[np.ndarray, " i"], count: int) -> scipy.sparse.csr_array:
     """Reduces second derivatives to states and controls: those by the inequalities' unknowns are eliminated."""
+    # Each inequality's own unknown has one diagonal entry, so that eliminating it needs no solve.
     inverse = scipy.sparse.diags_array(1 / matrix[excess][:, excess].diagonal())
     return matrix[:count, :count] - matrix[:count][:, excess] @ inverse @ matrix[excess][:, :count]
 
@@ -137,12 +142,16 @@ def unknowns_on(collocation: Collocation, path: Path, parameter: float) -> Float
             knots=path.states(collocation.mesh),
             nodes=path.states(times).reshape(shapes.nodes),
             controls=path.inputs(times).reshape(shapes.controls),
+            # s = slack − multiplier, which is about g where an inequality is far from active.
             excess=margins(collocation, path, times, parameter).reshape(shapes.excess),
         )
     )
     count, equalities = collocation.unconstrained, collocation.equalities
+    # Multipliers are still 0 here, so that this is the gradient of the cost and the barrier alone.
     gradient = collocation.residual(y, parameter)[:count]
     A = collocation.jacobian(y, parameter)[0].tocsr()[equalities, :count]
+    # Least squares for the multipliers, as a sparse system in place of normal equations, whose condition would be
+    # squared.
     matrix = scipy.sparse.block_array(
         [[scipy.sparse.eye_array(count), A.T], [A, -REGULARISATION * scipy.sparse.eye_array(A.shape[0])]]
     )
@@ -197,10 +206,12 @@ def mesh_errors(collocation: Collocation, y: Float[np.ndarray, " size"], paramet
 
     ``collocation``, ``y`` and ``parameter`` are as in a :class:`Solution`.
     """
+    # Two more nodes than the method has: at its own, the equations hold and show no error.
     path, quadrature, h = path_of(collocation, y), gauss(collocation.stages + 2), collocation.steps
     times = np.ravel(collocation.mesh[:-1, None] + h[:, None] * quadrature.c)
     states = path.states(times)
     rates = collocation.along(path, "rate", times, parameter)
+    # Relative to the largest value of each component, so that components of any unit compare.
     gaps = np.abs(path.rates(times) - rates) / (1 + np.max(np.abs(states), axis=0))
     gaps = gaps.reshape(len(h), len(quadrature.c), -1)
     return np.max(np.einsum("k,j,kjn->kn", h, quadrature.b, gaps), axis=1)
@@ -219,6 +230,7 @@ def finer_mesh(
     - ``order``: of the method.
     """
     pieces = [
+        # The error of an interval falls with this power of its length.
         min(MOST_PIECES_OF_INTERVAL, max(2, math.ceil((error / tolerance) ** (1 / order)))) if error > tolerance else 1
         for error in errors
     ]
