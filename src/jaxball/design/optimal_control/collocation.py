@@ -422,8 +422,8 @@ class Collocation(AbstractEquations):
 
 @functools.lru_cache(maxsize=64)
 def _compile_partial(function: Callable[..., Any], *arguments: Any) -> programs.Program:
-    # Cached by the identity of `vary`: the same function again finds its compiled program.
     """Compiles a function whose first arguments are given."""
+    # Cached by the identity of `vary`: the same function again finds its compiled program.
     return programs.jit(functools.partial(function, *arguments))
 
 

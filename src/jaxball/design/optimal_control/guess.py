@@ -57,12 +57,12 @@ def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stag
     path leaves the ground.
     """
     times = np.linspace(mesh[0], mesh[-1], TIMES_OF_GUESS * (len(mesh) - 1) + 1)
-    # The masses hang as at the start, until gravity's moment is known along the path.
     target = _target_path(problem, times)
     theta, thetadot = (np.tile(np.asarray(x), (len(times), 1)) for x in (problem.state.theta, problem.state.thetadot))
     state = _rolling_states(problem, target, (theta, thetadot))
-    # A plate leaves the centre of mass where it is and turns n instead, so that M r n takes the place of Λp.
     tilts = bool(problem.system.driven_ground)
+    # The masses hang as at the start until gravity's moment is known along the path. A plate leaves the centre of
+    # mass where it is and turns n instead, so that M r n takes the place of Λp.
     hanging = np.tile(_normal_moment(problem) if tilts else _initial_moment(problem), (len(times), 1))
     before = state if tilts else _with_masses_for(problem, times, state, hanging)
     # Only once: each repetition differentiates twice, and at rest the desired acceleration has a kink.
@@ -163,8 +163,8 @@ def _hold_along(problem: Rolling, times, wanted: Float[Array, "t 2"], theta, the
     def step(z, at):
         t, place, *angles = at
         surface = _surface_at(problem, t, *angles)
-        # From the place before, which is near: the steps of time are small.
         assert surface is not None
+        # Each time's search begins at the place before, which is near, because the steps of time are small.
         for _ in range(CORRECTIONS):
 
             def gap(z, surface=surface, t=t, place=place):

@@ -96,12 +96,11 @@ def inputs(system: System, start: Numbers, state: State | None) -> Inputs:
     driven, angles = with_integrated_angles(system, start, state)
     if not driven.accelerated and not motors:
         raise DesignError(
-            # Constants take the places of all signals, with u to be filled in; the structure of the system stays the
-            # same.
             "Argument `system` must have a mass on a rail, a joint or an angle of a TiltingPlane with a schedule, or a "
             "joint with a Motor to be controlled, but it has none."
         )
-    # Likewise, one law gives θ̈ to everything that had a schedule.
+    # Constants take the places of all signals, and one law gives θ̈ to everything that had a schedule. Values of u
+    # can then be filled in without a change of the system's structure.
     still = _with_motors(driven, motors, [Motor(0.0)] * len(motors))
     if driven.accelerated:
         still = eqx.tree_at(lambda s: s.law, still, GivenAccelerations(angles["theta"][np.asarray(driven.accelerated)]))

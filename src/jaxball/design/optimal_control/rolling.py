@@ -167,9 +167,9 @@ class Rolling(AbstractControlProblem):
         packing, system, r = self.packing, self.system, self.system.radius
         state, left = packing.unpack(self.end, x), self.imbalance_at_end(x)
         flat = system.planar
+        # The centre of mass of a disk can only be beside along e1.
         beside = left.beside[:1] if flat else left.beside
         parts = [state.thetadot, jnp.atleast_1d(getattr(state, state.rotation_rate)), beside / r]
-        # The centre of mass of a disk can only be beside along e1.
         ground, force = system.ground, system.force
         # On a level plane, gravity and a force at the geometric centre have no moment about the vertical once the
         # conditions above hold. Where they may have one, it must vanish too.

@@ -101,14 +101,13 @@ def least_curvature(solution: Solution) -> float:
     collocation = solution.collocation
     places, count = collocation.places, collocation.unconstrained
     matrix = collocation.jacobian(solution.y, solution.parameter)[0].tocsr()
-    # In the order of time, in which each state follows from the ones before.
+    # In the order of time each state follows from the ones before: the matrix of the states is triangular by blocks,
+    # and its factors fill little.
     states = in_time(places.nodes, places.knots[1:, None], first=places.knots[0])
     equations = in_time(places.at_nodes, places.at_knots[:, None], first=places.at_start)
     controls = np.ravel(places.controls)
     A = matrix[equations]
-    # The matrix is triangular by blocks in this order, an interval each, so that its factors hardly fill it.
-    # Changes of the states for each control.
-    # The Hessian on the null space of all conditions: first the states follow from the controls, then combinations of
+    # On the null space of all conditions: the states follow from the controls, and only those combinations of
     # controls are kept that change no end condition.
     change = -solver(A[:, states], np.arange(states.size))(A[:, controls].toarray())
     basis = scipy.linalg.null_space(matrix[places.at_end][:, states] @ change)

@@ -150,8 +150,8 @@ def _each(problem: TracedProblem, y: Float[Array, " n"]) -> Evaluation:
 
 def as_built(problem: Problem) -> Perturbations:
     """Returns the balls on which a finished design is evaluated: for a robust problem, new random ones."""
-    # Balls for which a robust design was optimised would say nothing about others.
     usual = problem.perturbations
+    # Balls for which a robust design was optimised would say nothing about others.
     return AS_BUILT if usual is None else dataclasses.replace(usual, count=FRESH, seed=usual.seed + 1)
 
 
