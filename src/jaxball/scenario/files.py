@@ -200,6 +200,7 @@ def read_contents(document: dict[str, Any]) -> Contents:
     if document.get("kind") in tuple(CLASSICAL) or is_python_name(document.get("kind")):
         return _read_classical(document)
     kind = str(document.get("kind"))
+    # An unknown kind has no keys of its own; this raises for the kind, and for all other keys that are wrong.
     if kind not in BODIES:
         read_table(document, "", KEYS)
     readers = {
@@ -255,6 +256,7 @@ def _contents(
     ground = surroundings.get("ground")
     if isinstance(ground, ReadPlate):
         surroundings["ground"], angles = ground.ground, ground.angles
+        # A balance is found at rest, where angles that a law drives are level.
         ground = ground.without_law()
     shell_and_ground = {**shell, "ground": ground}
     masses = balance_schedules(masses, mechanisms, shell_and_ground, initial, "initial", kind, start)
@@ -269,6 +271,7 @@ def _contents(
         law=actuated.law,
         mechanisms=[item.mechanism for item in mechanisms],
     )
+    # Only now: the angles of masses may have been shifted into balance.
     state = initial_state(initial, "initial", kind, system.coordinates, actuated.targets, start)
     span = namespace(times.start, times.end).stack([times.start, times.end])
     fixed = Fixed(system, times, solve or {})
@@ -361,6 +364,7 @@ def with_defaults(document: Mapping[str, Any], scenario: Scenario, paths: Iterab
         longer = with_values(written, [f"{key}={value_at(whole, key)!r}"])
         same = False
         with all_problems() as problems:
+            # The scenario must be the same in all its other keys too, or the default stands for something else there.
             same = document_with_defaults(read_document(longer)) == whole
         written = longer if same and not problems else written
     return written
@@ -471,6 +475,7 @@ class Outline:
     @classmethod
     def of(cls, document: Mapping[str, Any], paths: tuple[str, ...]) -> "Outline":
         """Returns the outline of a document with numbers at these paths."""
+        # The numbers are arguments, and a title changes nothing: documents that differ in these are one program.
         rest = with_numbers(document, dict.fromkeys(paths, 0.0))
         rest.pop("title", None)
         return cls(json.dumps(rest, default=lambda array: array.tolist()), paths)

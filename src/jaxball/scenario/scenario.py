@@ -161,6 +161,7 @@ class Scenario:
 
     def _with(self, events: "Mapping[str, AbstractEvent] | None") -> "Mapping[str, AbstractEvent] | None":
         """Returns the events of the scenario and others, which must have other names."""
+        # What is no mapping of events is refused by `simulate`.
         if not self.events or not isinstance(events, Mapping):
             return self.events if events is None else events
         for name in events:
@@ -195,6 +196,7 @@ class Scenario:
             )
         run = closed_loop.nominal_run(self)
         if not run.ok:
+            # Its message says why there is no motion to hold.
             return run.set_scenario(self)
         feedback = closed_loop.feedback_along(self, run)
         return closed_loop.loop_along(self, closed_loop.with_estimator(self, feedback)).run.set_scenario(self)
