@@ -110,6 +110,7 @@ def _text(scenario: Scenario | None) -> str:
         return ""
     try:
         text = write_scenario(scenario)
+        # Read back, because a file holds a scenario only if it can be read again.
         read_scenario(text)
     except ScenarioError:
         return ""
@@ -171,6 +172,7 @@ def to_dataset(
         for name, (variable, array) in saved.items():
             variables[name] = ((leading, *variable.dimensions), array, notes_in(units, variable))
             sizes |= zip((leading, *variable.dimensions), array.shape, strict=True)
+    # The times themselves are its coordinate.
     sizes.pop("time")
     times = ("time", np.asarray(trajectory.times), notes_in(units, TIME))
     coordinates = {"time": times, **labels(trajectory.system, sizes), **feedback_labels(trajectory.history)}
