@@ -295,8 +295,8 @@ class _Constant(Numbers):
         return "a finite number, or the table of a signal or a schedule"
 
 
-# A signal's value has the dimension of what it drives, for which an angle stands here; `dimension_of` replaces
-# it.
+# A signal's value has the dimension of the quantity that it drives, for which an angle stands here;
+# `dimension_of` replaces it.
 _NUMBER = _Constant(dimension=ANGLE, by_size=True)
 _STEPS = Module(
     PiecewiseSignal,

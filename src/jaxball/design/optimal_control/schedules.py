@@ -144,7 +144,7 @@ def resimulate(solution: Solution, solver: str = "gauss16", tolerance: float = 1
     centres = np.asarray(_centres(system.prepare(), times, run.state))
     gap = centres - _centres_of(solution, np.asarray(times))
     schedules = schedules_of(solution)
-    # θ̇ of what has a schedule is not in the state of the simulation.
+    # θ̇ of a mass or a joint with a schedule is not in the state of the simulation.
     rates = [*starting_angles(tuple(schedules), problem.end)["thetadot"]] if schedules else []
     whole = Run(system, times, run.state, run.status)
     largest = _largest(problem.constraints, whole)
