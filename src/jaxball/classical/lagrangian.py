@@ -141,8 +141,8 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
     def multipliers(self, t: Float[Array, ""], state: LagrangianState) -> Float[Array, " m"]:
         """Returns λ of each constraint, shape (m,), with the holonomic constraints after the others.
 
-        λ_k is the force, or torque, by which constraint k acts, in the unit of energy over that of φ, or of power over
-        that of A q̇ + b: at right angles to a blade for ẋ sin θ − ẏ cos θ.
+        λ_k is the force, or torque, by which constraint k acts: across a blade, for ẋ sin θ − ẏ cos θ. Its unit is
+        energy over the unit of φ, or power over the unit of A q̇ + b.
         """
         return self.equations(t, state).solve()[1]
 

@@ -157,8 +157,8 @@ class SampledSystem(Printed):
     def deviation(self, state: PlacedState, other: PlacedState) -> Float[Array, " n"]:
         """Computes ξ of ``other`` around ``state``, as feedback counts it: the local coordinates.
 
-        Of a uniform ball, whose attitude tells nothing, that of the attitude is 0, and that of Ω is the difference of
-        ω = ΛΩ, in space axes: where the ball has rolled to another place, Ω is in other body axes.
+        The attitude of a uniform ball tells nothing, and its coordinates are 0. Those of Ω are the difference of
+        ω = ΛΩ, in space axes, because Ω is in other body axes where the ball has rolled to another place.
         """
         xi = state.difference(other)
         if not self._may_be_uniform(state):

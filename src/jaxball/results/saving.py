@@ -138,9 +138,9 @@ def to_dataset(
 ) -> "xarray.Dataset":
     """Converts the trajectory and all its observables, or the laws of a classical system, to an ``xarray.Dataset``.
 
-    Dimensions are ``time``, ``mass``, ``joint`` (by name, ``mechanisms[0].joints[1]``), ``driven`` (the masses whose
-    angles belong to the state, by their numbers, or, with joints among them, all by name) and those of vectors:
-    ``axis``, ``direction`` in the plane, ``component`` of a versor. All are counted from 0. Attributes say how the
+    Dimensions are ``time``; ``mass``; ``joint``, by name, as in ``mechanisms[0].joints[1]``; ``driven``, the masses
+    whose angles belong to the state, by their numbers, or by name where joints are among them; and of vectors ``axis``,
+    ``direction`` in the plane and ``component`` of a versor. All are counted from 0. Attributes say how the
     solve ended, and hold the scenario's file. A run with a law of contact has its modes too, and its switches between
     them along ``switch``. The times of an event are ``event_…_times``, with its name. One under feedback has the motion
     that it holds (``nominal_…``), its ``inputs`` and ``deviation``, and what was estimated (``estimate_…``).

@@ -347,9 +347,10 @@ def document_with_defaults(scenario: Scenario) -> dict[str, Any]:
 
 
 def with_defaults(document: Mapping[str, Any], scenario: Scenario, paths: Iterable[str]) -> dict[str, Any]:
-    """Returns the document of ``scenario`` in which the keys of these paths are written if they have their defaults.
+    """Returns the document of ``scenario``, in which the keys at these paths are also written if they have their
+    defaults.
 
-    Where there is no such key, or where it does not go with those that are there, it is left out.
+    A key that does not exist, or that does not go with those that are there, is left out.
     """
     written = dict(document)
     absent = dict.fromkeys(key_of(path) for path in paths if not has_path(document, key_of(path)))

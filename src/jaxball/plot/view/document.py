@@ -16,11 +16,11 @@ at each saved time that the solve reached; where these are too many for the file
 - ``masses`` (T, n, 3) and ``arms_j`` (T, n_j, points, 3), of the j-th mechanism, in body axes from the centre;
   ``rail_j`` (points, 3), which is at rest there. With the ``shell``, masses give the centre of mass;
 - ``normal_force`` (T,), ``friction`` (T, 2) in space axes, ``angular_velocity`` and ``angular_momentum`` (T, 3) in body
-  axes, the latter Π about the contact point, and what else the ``plots`` draw. Each of their ``series`` names an array
-  and the columns of it whose sum is drawn, or whose ``norm``, divided by the array ``over``, if there is one; ``dash``
-  is on and off in pixels. What is rounding beside the ``size`` of such a quantity is 0, and no line crosses a change of
-  mode where there are ``gaps``. Names stand beside values, unless ``valued`` is false; ``levels`` are names and values
-  of horizontal lines.
+  axes, the latter Π about the contact point, and whatever else the ``plots`` draw. Each of their ``series`` names an
+  array and some of its columns, and draws their sum, or with ``norm`` their length as a vector, divided by the array
+  ``over`` if there is one; ``dash`` is on and off in pixels. A value that is rounding beside the ``size`` of its graph
+  is drawn as 0, and no line crosses a change of mode where there are ``gaps``. Names stand beside values, unless
+  ``valued`` is false; ``levels`` are names and values of horizontal lines.
 - with a law of contact, ``spells``, its modes one after the other, each of them ``[mode, start, end]``, and
   ``switches``, the times of impacts and of all else that ends a mode, each of which is twice among the times, for what
   is just before it and what is just after; and ``height`` (T,) over the plane, ``slip``
