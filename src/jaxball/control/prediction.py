@@ -79,11 +79,13 @@ class PredictiveControl(AbstractFeedback):
 
     def stages(self, sample: Int[Array, ""]) -> Stages:
         """Returns the program of a sample. After the end of the motion, the program of its last sample goes on."""
+        # Beyond the end, stages repeat that of the last sample, and the cost-to-go is that at the end.
         ahead = jnp.minimum(sample + jnp.arange(self.horizon), self.nominal.samples - 1)
         end = jnp.minimum(sample + self.horizon, self.nominal.samples)
         A, B, c, K, k = (part[ahead] for part in (*self.track.linear, *self.track.regulator[:2]))
         M, P = self.track.W.T @ self.track.W, self.track.regulator.P[end]
         G, L, d = self.limits
+        # The penalty is a cost per time, as the weights are.
         return Stages(A, B, c, K, k, M, P, G[ahead], L, d[ahead], self.sampled.sample * self.penalty)
 
     def plan(self, k: int, state: PlacedState) -> Plan:
@@ -170,6 +172,7 @@ def mpc(
 def inputs_with_limits(most: Float[Array, " m"]) -> tuple[int, ...]:
     """Returns the inputs that have limits, by their numbers; all where limits are traced."""
     if is_traced(most):
+        # Whether a traced number is finite is not known while it is traced.
         return tuple(range(len(most)))
     return tuple(np.flatnonzero(np.isfinite(np.asarray(most))).tolist())
 
@@ -220,6 +223,7 @@ def _limits(track: Track, most: Array, mu: Array | None, limited: tuple[int, ...
     """Returns the limits of each sample, linearised."""
     sampled, nominal, n = track.sampled, track.nominal, len(track.directions)
     weight = sampled.system.total_mass * jnp.abs(sampled.system.gravity)
+    # Rows are in units of each limit, so that one penalty suits all. A limit of 0 would divide by 0.
     scale = jnp.where(most > 0, most, 1.0)
     L, indices = _limit_rows(track, mu, limited), np.asarray(limited, dtype=int)
 
@@ -247,5 +251,6 @@ def _plan(control: PredictiveControl, k: Int[Array, ""], state: PlacedState) -> 
 
 def _shift(plan: Plan) -> Plan:
     """Takes a plan from its second stage on, with the last stage twice."""
+    # The horizon moves on by a sample; the new last stage has nothing better than the one before.
     on: Any = jax.tree.map(lambda leaf: jnp.concatenate([leaf[1:], leaf[-1:]]), (plan.z, plan.multipliers))
     return plan._replace(z=on[0], multipliers=on[1])

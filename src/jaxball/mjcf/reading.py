@@ -229,10 +229,12 @@ def _touching(parent: ET.Element, kind: str) -> ET.Element:
 
 def _surface(plane: ET.Element, sphere: ET.Element) -> Surface:
     """Returns the larger friction of the two, as MuJoCo has it."""
+    # Coefficients that are left out at the end are MuJoCo's.
     coefficients = [numbers(geom, "friction") if geom.get("friction") else np.zeros(0) for geom in (plane, sphere)]
     pair = [np.append(values, FRICTION[len(values) :])[:3] for values in coefficients]
     condim = max(number(geom, "condim", 3.0) for geom in (plane, sphere))
     friction = np.maximum(*pair)
+    # MuJoCo heeds friction against spinning from 4 dimensions on, and against rolling with 6.
     if condim >= 4 and friction[1] > LEAST_FRICTION:
         raise MJCFError(
             f"The friction of {label(plane)} and {label(sphere)} against spinning must be 0, because it has no "
@@ -248,6 +250,7 @@ def _own_frame(shell: ET.Element, sphere: ET.Element, inertias: Inertias) -> Own
     inertia = inertias.of(shell)
     if inertia is None:
         raise MJCFError(f"Element {label(shell)} must have an <inertial>, or geoms with a mass, but it has none.")
+    # The axes must be the principal ones, as a ball here has only three moments.
     return OwnFrame(inertia, Frame(inertia.axes.turn, numbers(sphere, "pos", np.zeros(3))))
 
 
@@ -270,7 +273,7 @@ def _system(
         "masses": inside.masses,
         "mechanisms": inside.mechanisms,
         "ground": _ground(gravity),
-        "resistance": Resistance(dry=dry / radius) if dry > LEAST_FRICTION else None,
+        "resistance": Resistance(dry=dry / radius) if dry > LEAST_FRICTION else None,  # a length there
     }
     if shell.find("freejoint") is not None:
         return Ball(inertia=body_frame.inertial.moments, **arguments)
@@ -284,6 +287,7 @@ def _ground(gravity: Float[np.ndarray, "3"]) -> Ground | None:
         return None
     if gravity[2] >= 0:
         raise MJCFError(f"Gravity must pull towards the plane, but it is {gravity.tolist()}.")
+    # The plane stays level in the file, so the ground is tilted here by the angle of gravity.
     return Ground(angle=np.arctan2(across, -gravity[2]), heading=np.arctan2(gravity[1], gravity[0]))
 
 
@@ -333,9 +337,11 @@ def _state(
         x, height = placed.shift[0] + qpos[0], placed.shift[2] + qpos[1] - radius
         disk = DiskState(phi=qpos[2], phidot=qvel[2], z=x, theta=theta, thetadot=thetadot)
         return ReleasedState(disk, V=(qvel[0], 0.0, qvel[1]), height=height)
+    # A file has few digits, and MuJoCo normalises, too.
     q = qpos[3:7] / np.linalg.norm(qpos[3:7])
     turn = Rotation.from_quat(np.roll(q, -1))
     arm = turn.apply(body_frame.frame.shift)
+    # The velocity in the file is that of the body's own origin, in space; its ω is in the axes of the body.
     centre, V = qpos[:3] + arm, qvel[:3] + np.cross(turn.apply(qvel[3:6]), arm)
     if not np.array_equal(body_frame.frame.turn, np.eye(3)):
         q = np.roll((turn * Rotation.from_matrix(body_frame.frame.turn)).as_quat(), 1)
@@ -347,5 +353,6 @@ def _state(
 def _rolls(system: System, state: ReleasedState) -> bool:
     r = float(system.radius)
     slip = np.asarray(release(system, to_array(0.0), state.body).V - state.V)
+    # In the scales of the body, for files in any units.
     slowest, lowest = ROLLS * np.sqrt(float(system.gravity) * r), ROLLS * r
     return bool(np.all(np.abs(slip) <= slowest)) and abs(float(state.height)) <= lowest

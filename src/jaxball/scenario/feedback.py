@@ -118,6 +118,7 @@ class RegulatorSettings(AbstractFeedbackSettings):
             require_positive("R", weight_matrix("R", self.R, sampled.inputs), strictly=True)
 
         each_of(
+            # Independent, so that all wrong weights are named at once.
             lambda: _in_keys(super(RegulatorSettings, self).check, sampled),
             lambda: _in_keys(weight_matrix, "Q", self.Q, sampled.directions),
             lambda: _in_keys(of_inputs),
@@ -299,6 +300,7 @@ def check_feedback(
                 'kind = "feedforward" }` for a motion without feedback.'
             )
         return
+    # A study has read the document with known numbers before, where a model and weights can be judged.
     if is_traced_document():
         return
     each_of(
@@ -335,6 +337,7 @@ def check_solver(solver: str) -> None:
 def sample_of(times: np.ndarray) -> float:
     """Returns the time between samples: the save times of a scenario with feedback, which must be equally spaced."""
     even = np.linspace(times[0], times[-1], times.size)
+    # Written decimals of a step are rounded.
     if np.any(np.abs(times - even) > 1e-9 * (times[-1] - times[0])):
         raise ScenarioError(
             "Key `time.at` must have equally spaced times with `feedback`, because they are its samples, but it has "
@@ -367,6 +370,7 @@ def check_model(model: Named, document: Mapping[str, Any], read: Callable[[dict[
 
 def document_of_model(model: Named, document: Mapping[str, Any]) -> dict[str, Any]:
     """Returns the document of the robot that feedback knows, with the numbers of the model and without feedback."""
+    # Without feedback, or the model would have a model.
     others = {name: table for name, table in document.items() if name not in KEYS}
     return with_numbers(others, model)
 

@@ -60,9 +60,11 @@ def run(options: argparse.Namespace) -> int:
             raise BadInputError("Argument `--controls` must be left out, because nothing in this robot is controlled.")
         rows = ((t, *row) for t, row in zip(scenario.times, exported.controls_at(scenario.times), strict=True))
         with replacing(options.controls) as temporary:
+            # By `repr`, which keeps all digits.
             write_csv(temporary, ["t", *exported.controls], (map(repr, map(float, row)) for row in rows))
         written.append(options.controls)
     notes = list(exported.notes)
+    # Standard output has the file, and nothing else.
     if options.out == STDOUT:
         for note in () if options.quiet else notes:
             print(note, file=sys.stderr)
