@@ -195,6 +195,14 @@ def test_gradients_of_the_cost_go_through_active_limits():
     np.testing.assert_allclose(forward, expected, rtol=2e-3, atol=1e-5)
 
 
+def test_a_motor_without_a_limit_may_be_traced(track):
+    """Whether a limit is infinite is then not known, and the plan must be the one without limits."""
+    deviated = track.nominal.state(0).retract(jnp.asarray(XI))
+    limits = jnp.full(len(track.inputs), jnp.inf)
+    plan = jax.jit(lambda limits: mpc(track, HORIZON, limits=limits).plan(0, deviated).z)(limits)
+    np.testing.assert_allclose(plan, mpc(track, HORIZON, limits=limits).plan(0, deviated).z, rtol=0, atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [

@@ -223,8 +223,11 @@ def _limits(track: Track, most: Array, mu: Array | None, limited: tuple[int, ...
     """Returns the limits of each sample, linearised."""
     sampled, nominal, n = track.sampled, track.nominal, len(track.directions)
     weight = sampled.system.total_mass * jnp.abs(sampled.system.gravity)
-    # Rows are in units of each limit, so that one penalty suits all. A limit of 0 would divide by 0.
-    scale = jnp.where(most > 0, most, 1.0)
+    # Rows are in units of each limit, so that one penalty suits all. A limit of 0 would divide by 0, and one that is
+    # infinite, which is known only without a trace, is a row of 0 ≤ 1.
+    limited_at_all = jnp.isfinite(most)
+    scale = jnp.where(limited_at_all, jnp.where(most > 0, most, 1.0), jnp.inf)
+    most_in_units = jnp.where(limited_at_all, most / scale, 1.0)
     L, indices = _limit_rows(track, mu, limited), np.asarray(limited, dtype=int)
 
     def one(t: Array, state: PlacedState, u: Array) -> tuple[Array, Array]:
@@ -236,7 +239,7 @@ def _limits(track: Track, most: Array, mu: Array | None, limited: tuple[int, ...
             return jnp.concatenate([(held / scale)[indices], R])
 
         zero = jnp.zeros(n + u.size, u.dtype)
-        most_of_rows = jnp.append(jnp.repeat((most / scale)[indices], 2), jnp.zeros(len(L) - 2 * len(indices), u.dtype))
+        most_of_rows = jnp.append(jnp.repeat(most_in_units[indices], 2), jnp.zeros(len(L) - 2 * len(indices), u.dtype))
         return jax.jacfwd(quantities_with_limits)(zero), most_of_rows - L @ quantities_with_limits(zero)
 
     before = jax.tree.map(lambda leaf: leaf[:-1], nominal.states)

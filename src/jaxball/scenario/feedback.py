@@ -201,7 +201,7 @@ class _ByName:
             number = Numbers(rule=self.rule)
             return {name: number.read(item, join(path, name)) for name, item in value.items()}
         for shape in self.shapes:
-            if np.ndim(value) == len(shape):
+            if _depth(value) == len(shape):
                 return Numbers(shape, self.rule).read(value, path)
         raise key_error(path, self.words, describe(value))
 
@@ -209,6 +209,11 @@ class _ByName:
         if isinstance(value, Mapping):
             return {name: float(item) for name, item in value.items()} or None
         return np.asarray(value, dtype=float).tolist()
+
+
+def _depth(value: Any) -> int:
+    """Returns how deeply the lists of a value are nested; NumPy refuses rows of different lengths."""
+    return 1 + _depth(value[0]) if isinstance(value, list) and value else np.ndim(value)
 
 
 _PUSH = Module(

@@ -5,7 +5,8 @@ loop of a minimiser takes much longer to compile. Adam, BFGS and Newton's method
 """
 
 import dataclasses
-from collections.abc import Callable
+import zipfile
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,6 +19,7 @@ from ..problem.space import DesignError
 from .program import AbstractProgram, Lagrangians, Multipliers, Settings, by_gauss_newton, by_reverse_mode
 
 FIRST, SECOND, ADAM_EPSILON = 0.9, 0.999, 1e-8
+HOPELESS = 0.05  # of the best objective: a start that is worse by more need not be finished
 
 
 class Adam(NamedTuple):
@@ -280,12 +282,21 @@ def load_progress(path: Path, identity: str) -> Progress:
     **Raises:** :class:`DesignError` where it belongs to another problem, or is not such a file.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        # Opened here, because NumPy leaves a file that is cut open.
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             entries = dict(file)
-    except (OSError, ValueError) as error:
-        raise DesignError(f'File "{path}" must be the progress of a design, but it cannot be read ({error}).') from None
-    if str(entries["identity"]) != identity:
-        raise DesignError(f'File "{path}" is the progress of another problem; choose another folder, or remove it.')
+        if str(entries["identity"]) == identity:
+            return _progress_of(entries)
+    except (OSError, ValueError, EOFError, LookupError, zipfile.BadZipFile) as error:
+        raise DesignError(
+            f'File "{path}" must be the progress of a design, but it cannot be read ({error}); choose another folder, '
+            "or remove it."
+        ) from None
+    raise DesignError(f'File "{path}" is the progress of another problem; choose another folder, or remove it.')
+
+
+def _progress_of(entries: Mapping[str, np.ndarray]) -> Progress:
+    """Returns the progress that :func:`save_progress` wrote."""
     count = sum(name.startswith("array_") for name in entries)
     return Progress(
         phase=str(entries["phase"]),
@@ -440,7 +451,10 @@ class Optimiser:
         """Returns whether the best design is stationary, and no other start may lead to a better one."""
         merits, settings = self._merits(lagrangians), self.settings
         done = [m.violation <= settings.tolerance and m.gradient <= 10 * settings.stationary for m in merits]
-        hopeless = [not np.isfinite(m.objective) or m.objective > 1.05 * progress.merit.objective for m in merits]
+        # An objective may be negative, such as one that a largest speed enters.
+        best_objective = progress.merit.objective
+        worse = best_objective + HOPELESS * abs(best_objective)
+        hopeless = [not np.isfinite(m.objective) or m.objective > worse for m in merits]
         # A start may be done without being the best design, which must be feasible itself.
         best = progress.merit.violation <= settings.tolerance
         return any(done) and best and all(a or b for a, b in zip(done, hopeless, strict=True))
