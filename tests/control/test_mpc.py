@@ -9,7 +9,7 @@ from scipy.optimize import LinearConstraint, minimize
 
 import jaxball
 from jaxball.control import closed_loop, mpc, tvlqr
-from jaxball.control.predictive import solve_stages
+from jaxball.control.quadratic_program import solve_stages
 from jaxball.physics.observables import observe
 from tests.control import robots
 

@@ -16,7 +16,7 @@ from ..physics.observables import movement
 from ..physics.state import RotationState
 from .feedback import AbstractFeedback
 from .loop import limits_of
-from .predictive import Plan, Stages, solve_stages
+from .quadratic_program import Plan, Stages, solve_stages
 from .sampled import PlacedState
 from .track import Track
 
