@@ -158,6 +158,16 @@ def test_classes_geoms_and_sensors_are_those_that_mujoco_compiles():
         assert np.allclose(again[1].sensor(name).data, known[1].sensor(name).data, rtol=1e-9, atol=1e-9), name
 
 
+@pytest.mark.parametrize("angle", ["", 'angle="radian"'])
+def test_springs_rest_where_mujoco_has_them(angle):
+    """On a hinge in the angles of the file, which are degrees unless it says otherwise, on a slide at a length."""
+    text = FOREIGN.replace("<compiler ", f"<compiler {angle} ")
+    text = text.replace(DAMPED, 'stiffness="2" springref="30"').replace('stiffness="30"', 'stiffness="3" springref="2"')
+    (model, _), (own, _) = loaded(text), loaded(to_mjcf(from_mjcf(text)).text)
+    assert np.all(model.jnt_stiffness[1:] > 0)
+    np.testing.assert_allclose(own.qpos_spring[7:], model.qpos_spring[7:], rtol=1e-15)
+
+
 def test_dry_friction_of_a_joint_comes_back():
     hinge = Hinge((0.0, 1.0, 0.0), drive=JointFriction(0.2, viscous=0.1) + Spring(0.3))
     arm = Mechanism([hinge], [CarriedMass(0.5, (0.1, 0.0, -0.5))])
