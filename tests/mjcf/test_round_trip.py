@@ -168,6 +168,36 @@ def test_springs_rest_where_mujoco_has_them(angle):
     np.testing.assert_allclose(own.qpos_spring[7:], model.qpos_spring[7:], rtol=1e-15)
 
 
+TURNED = """
+<mujoco>
+  {}
+  <worldbody>
+    <geom type="plane" size="5 5 0.1"/>
+    <body pos="0 0 0.4" euler="0.2 0.3 0.4">
+      <freejoint/>
+      <geom size="0.4" mass="1"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize(
+    "compilers",
+    [
+        '<compiler eulerseq="zyx"/><compiler angle="radian"/>',
+        '<compiler angle="radian"/><compiler eulerseq="ZYX"/>',
+        '<compiler angle="radian" eulerseq="zyx"/><compiler angle="degree" eulerseq="xyz"/>',
+        '<compiler angle="degree"/><compiler angle="radian"/>',
+    ],
+)
+def test_a_later_compiler_replaces_only_what_it_states(compilers):
+    text = TURNED.format(compilers)
+    _, data = loaded(text)
+    # Both are unit quaternions, of either sign.
+    assert abs(abs(from_mjcf(text).state.q @ data.qpos[3:7]) - 1) <= 1e-14
+
+
 def test_dry_friction_of_a_joint_comes_back():
     hinge = Hinge((0.0, 1.0, 0.0), drive=JointFriction(0.2, viscous=0.1) + Spring(0.3))
     arm = Mechanism([hinge], [CarriedMass(0.5, (0.1, 0.0, -0.5))])

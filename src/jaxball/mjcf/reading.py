@@ -182,7 +182,7 @@ def _notes(shell: ET.Element, actuators: list[ET.Element], key: ET.Element | Non
 
 
 def _inertias(root: ET.Element) -> Inertias:
-    unit, sequence, from_geoms = np.pi / 180, "XYZ", "auto"
+    angle, sequence, from_geoms = "degree", "xyz", "auto"
     for compiler in root.findall("compiler"):
         refuse_values(compiler, CHANGED, "inertias must be those that the file states")
         if compiler.get("balanceinertia") == "true":
@@ -193,9 +193,10 @@ def _inertias(root: ET.Element) -> Inertias:
                 f'here, but it is "{compiler.get("inertiagrouprange")}"; give mass 0 to the others.'
             )
         from_geoms = compiler.get("inertiafromgeom", from_geoms)
-        unit = 1.0 if compiler.get("angle") == "radian" else unit
-        sequence = compiler.get("eulerseq", "xyz").swapcase()
-    return Inertias(Angles(unit, sequence), from_geoms)
+        angle = compiler.get("angle", angle)
+        sequence = compiler.get("eulerseq", sequence)
+    unit = 1.0 if angle == "radian" else np.pi / 180
+    return Inertias(Angles(unit, sequence.swapcase()), from_geoms)
 
 
 def _gravity(root: ET.Element) -> Float[np.ndarray, "3"]:
