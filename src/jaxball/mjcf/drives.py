@@ -23,7 +23,7 @@ from ..physics.mechanisms import (
     Spring,
 )
 from ..physics.prescribed.schedules import AbstractSchedule, ConstantRate
-from .elements import MJCFError, add, label, number, numbers, refuse_values
+from .elements import Angles, MJCFError, add, label, number, numbers, refuse_values
 
 Signal = Callable[[Float[Array, ""]], Float[Array, ""]]
 KEEPING = 0.2  # of a servo that stands for a prescribed motion: its natural frequency times the time step
@@ -171,7 +171,7 @@ def _add_actuator(actuators: ET.Element, tag: str, name: str, joint: str, limit:
     return add(actuators, tag, name=name, joint=joint, forcerange=bounds)
 
 
-def read_springs(joint: ET.Element) -> list[AbstractJointForce]:
+def read_springs(joint: ET.Element, angles: Angles) -> list[AbstractJointForce]:
     """Reads the spring, the damper and the dry friction among the attributes of a joint.
 
     **Raises:** :class:`MJCFError` where the joint has a rotor's inertia or a range.
@@ -185,7 +185,9 @@ def read_springs(joint: ET.Element) -> list[AbstractJointForce]:
     forces: list[AbstractJointForce] = []
     stiffness, damping = number(joint, "stiffness", 0.0), number(joint, "damping", 0.0)
     if stiffness:
-        forces.append(Spring(stiffness, number(joint, "springref", 0.0)))
+        # The rest of a slide is a length.
+        unit = angles.unit if joint.get("type", "hinge") == "hinge" else 1.0
+        forces.append(Spring(stiffness, number(joint, "springref", 0.0) * unit))
     if damping:
         forces.append(Damper(damping))
     friction = number(joint, "frictionloss", 0.0)

@@ -101,7 +101,7 @@ class _Reader:
             self.trees.append(tree)
         before = len(tree.joints) - 1
         name = element.get("name", "")
-        drive = _sum([*read_springs(element), *self.forces.get(name, ())])
+        drive = _sum([*read_springs(element, self.inertias.angles), *self.forces.get(name, ())])
         # The joint before is the default, which scenarios do not state.
         on = None if carrier.joint == before else carrier.joint
         tree.joints.append(_joint(element, frame, drive, on))

@@ -147,7 +147,7 @@ def read_mjcf(text: str, *, times: Numbers = TIMES, contact: bool = False) -> Im
     controls = np.zeros(len(actuators))
     controls = controls if key is None else numbers(key, "ctrl", controls)
     actuated = read_actuators(actuators, controls)
-    notes = [*_notes(shell, actuators, key), *actuated.notes]
+    notes = [*_notes(shell, actuators, key, root.findall("contact/pair")), *actuated.notes]
     body_frame = _own_frame(shell, sphere, inertias)
     inside = read_inside(shell, body_frame.inverse, inertias, actuated.forces)
     surface = _surface(plane, sphere)
@@ -165,8 +165,10 @@ def read_mjcf(text: str, *, times: Numbers = TIMES, contact: bool = False) -> Im
     return Imported(scenario, tuple(notes))
 
 
-def _notes(shell: ET.Element, actuators: list[ET.Element], key: ET.Element | None) -> list[str]:
-    """Returns the sentences about controls that the file does not have, and about limits of joints."""
+def _notes(
+    shell: ET.Element, actuators: list[ET.Element], key: ET.Element | None, pairs: list[ET.Element]
+) -> list[str]:
+    """Returns the sentences about controls that the file does not have, limits of joints and contact pairs."""
     notes = []
     if actuators and (key is None or key.get("ctrl") is None):
         names = all_of([label(element) for element in actuators])
@@ -178,11 +180,16 @@ def _notes(shell: ET.Element, actuators: list[ET.Element], key: ET.Element | Non
                 f"The `actuatorfrcrange` of {label(joint)} was not imported, because limits here are those of single "
                 "motors; give them to the actuators as `forcerange`."
             )
+    for pair in pairs:
+        notes.append(
+            f'The {label(pair)} of "{pair.get("geom1")}" and "{pair.get("geom2")}" was not imported, because only the '
+            "shell and the plane touch here, with the friction of their geoms; give it to these as `friction`."
+        )
     return notes
 
 
 def _inertias(root: ET.Element) -> Inertias:
-    unit, sequence, from_geoms = np.pi / 180, "XYZ", "auto"
+    angle, sequence, from_geoms = "degree", "xyz", "auto"
     for compiler in root.findall("compiler"):
         refuse_values(compiler, CHANGED, "inertias must be those that the file states")
         if compiler.get("balanceinertia") == "true":
@@ -193,9 +200,10 @@ def _inertias(root: ET.Element) -> Inertias:
                 f'here, but it is "{compiler.get("inertiagrouprange")}"; give mass 0 to the others.'
             )
         from_geoms = compiler.get("inertiafromgeom", from_geoms)
-        unit = 1.0 if compiler.get("angle") == "radian" else unit
-        sequence = compiler.get("eulerseq", "xyz").swapcase()
-    return Inertias(Angles(unit, sequence), from_geoms)
+        angle = compiler.get("angle", angle)
+        sequence = compiler.get("eulerseq", sequence)
+    unit = 1.0 if angle == "radian" else np.pi / 180
+    return Inertias(Angles(unit, sequence.swapcase()), from_geoms)
 
 
 def _gravity(root: ET.Element) -> Float[np.ndarray, "3"]:
@@ -228,12 +236,15 @@ def _touching(parent: ET.Element, kind: str) -> ET.Element:
 
 
 def _surface(plane: ET.Element, sphere: ET.Element) -> Surface:
-    """Returns the larger friction of the two, as MuJoCo has it."""
+    """Returns the friction of the geom with the higher priority, else the larger of the two, as MuJoCo has it."""
+    highest = max(number(geom, "priority", 0.0) for geom in (plane, sphere))
+    deciding = [geom for geom in (plane, sphere) if number(geom, "priority", 0.0) == highest]
     # Coefficients that are left out at the end are MuJoCo's.
-    coefficients = [numbers(geom, "friction") if geom.get("friction") else np.zeros(0) for geom in (plane, sphere)]
-    pair = [np.append(values, FRICTION[len(values) :])[:3] for values in coefficients]
-    condim = max(number(geom, "condim", 3.0) for geom in (plane, sphere))
-    friction = np.maximum(*pair)
+    coefficients = [numbers(geom, "friction") if geom.get("friction") else np.zeros(0) for geom in deciding]
+    friction = np.max([np.append(values, FRICTION[len(values) :])[:3] for values in coefficients], axis=0)
+    condim = max(number(geom, "condim", 3.0) for geom in deciding)
+    # A contact of one dimension has a normal force alone.
+    friction[0] = friction[0] if condim > 1 else 0.0
     # MuJoCo heeds friction against spinning from 4 dimensions on, and against rolling with 6.
     if condim >= 4 and friction[1] > LEAST_FRICTION:
         raise MJCFError(

@@ -121,7 +121,8 @@ def _shapes(trajectory: Trajectory[Any, Any], rows: np.ndarray) -> Iterator[tupl
     small = dict.fromkeys("xyz", 2 * MASS * r)
     for k in range(trajectory.observables.mass_positions_body.shape[1]):
         entities.append(_entity(f"mass[{k}]", "spheres", {"pose": STILL, "size": small, "color": MASS_COLOUR}))
-    yield int(rows[0]), {"deletions": [], "entities": entities}
+    for row in rows[:1]:  # none where the solve did not start
+        yield int(row), {"deletions": [], "entities": entities}
 
 
 def _entity(frame: str, kind: str, primitive: dict[str, Any]) -> dict[str, Any]:

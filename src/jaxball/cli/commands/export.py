@@ -50,14 +50,14 @@ def run(options: argparse.Namespace) -> int:
     scenario = scenario_of(document, options.scenario)
     timestep = {} if options.timestep is None else {"timestep": options.timestep}
     exported = to_mjcf(scenario, any_units=options.any_units, extent=options.extent, **timestep)
+    if options.controls is not None and not exported.controls:
+        raise BadInputError("Argument `--controls` must be left out, because nothing in this robot is controlled.")
     written = []
     if options.out == STDOUT:
         sys.stdout.write(exported.text)
     else:
         written.append(write_text(options.out, exported.text))
     if options.controls is not None:
-        if not exported.controls:
-            raise BadInputError("Argument `--controls` must be left out, because nothing in this robot is controlled.")
         rows = ((t, *row) for t, row in zip(scenario.times, exported.controls_at(scenario.times), strict=True))
         with replacing(options.controls) as temporary:
             # By `repr`, which keeps all digits.
