@@ -340,6 +340,14 @@ def test_what_is_no_ball_with_mechanisms_is_refused_by_name(case):
     assert sentence in str(caught.value)
 
 
+@pytest.mark.parametrize("attribute", ["damping", "stiffness", "armature", "frictionloss"])
+def test_a_disk_that_is_held_by_its_first_joints_is_refused(attribute):
+    text = to_mjcf(scenario(free_disk())).text
+    first = text.index("<joint")
+    with pytest.raises(MJCFError, match=f"`{attribute}` .* must be 0 .* nothing holds the shell but the plane"):
+        from_mjcf(f'{text[:first]}<joint {attribute}="0.5"{text[first + len("<joint") :]}')
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "sentence"),

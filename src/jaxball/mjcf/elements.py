@@ -100,6 +100,12 @@ def refuse_values(element: ET.Element, names: Iterable[str], why: str) -> None:
             )
 
 
+def refuse_what_holds(joint: ET.Element) -> None:
+    """Raises a :class:`MJCFError` where a joint between the world and the shell has a force of its own."""
+    names = "damping", "armature", "frictionloss", "stiffness"
+    refuse_values(joint, names, "nothing holds the shell but the plane here")
+
+
 class Frame(NamedTuple):
     """A frame in another one: a point x of it is at ``turn`` x + ``shift``."""
 
@@ -281,7 +287,5 @@ def _complete(element: ET.Element, defaults: Attributes) -> None:
 
 
 def _make_free(joint: ET.Element) -> None:
-    refuse_values(
-        joint, ("damping", "armature", "frictionloss", "stiffness"), "nothing holds the shell but the plane here"
-    )
+    refuse_what_holds(joint)
     joint.tag = "freejoint"

@@ -30,6 +30,7 @@ from .elements import (
     numbers,
     refuse_others,
     refuse_values,
+    refuse_what_holds,
 )
 from .inside import IN_BODY, Inside, read_inside, touches
 from .sensors import read_sensors
@@ -312,6 +313,8 @@ def _check_disk(shell: ET.Element, body_frame: OwnFrame, angles: Angles) -> None
             f"Element {label(shell)} must have a <freejoint>, or, for a disk, slides along x and z and a hinge about "
             "−y in this order, but it does not."
         )
+    for joint in shell.findall("joint"):
+        refuse_what_holds(joint)
     still = _is_at(frame_of(shell, angles), np.eye(3), 1) and _is_at(body_frame.frame, np.eye(3), 0, 1, 2)
     if not still:
         raise MJCFError(
