@@ -94,6 +94,7 @@ def poincare_map(
     )
     crossings = trajectory.events["section"]
     count = int(crossings.count)
+    # There may have been more than there was room for.
     rows = slice(0, min(count, capacity))
     return PoincareMap(
         times=np.asarray(crossings.times)[rows],

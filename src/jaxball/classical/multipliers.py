@@ -107,6 +107,7 @@ def nearest_place(
 
     def newton(_: Any, q: Float[Array, " n"]) -> Float[Array, " n"]:
         rows = jax.jacfwd(positions, argnums=1)(t, q)
+        # This block takes a residual of the constraints to the step that removes it.
         return q - _times(inverse(saddle(mass, rows))[:n, n:], positions(t, q))
 
     if steps > UNROLLED:

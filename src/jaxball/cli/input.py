@@ -156,6 +156,7 @@ def scenario_of(document: dict[str, Any], source: str) -> "Scenario":
     """
     with gather_problems(source):
         return scenario.read_document(document)
+    # Not reached: the block above raises if nothing is returned. Type checkers cannot know.
     raise AssertionError("A document that cannot be read has a problem.")
 
 

@@ -48,6 +48,7 @@ class FeedbackHistory(AbstractHistory):
         return [f"under feedback {sees}, by {', '.join(self.inputs)}"]
 
     def at_rows(self, rows: slice) -> "FeedbackHistory":
+        # The estimate has names besides arrays, which have no rows.
         arrays, names = eqx.partition((self.nominal, self.u, self.estimate), eqx.is_array)
         nominal, u, estimate = eqx.combine(jax.tree.map(lambda leaf: leaf[rows], arrays), names)
         return FeedbackHistory(self.switches, nominal, u, estimate, self.inputs)

@@ -39,6 +39,7 @@ def weight_matrix(name: str, weights: Weights, names: Sequence[str]) -> Float[An
         )
     if is_traced(matrix):
         return matrix
+    # Relative to the largest entry, as users' numbers may be of any size.
     if not np.all(np.isfinite(matrix)) or np.any(
         np.abs(matrix - matrix.T) > ROUNDING_OF_EIGENVALUE * np.max(np.abs(matrix))
     ):
@@ -61,6 +62,7 @@ def factor(matrix: Float[AnyArray, "n n"]) -> Float[AnyArray, "n n"]:
     if is_traced(matrix):
         return _by_cholesky(jnp.asarray(matrix))
     eigenvalues, vectors = np.linalg.eigh(matrix)
+    # Rounding makes eigenvalues of 0 slightly negative.
     return np.sqrt(np.maximum(eigenvalues, 0.0))[:, None] * vectors.T
 
 
@@ -71,6 +73,7 @@ def _by_cholesky(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
     rows, rest = [], matrix
     for k in range(len(matrix)):
         pivot = rest[k, k]
+        # A pivot of rounding would divide by almost 0; its row is 0 instead.
         is_positive = pivot > ROUNDING_OF_EIGENVALUE * matrix[k, k]
         row = jnp.where(is_positive, rest[k] / jnp.sqrt(jnp.where(is_positive, pivot, 1.0)), 0.0)
         rows.append(row)
@@ -86,6 +89,7 @@ def by_name(name: str, given: Mapping[str, Any], names: Sequence[str], other: fl
     **Raises:** ``ValueError`` for an unknown name.
     """
     values: list[Any] = [other] * len(names)
+    # A group has entries such as "z[0]"; a name such as "mechanisms[0].joints[0]" is of a single coordinate.
     groups = [entry.partition("[")[0] for entry in names if entry.count("[") == 1 and "." not in entry]
     key_names = list(dict.fromkeys([*groups, *names]))
     for key, value in given.items():

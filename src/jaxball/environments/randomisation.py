@@ -95,6 +95,7 @@ class Factor(AbstractDistribution):
         require("factor", self.factor, AbstractDistribution, "a distribution, such as Uniform(0.9, 1.1)")
 
     def draw(self, key, nominal):
+        # One number for all: moments drawn one by one could be those of no body.
         return nominal * self.factor.draw(key, jnp.ones((), nominal.dtype))
 
 
@@ -107,6 +108,7 @@ def with_numbers(system: System, values: Mapping[str, Float[Array, "..."]]) -> S
     """Returns the body with other arrays, by their paths; traceable."""
     leaves, structure = jax.tree_util.tree_flatten_with_path(system.arguments)
     changed = [values.get(_name(path), leaf) for path, leaf in leaves]
+    # Made again by its constructor, which computes and checks what follows from the arguments.
     return type(system)(**jax.tree.unflatten(structure, changed))
 
 

@@ -52,6 +52,7 @@ class Moment(NamedTuple):
         system, state = self.system, self.state
         if self._surface is not None:
             held = self._surface.touch_at(self.t, state.z)
+            # On a surface, the centre is a radius above the contact: the velocity of the ground there, plus ω × r n.
             velocity = held.w + system.radius * cross(apply(state.Lambda, state.Omega), held.n)
             return self._in_plane(velocity[:2])
         drift = system.drift(self.t, state.in_space())
@@ -66,8 +67,10 @@ class Moment(NamedTuple):
     def heading(self) -> Float[Array, "2"]:
         """The direction in which the body rolls about its axis E2: horizontal, of length 1; 0 where E2 is vertical."""
         axis = self.state.Lambda[:2, 1]
+        # With a bound below, because a policy is differentiated through this, and the root has no slope at 0.
         size = root(jnp.sum(axis**2), UPRIGHT)
         ahead = jnp.stack([axis[1], -axis[0]])
+        # The inner `where` keeps the division by 0 out of the gradient, too.
         return jnp.where(size > 0, ahead / jnp.where(size > 0, size, 1.0), 0.0)
 
     def ahead(self, vector: Float[Array, "*rows d"]) -> Float[Array, "*rows d"]:
@@ -147,6 +150,7 @@ class ReachPoint(AbstractGoal):
     def is_reached(self, target, moment):
         if self.within is None:
             return super().is_reached(target, moment)
+        # The way and the velocity, each by its length.
         rows = self.misses(target, moment).reshape(2, -1)
         return jnp.all(jnp.sum(rows**2, axis=1) < self.within**2)
 

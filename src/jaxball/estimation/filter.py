@@ -124,6 +124,7 @@ class ErrorStateFilter(Printed):
         directions = sampled.directions
         rates = to_array(by_name("process", process or {}, directions), "process")
         require_not_negative("process", rates)
+        # A bias that wanders is estimated even if it is known at the start.
         spread = {name: 0.0 for name, sensor in sensors.items() if wanders(sensor)} | dict(biases or {})
         for name in spread:
             if name not in sensors:
@@ -230,8 +231,10 @@ class ErrorStateFilter(Printed):
         following = self.sampled.flow(t, belief.state, u)
         A = self.sampled.linearise(t, belief.state, u, following).A
         n, whole = len(A), belief.P.shape[0]
+        # Biases do not change on their own, so that their part is the identity.
         F = jnp.eye(whole, dtype=A.dtype).at[:n, :n].set(A)
         rates = jnp.concatenate([self.process, self._walks(belief.state)])
+        # The variance of a random walk grows in proportion to the time.
         added = jnp.diag(self.sampled.sample * rates**2)
         return Belief(following, belief.bias, symmetric(F @ belief.P @ F.T + added)), F
 
@@ -256,13 +259,17 @@ class ErrorStateFilter(Printed):
         state, P = belief.state, belief.P
         h, H = self.expect_readings(t, belief, u)
 
+        # A missing reading keeps its row, as shapes are fixed while tracing: without sensitivity, and with a variance
+        # of 1 that makes S regular, it changes nothing.
         there = read.there[:, None]
         H = jnp.where(there, H, 0.0)
         innovation = jnp.where(read.there, read.y - h, 0.0)
         R = jnp.where(read.there, self._noise(state) ** 2, 1.0)
         S = symmetric(H @ P @ H.T + jnp.diag(R))
+        # The transpose of P Hᵀ S⁻¹, by the symmetry of both covariances.
         K = jnp.linalg.solve(S, H @ P).T
         rest = jnp.eye(len(P), dtype=P.dtype) - K @ H
+        # Joseph's form remains positive semidefinite in spite of rounding.
         with_reading = belief._replace(P=rest @ P @ rest.T + (K * R[None]) @ K.T)
         return with_reading.move(K @ innovation), innovation, S
 
@@ -283,6 +290,7 @@ class ErrorStateFilter(Printed):
         if len(set(lengths.values())) > 1:
             raise ValueError(f"Argument `readings` must have as many samples of each sensor, but there are {lengths}.")
         y = jnp.concatenate(list(columns.values()), axis=1)
+        # NaN would enter derivatives although it is not used.
         return Reading(jnp.where(jnp.isfinite(y), y, 0.0), jnp.isfinite(y))
 
     def sizes(self, state: PlacedState) -> dict[str, int]:
@@ -331,11 +339,14 @@ def _filter(
 
     def step(belief: Belief, sample: tuple[Array, Array, Array, Reading]) -> tuple[Belief, tuple]:
         t, before, now, reading = sample
+        # Prediction is over the sample that ends at t, with the input held there; the reading is with the input after
+        # it.
         ahead, F = estimator.predict(t - estimator.sampled.sample, belief, before)
         belief, record = with_reading(ahead, t, now, reading)
         return belief, (*record, F)
 
     first, rest = (jax.tree.map(lambda x, part=part: x[part], read) for part in (0, np.s_[1:]))
+    # The first sample has nothing to predict.
     belief, record = with_reading(estimator.start(start, deviations), times[0], held[0], first)
     _, (*following, F) = jax.lax.scan(step, belief, (times[1:], held[:-1], held[1:], rest))
     whole = jax.tree.map(lambda leaf, others: jnp.concatenate([leaf[None], others]), record, tuple(following))
@@ -358,6 +369,7 @@ def _filter(
 def _linearise(estimator: ErrorStateFilter, start: PlacedState, u: Array, t0: Array) -> tuple[Array, Array]:
     """Computes the derivatives of the flow of errors over each sample, and of each reading, along a motion."""
     times, held = estimator.times(t0, len(u) + 1), _hold_last(u)
+    # The derivatives do not depend on the covariance.
     belief = estimator.start(start, jnp.ones(len(start.directions), t0.dtype))
 
     def step(belief: Belief, sample: tuple[Array, Array]) -> tuple[Belief, tuple[Array, Array]]:

@@ -34,6 +34,7 @@ def with_derivatives(value: Any, function: Callable[..., Any], *arguments: Any) 
 
     Where nothing is differentiated, the function is not evaluated.
     """
+    # Arrays that the function has from outside become operands, because only operands have tangents in a rule.
     (function, arguments), captures = take_captures((function, arguments))
 
     def of_captures(captures: list[Any], *arguments: Any) -> Any:

@@ -34,6 +34,7 @@ def where_finite(residuals: Residuals) -> Residuals:
     @functools.lru_cache(maxsize=1)
     def evaluate(y: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
         r, J = map(np.asarray, residuals(y))
+        # NaN tells SciPy that a step went too far; it reads residuals only.
         return (r, J) if np.all(np.isfinite(J)) else (np.full_like(r, np.nan), J)
 
     return evaluate

@@ -54,6 +54,7 @@ def with_derivatives_of_root(x: Number, function: Callable[..., Number], *argume
 
     They are those of every order, by forward and reverse mode.
     """
+    # Arrays that the function has from outside become operands, because only operands have tangents in a rule.
     (function, arguments), captures = take_captures((function, arguments))
 
     def of_captures(x: Number, captures: list[Any], *arguments: Any) -> Number:

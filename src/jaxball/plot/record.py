@@ -6,7 +6,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..simulation.limits import with_limits
+from ..simulation.one_sided import with_one_sided_limits
 from ..simulation.trajectory import Trajectory
 
 
@@ -34,7 +34,7 @@ def with_jumps(trajectory: Trajectory) -> Trajectory:
     **Raises:** ``ValueError`` for a batch of trajectories.
     """
     require_one(trajectory)
-    return with_limits(trajectory)
+    return with_one_sided_limits(trajectory)
 
 
 def require_finite_rows(trajectory: Trajectory) -> np.ndarray:

@@ -143,6 +143,7 @@ def apply_actuation(
     check = check_factors if linear else _check_targets
     check(values, path, names, joints=joints, kind=kind)
     changed, schedules = list(masses), [None if linear else masses[index].schedule for index in driven]
+    # Their schedules become those that the law follows, and θ becomes part of the state.
     for index in driven:
         changed[index] = masses[index].follow_law()
     followed = (*schedules, *(joint.target for joint in accelerated))
@@ -217,6 +218,7 @@ def write_actuation(system: System) -> dict[str, Any]:
     table: dict[str, Any] = {"form": form}
     if isinstance(law, Servo):
         table |= {name: key.kind.write(getattr(law, name), name) for name, key in _GAINS.items()}
+    # All masses on rails is the default.
     if system.driven != system.on_rails:
         table["masses"] = list(system.driven)
     return table

@@ -203,6 +203,7 @@ def read_classical(
         system.require_state(state)
     except ValueError as error:
         raise ScenarioError(str(error).replace("Argument `state.", "Key `initial.")) from None
+    # Here, because it evaluates the equations, which a state of another shape would break.
     _refuse(system.start_conditions(to_array(start), state), kind in CLASSICAL)
     if kind not in CLASSICAL:
         _require_rates(kind, system, to_array(start), state)

@@ -48,6 +48,7 @@ def dimension_of(path: str, kinds: Mapping[str, Numbers], document: Mapping[str,
     names = [step for step in steps(path) if isinstance(step, str)]
     if kind is None or kind.dimension is None:
         return ""
+    # A state lists coordinates of all kinds, some of which are angles and some lengths.
     if names[-1] in ("theta", "thetadot") and path.startswith("initial."):
         return ""
     dimension = _of_coefficient(kind.dimension, path, names[-1])

@@ -117,6 +117,7 @@ def _evaluate(event: AbstractEvent, path: str, system: AbstractSystem, t: Any, s
 
     crossing = isinstance(event, Event)
     with trying(join(path, "of"), "of") if crossing else trying_class(join(path, "kind"), type(event).__name__):
+        # Traced for shapes only: an error appears, and nothing is computed.
         eqx.filter_eval_shape(value, system, t, state)
 
 

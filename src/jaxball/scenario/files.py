@@ -219,6 +219,7 @@ def read_contents(document: dict[str, Any]) -> Contents:
     if document.get("kind") in tuple(CLASSICAL) or is_python_name(document.get("kind")):
         return _read_classical(document)
     kind = str(document.get("kind"))
+    # An unknown kind has no keys of its own; this raises for the kind, and for all other keys that are wrong.
     if kind not in BODIES:
         read_table(document, "", KEYS)
     readers = {
@@ -257,6 +258,7 @@ def _join_tables(kind: str, document: Mapping[str, Any], of_body: _OfBody, table
     ground = surroundings.get("ground")
     if isinstance(ground, ReadPlate):
         surroundings["ground"], angles = ground.ground, ground.angles
+        # A balance is found at rest, where angles that a law drives are level.
         ground = ground.without_law()
     if initial["balance"] is not None:
         shell_and_ground = {**shell, "ground": ground}
@@ -272,6 +274,7 @@ def _join_tables(kind: str, document: Mapping[str, Any], of_body: _OfBody, table
         law=actuated.law,
         mechanisms=[item.mechanism for item in mechanisms],
     )
+    # Only now: the angles of masses may have been shifted into balance.
     state = initial_state(initial, "initial", kind, system.coordinates, actuated.targets, start)
     span = namespace(times.start, times.end).stack([times.start, times.end])
     solve, sensors, events, contact = tables.solve or {}, tables.sensors, tables.events or {}, tables.contact
@@ -356,9 +359,10 @@ def document_with_defaults(scenario: Scenario) -> dict[str, Any]:
 
 
 def with_defaults(document: Mapping[str, Any], scenario: Scenario, paths: Iterable[str]) -> dict[str, Any]:
-    """Returns the document of ``scenario`` in which the keys of these paths are written if they have their defaults.
+    """Returns the document of ``scenario``, in which the keys at these paths are also written if they have their
+    defaults.
 
-    Where there is no such key, or where it does not go with those that are there, it is left out.
+    A key that does not exist, or that does not go with those that are there, is left out.
     """
     written = dict(document)
     absent = dict.fromkeys(key_of(path) for path in paths if not has_path(document, key_of(path)))
@@ -373,6 +377,7 @@ def with_defaults(document: Mapping[str, Any], scenario: Scenario, paths: Iterab
         longer = with_values(written, [f"{key}={value_at(whole, key)!r}"])
         same = False
         with all_problems() as problems:
+            # The scenario must be the same in all its other keys too, or the default stands for something else there.
             same = document_with_defaults(read_document(longer)) == whole
         written = longer if same and not problems else written
     return written

@@ -295,5 +295,6 @@ def _write_mechanism(item: Any, targets: Mapping[str, AbstractSchedule | None], 
 
 
 def _write_carried_mass(mass: CarriedMass, last: int, path: str) -> dict[str, Any]:
+    # The last joint is the default.
     joint = None if mass.joint == last else mass.joint
     return write_table({"mass": mass.mass, "place": mass.place, "joint": joint}, path, _CARRIED.keys)

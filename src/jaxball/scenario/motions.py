@@ -92,6 +92,7 @@ def read_frame(values: Any, path: str) -> AbstractFrame:
     if name == "matrix":
         B = table["matrix"]
         xp = namespace(B)
+        # The determinant tells a rotation from a reflection, whose columns are orthonormal, too.
         require(
             xp.allclose(B.T @ B, np.eye(3), rtol=0, atol=ORTHONORMAL) & (xp.linalg.det(B) > 0),
             join(path, "matrix"),
@@ -104,6 +105,7 @@ def read_frame(values: Any, path: str) -> AbstractFrame:
 def write_frame(frame: AbstractFrame, path: str) -> dict[str, Any] | None:
     """Returns the table of a frame, or None for the identity, which is the default."""
     _, table = write_member(frame, path, _FRAMES)
+    # By digits, which tell 0.0 from −0.0: what is read back must be the same.
     return None if repr(table) == repr({"matrix": np.eye(3).tolist()}) else table
 
 
@@ -297,7 +299,8 @@ class _Constant(Numbers):
         return "a finite number, or the table of a signal or a schedule"
 
 
-# Of signals, an angle stands for what they are of.
+# A signal's value has the dimension of the quantity that it drives, for which an angle stands here;
+# `dimension_of` replaces it.
 _NUMBER = _Constant(dimension=ANGLE, by_size=True)
 _STEPS = Module(
     PiecewiseSignal,
@@ -310,6 +313,7 @@ _PIECES = Module(
     check=row_for_each_interval("values"),
 )
 SIGNALS: Family = {"steps": _STEPS, "piecewise": _PIECES, **SCHEDULES, LOG: SIGNAL_OR_SCHEDULE_FROM_LOG}
+# Without "steps", whose class is that of "piecewise"; `write_signal` chooses between them.
 _WRITTEN: Family = {"piecewise": _PIECES, **SCHEDULES, LOG: SIGNAL_OR_SCHEDULE_FROM_LOG}
 
 

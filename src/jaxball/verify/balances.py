@@ -72,6 +72,7 @@ def why_not_routh(system: AbstractBody, body_moments: Moments, axis: Float[np.nd
     if moved > ZERO_RELATIVE * np.max(np.abs(J)) or np.max(np.abs(body_moments.l)) > 0:
         return MASSES_MOVE
     J, p = J[0, 0], p[0, 0]
+    # Steiner: about the centre of mass, where a body of revolution shows that it is one.
     about_centre_of_mass = J - (p @ p * np.eye(3) - np.outer(p, p)) / float(body_moments.M[0, 0])
     return why_no_revolution(about_centre_of_mass, axis[0, 0])
 
@@ -95,6 +96,7 @@ def why_no_revolution(J: Float[np.ndarray, "3 3"], axis: Float[np.ndarray, "3"])
     along = J @ axis
     if np.max(np.abs(along - (axis @ along) * axis)) > ZERO_RELATIVE * scale:
         return f"the axis {_text(axis)} is not a principal one"
+    # The axis's own eigenvalue is lifted above the others, which are then the two moments across it.
     across = np.sort(np.linalg.eigvalsh(J + 10 * scale * np.outer(axis, axis)))[:2]
     if across[1] - across[0] > ZERO_RELATIVE * scale:
         return f"the moments across the axis {_text(axis)} differ, {across[0]:.4g} and {across[1]:.4g}"
@@ -156,9 +158,11 @@ def law_of_contact(case: Case) -> Row:
     N, f = np.asarray(seen.normal_force), np.linalg.norm(np.asarray(seen.friction), axis=1)
     mode, slip = np.asarray(run.history.mode), np.linalg.norm(np.asarray(run.history.slip)[:, :2], axis=1)
     sliding = np.asarray(jax.vmap(law.coefficient)(jnp.asarray(slip)))
+    # In flight there is no friction to allow.
     mu = np.where(mode == Mode.SLIDING, sliding, np.where(mode == Mode.FLIGHT, 0.0, float(law.static_friction)))
     system = case.scenario.system
     assert isinstance(system, AbstractBody)
+    # A fraction of the weight; without gravity, there is none.
     unit = float(system.total_mass) * abs(float(system.gravity)) or 1.0
     above = np.maximum(-N, f - mu * np.maximum(N, 0.0))
     on_ground = mode != Mode.FLIGHT

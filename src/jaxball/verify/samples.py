@@ -227,6 +227,7 @@ def axis_of(body_moments: Moments) -> Float[Array, "3"]:
     centred = height <= CENTRED_DISTANCE * jnp.sqrt(body_moments.M * jnp.max(J))
     odd = jnp.argmax(jnp.abs(J - jnp.median(J)))
     coordinate = jnp.where(jnp.arange(3) == odd, jnp.ones_like(J), 0.0)
+    # The inner `where` keeps the division by 0 away where the axis is a coordinate's.
     return jnp.where(centred, coordinate, body_moments.p / jnp.where(centred, 1.0, height))
 
 

@@ -24,7 +24,7 @@ from .trajectory import Trajectory
 STILL = 1e-9  # of the speeds of a body: a slower slip is at its beginning or at its end
 
 
-def with_limits(trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
+def with_one_sided_limits(trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
     """Returns the run with two more rows at each switch that was kept: the state and the mode just before it, and just
     after.
 
@@ -37,21 +37,21 @@ def with_limits(trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
 
     - ``trajectory``: one run, not a batch, of a state that has a place.
     """
-    return _with_limits(trajectory.history, trajectory)
+    return _with_one_sided_limits(trajectory.history, trajectory)
 
 
 @functools.singledispatch
-def _with_limits(history: AbstractHistory, trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
+def _with_one_sided_limits(history: AbstractHistory, trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
     return trajectory
 
 
-@_with_limits.register(RestingHistory)
-@_with_limits.register(StickingHistory)
+@_with_one_sided_limits.register(RestingHistory)
+@_with_one_sided_limits.register(StickingHistory)
 def _of_held(history: Any, trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
     return trajectory  # the switches of a file do not tell what dry friction holds on either side
 
 
-@_with_limits.register
+@_with_one_sided_limits.register
 def _of_contact(history: ContactHistory, trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
     times, state = np.asarray(trajectory.times), trajectory.state
     sides = _sides(trajectory, history)
