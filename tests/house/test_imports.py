@@ -9,12 +9,6 @@ import pytest
 
 SOURCE = Path(__file__).parents[2] / "src/jaxball"
 ROOMS = sorted(path.name for path in SOURCE.iterdir() if path.is_dir() and path.name != "__pycache__")
-# Laws of contact still ask there.
-STILL = {
-    ("physics/contact/body_on_plane.py", "PlacedState"),
-    ("physics/contact/law.py", "is_traced"),
-    ("physics/contact/modes.py", "PlacedState"),
-}
 
 
 def statements(body: list[ast.stmt]) -> Iterator[ast.stmt]:
@@ -55,9 +49,8 @@ def roundabout(file: Path) -> list[tuple[int, str, str]]:
 @pytest.mark.parametrize("room", ROOMS)
 def test_names_are_imported_from_where_they_are_defined(room):
     ways = [
-        f"{name}:{line}: {imported} of {module}"
+        f"{file.relative_to(SOURCE)}:{line}: {imported} of {module}"
         for file in sorted((SOURCE / room).rglob("*.py"))
         for line, module, imported in roundabout(file)
-        if ((name := str(file.relative_to(SOURCE))), imported) not in STILL
     ]
     assert not ways, "\n".join(ways)

@@ -164,7 +164,7 @@ def simulate_ensemble(
 ) -> Ensemble:
     """Simulates many runs of systems of one structure; each agrees with :func:`jaxball.simulate` within tolerances.
 
-    **Arguments**; others are as for one run:
+    **Arguments:**
 
     - ``system``, ``state``: every array has the runs as leading axis, as ``jax.vmap`` takes them and ``jax.tree.map``
       with ``np.stack`` makes them, unless ``in_axes`` says otherwise.
@@ -173,6 +173,7 @@ def simulate_ensemble(
       within which the first terminal event ends the run.
     - ``contact``: each of its numbers is for all runs or, made by ``jax.vmap``, of shape (runs,); its ``capacity`` is
       the same for every run.
+    - ``solver``, ``step_to_times``, ``dae``, ``project``, ``inside``, ``adjoint``, ``max_steps``: as for one run.
     - ``rtol``, ``atol``: for all runs, or of shape (runs,).
     - ``reductions``: results to find in each run while it is computed, by name: some of
       ``jaxball.ensemble.REDUCTIONS``, or any :class:`Maximum`, :class:`Minimum`, :class:`Drift` or :class:`Integral` of

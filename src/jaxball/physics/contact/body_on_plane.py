@@ -34,12 +34,11 @@ from ..dynamics.load import Load
 from ..grounds import AbstractSurface
 from ..hybrid import NONE, WINDOW, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
 from ..rolling import Reaction
-from ..state import ReducedState
+from ..state import PlacedState, ReducedState
 from . import friction, over_surface as over, slip as slips
 from .law import Contact
 from .modes import ContactState, ContactSwitches, Mode, SwitchCause, cause_of
 from .released import (
-    PlacedState,
     ReleasedState,
     Response,
     in_space,

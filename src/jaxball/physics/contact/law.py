@@ -10,8 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ...compat import is_traced
 from ...interface.printing import Printed
-from ...numerics.arrays import Numbers, is_traced, namespace_of, numbers
+from ...numerics.arrays import Numbers, namespace_of, numbers
 from ..conditions import Condition, positive
 
 SLOWEST_REBOUND = 1e-6

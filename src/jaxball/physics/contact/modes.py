@@ -10,9 +10,10 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..conditions import Condition
 from ..hybrid import NONE, Switches
+from ..state import PlacedState
 from ..system import AbstractState
 from .friction import slip_direction
-from .released import PlacedState, ReleasedState
+from .released import ReleasedState
 from .slip import Beginning
 
 
