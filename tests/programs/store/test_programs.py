@@ -16,7 +16,7 @@ from jaxball import Disk, DiskState, Fixed, PointMass, contact_extremes, program
 from jaxball.numerics import vectors
 from jaxball.programs import computation
 from jaxball.programs.native import choice
-from jaxball.programs.native.emit.rules import RULES
+from jaxball.programs.native.emit.lowering import RULES
 from jaxball.programs.native.targets import machine
 from jaxball.programs.store import current, folder_store as module
 from tests.support.precision import enable_x64

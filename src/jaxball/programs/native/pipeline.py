@@ -11,9 +11,8 @@ from .calls.python import python_call
 from .calls.row_threads import rows_in_threads
 from .calls.table import Part, Rows, bytes_of_table, part_of
 from .emit import operations  # noqa: F401 (whose rules are entered)
-from .emit.lowering import Compiler
+from .emit.lowering import RULES, Compiler
 from .emit.main import Main, emit_main
-from .emit.rules import RULES
 from .executable import Form, Given
 from .gpu import GridForm, compile_for_gpus
 from .ir.elements import UnsupportedError

@@ -1,7 +1,11 @@
-"""Compiles programs: StableHLO's functions, operation by operation, to functions of LLVM IR."""
+"""Compiles programs: StableHLO's functions, operation by operation, to functions of LLVM IR.
+
+``operations`` has a rule for each operation, a function that writes its computation, and registers it here.
+"""
 
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
+from typing import TypeAlias
 
 import numpy as np
 
@@ -13,10 +17,25 @@ from ..limits import MOST_INLINED
 from ..targets.processors import HOST, Target
 from .buffers import Buffer
 from .builder import Builder
-from .rules import RULES
 from .scalars.dispatch import ELEMENTWISE, scalar
 from .storage import Storage
 from .values import Array, Formula, Memory, Registers, is_small
+
+# Of the Function being compiled, an Operation and its operands, to the result or a list of results.
+Rule: TypeAlias = "Callable[[Function, Operation, list[Array]], Array | list[Array]]"
+
+RULES: dict[str, Rule] = {}
+
+
+def rule(*names: str) -> Callable[[Rule], Rule]:
+    """Registers a function as the rule of operations with these names."""
+
+    def enter(function: Rule) -> Rule:
+        RULES.update(dict.fromkeys(names, function))
+        return function
+
+    return enter
+
 
 # Why a program stopped before its end: a signal, or because it cannot do what comes next.
 INTERRUPTED_CODE, REFUSED = 1, 2
@@ -203,7 +222,7 @@ class Function:
         # Usually a sum or a maximum, of many elements: no array is made around each of them.
         if len(block.operations) == 1:
             (operation,) = block.operations
-            plain = operation.name.partition(".")[2] in ELEMENTWISE and block.results == operation.results
+            plain = operation.short_name in ELEMENTWISE and block.results == operation.results
             if plain and operation.operands == block.arguments:
                 compute = scalar(operation)
                 return lambda *elements: (compute(self.builder, *elements),)

@@ -59,6 +59,11 @@ class Operation:
             self.reads[value] = self.reads.get(value, 0) + 1
         self.last: list[Value] = []
 
+    @property
+    def short_name(self) -> str:
+        """The name without the dialect."""
+        return self.name.partition(".")[2]
+
     def has(self, name: str) -> bool:
         return name in self._attributes
 

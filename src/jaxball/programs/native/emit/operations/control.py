@@ -10,9 +10,8 @@ from .. import uninitialised
 from ..buffers import OwnersBefore
 from ..functions import call_function
 from ..instructions import BOOL
-from ..lowering import Function
+from ..lowering import Function, rule
 from ..passing import Passing
-from ..rules import rule
 from ..values import Array, Memory, is_small
 
 

@@ -6,8 +6,7 @@ import numpy as np
 
 from ...ir.elements import Element, UnsupportedError
 from ...ir.program import Operation
-from ..lowering import Function
-from ..rules import rule, short
+from ..lowering import Function, rule
 from ..scalars import complex, real
 from ..scalars.dispatch import ELEMENTWISE, scalar
 from ..values import Array, Formula, Memory, Registers, is_small, registers, size_of
@@ -92,7 +91,7 @@ def part(function: Function, operation: Operation, operands: list[Array]) -> Arr
         compute = scalar(operation)
         return map_elements(function, result.shape, result.dtype, lambda x: compute(function.builder, x), operands)
     zero = result.dtype.type(0)
-    compute = (lambda x: x) if short(operation.name) == "real" else (lambda x: zero)
+    compute = (lambda x: x) if operation.short_name == "real" else (lambda x: zero)
     return map_elements(function, result.shape, result.dtype, compute, operands)
 
 

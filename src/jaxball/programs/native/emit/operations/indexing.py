@@ -8,8 +8,7 @@ import numpy as np
 from ...ir.elements import Element, Index, in_lanes
 from ...ir.program import Operation
 from ..instructions import BOOL
-from ..lowering import Function
-from ..rules import rule
+from ..lowering import Function, rule
 from ..values import Array, Formula, Memory, Registers, is_small, size_of
 
 

@@ -15,8 +15,7 @@ from ...limits import COLUMNS_OF_BLOCK
 from ...targets import machine
 from ..builder import INDEX
 from ..instructions import BOOL
-from ..lowering import Function, is_callback
-from ..rules import rule
+from ..lowering import Function, is_callback, rule
 from ..storage import parts
 from ..values import Array, Memory, Registers
 

@@ -13,9 +13,8 @@ from ...limits import LANES, MOST_NUMBERS, MOST_TURNS, MOST_UNCHANGED
 from ..buffers import OwnersBefore
 from ..builder import INDEX
 from ..instructions import BOOL
-from ..lowering import Function
+from ..lowering import Function, rule
 from ..passing import Passing
-from ..rules import rule
 from ..values import Array, Memory, Registers, registers
 
 _OF_CONDITIONS = {

@@ -8,8 +8,7 @@ import numpy as np
 from ...ir.elements import Element, Index, is_known
 from ...ir.program import Operation
 from ...limits import MOST_PRODUCTS, MOST_TERMS, PARTIAL_SUMS
-from ..lowering import Function
-from ..rules import rule
+from ..lowering import Function, rule
 from ..scalars import complex, real
 from ..values import Array, Formula, Registers, is_small, size_of
 from ..vectors import is_of_vectors, row_by_row, side_by_side

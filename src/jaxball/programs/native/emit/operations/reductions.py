@@ -10,8 +10,7 @@ from ...ir.program import Operation
 from ...limits import MOST_LOOPS, MOST_TERMS
 from ..builder import INDEX
 from ..instructions import BOOL
-from ..lowering import Function
-from ..rules import rule
+from ..lowering import Function, rule
 from ..storage import join_parts, parts
 from ..values import Array, Formula, Memory, Registers, is_small, size_of
 from ..vectors import is_of_vectors, row_by_row, side_by_side

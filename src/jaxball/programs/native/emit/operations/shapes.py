@@ -7,8 +7,7 @@ import numpy as np
 
 from ...ir.elements import Element, Index
 from ...ir.program import Operation
-from ..lowering import Function
-from ..rules import rule
+from ..lowering import Function, rule
 from ..scalars import complex, real
 from ..values import Array, Formula, Registers, is_small, linear, unravel
 

@@ -7,8 +7,7 @@ from ...ir.program import Operation
 from ...limits import LANES
 from ..builder import INDEX
 from ..instructions import BOOL
-from ..lowering import Function
-from ..rules import rule
+from ..lowering import Function, rule
 from ..scalars import complex, real
 from ..values import Array, Memory
 

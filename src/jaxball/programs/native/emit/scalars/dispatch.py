@@ -7,7 +7,6 @@ from collections.abc import Callable
 
 from ...ir.elements import Element, UnsupportedError
 from ...ir.program import Operation
-from ..rules import short
 from . import complex, real
 
 
@@ -17,7 +16,7 @@ def scalar(operation: Operation) -> Callable[..., Element]:
 
     **Raises:** ``UnsupportedError`` for an operation that is not elementwise or is not known.
     """
-    name, dtype, to = short(operation.name), operation.operands[0].dtype, operation.results[0].dtype
+    name, dtype, to = operation.short_name, operation.operands[0].dtype, operation.results[0].dtype
     if name == "convert":
         # Either type may be complex: to a real one, only the real part is converted.
         conversion = complex.convert if "c" in (dtype.kind, to.kind) else real.convert
