@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.printing import Printed
-from ..numerics.arrays import Numbers, default_dtype, numbers
+from ..numerics.arrays import Numbers, default_dtype, is_traced, numbers
 from ..numerics.vectors import apply
 from ..physics.body import Ball, System
 from ..physics.forces.force import HarmonicForce, Push, Wrenches
@@ -59,6 +59,10 @@ class SampledSystem(Printed):
     atol: Float[Array, ""]
     places: tuple[Place, ...] = eqx.field(static=True)
 
+    def __check_init__(self):
+        if not is_traced(self.sample) and not np.all(np.asarray(self.sample) > 0):
+            raise ValueError(f"Argument `sample` must be a positive time, but it is {self.sample:g}.")
+
     @classmethod
     def of(
         cls,
@@ -78,8 +82,8 @@ class SampledSystem(Printed):
           ``"mechanisms[0].joints[0]"`` or ``"masses[1]"``; by default all that a schedule, a law or a motor moves.
         - ``rtol``, ``atol``: tolerances of the solve of a sample.
 
-        **Raises:** ``ValueError`` for unknown names, and where there is nothing to set; ``TypeError`` for other
-        systems.
+        **Raises:** ``ValueError`` for unknown names, where there is nothing to set, and for a ``sample`` that is not
+        positive; ``TypeError`` for other systems.
         """
         places = places_of(system, inputs)
         h, relative, absolute = (numbers(name)(x) for name, x in (("sample", sample), ("rtol", rtol), ("atol", atol)))

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..interface.arguments import require
 from ..interface.wording import did_you_mean
 from ..numerics.arrays import AnyArray, Numbers, is_traced, to_numpy
 
@@ -82,8 +83,9 @@ def by_name(name: str, given: Mapping[str, Any], names: Sequence[str], other: fl
 
     What is not named is ``other``.
 
-    **Raises:** ``ValueError`` for an unknown name.
+    **Raises:** ``TypeError`` for anything but a dictionary, ``ValueError`` for an unknown name.
     """
+    require(name, given, Mapping, 'a dictionary of numbers by name, such as {"z": 0.1}')
     values: list[Any] = [other] * len(names)
     groups = [entry.partition("[")[0] for entry in names if entry.count("[") == 1 and "." not in entry]
     key_names = list(dict.fromkeys([*groups, *names]))
