@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ...interface.arguments import refusal
 from ...interface.printing import Printed
 from ...numerics.arrays import Numbers, is_traced, namespace_of, numbers
 from ..conditions import Condition, positive
@@ -125,6 +126,12 @@ class Contact(Printed):
     ):
         if isinstance(friction, AbstractFriction):
             friction_law = friction
+        elif callable(friction):
+            remedy = (
+                "" if isinstance(friction, type) else "a function of the slip speed is a subclass of AbstractFriction"
+            )
+            must = "a coefficient, or a law of friction such as SmoothedCoulomb(0.3, 0.01)"
+            raise refusal("friction", must, friction, remedy)
         self.friction_law = friction_law
         at_rest: Any = friction if friction_law is None else friction_law(jnp.zeros(()))
         self.friction = numbers("friction")(at_rest)
