@@ -138,7 +138,7 @@ def overview(trajectory: Trajectory, title: str = "") -> Figure:
 
     - ``trajectory``: what :func:`jaxball.simulate` returns.
 
-    **Raises:** ``ValueError`` for a reduced trajectory, a batch, and a run of what is no ball or disk.
+    **Raises:** ``ValueError`` for a reduced trajectory, a batch, and a run of a system that is no ball or disk.
     """
     require_one_of_body(trajectory)
     of_modes = of_contact(trajectory)
