@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jaxball import Ball, load_scenario, save, simulate
+from jaxball import load_scenario, save, simulate
 from jaxball.interface.wording import pip_install
 from jaxball.results import OutputError, RunError, load_run
 from jaxball.scenario import read_scenario
@@ -135,12 +135,6 @@ def test_a_failed_solve_has_the_times_that_it_reached(read):
     topics, about, _ = read(run)
     assert [sent["time"] for _, sent in topics["/run"]] == np.asarray(run.times)[reached].tolist()
     assert (about["run"]["ok"], about["run"]["status"]) == ("0", "MAX_STEPS")
-
-
-def test_a_run_that_did_not_start_has_no_messages(read):
-    ball = Ball(mass=-1.0, inertia=(1.0, 1.0, 1.0))
-    topics, about, _ = read(simulate(ball, (0.0, 1.0)))
-    assert (topics, about["run"]["status"]) == ({}, "IMPOSSIBLE")
 
 
 @pytest.mark.thorough

@@ -105,8 +105,6 @@ def _frame(parent: str, child: str, place: Float[np.ndarray, "3"], q: Float[np.n
 
 def _shapes(trajectory: Trajectory[Any, Any], rows: np.ndarray) -> Iterator[tuple[int, dict[str, Any]]]:
     """Lists the shapes of the shell and of the masses, once: they move with their frames."""
-    if not rows.size:
-        return
     system = trajectory.system
     r = float(system.radius)
     size = {"x": 2 * r, "y": 2 * r, "z": 2 * r}
