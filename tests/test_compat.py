@@ -25,6 +25,9 @@ LIBRARIES = {"jax": "jax", "eqx": "equinox", "lax": "jax.lax", "jnp": "jax.numpy
     name: name for name in ("equinox", "jaxlib", "lineax", "optimistix", "optax")
 }
 
+# Where JAX has no such settings, tracing and lowering take longer, and results are the same.
+since_jax_0_7 = pytest.mark.skipif(jax.__version_info__ < (0, 7), reason="JAX 0.6 traces and lowers otherwise")
+
 
 def undocumented(path):
     """Every name of a library that its documentation leaves out, as far as a file writes it out."""
@@ -150,6 +153,7 @@ def test_an_operation_of_its_own_with_parameters_and_several_results():
     assert the_equation(function, x).primitive is both
 
 
+@since_jax_0_7
 def test_a_function_is_traced_once_where_a_rule_of_derivatives_calls_it_again():
     traced = []
 
@@ -349,6 +353,7 @@ def test_classes_tell_how_their_objects_are_taken_apart():
     assert compat.node_functions(Pair) == (apart, together)
 
 
+@since_jax_0_7
 def test_operations_are_lowered_without_the_lines_that_they_are_from():
     def text():
         return jax.jit(lambda x: jnp.sin(x) + 1).lower(0.5).as_text(debug_info=True)

@@ -42,6 +42,7 @@ CHAPTERS = {
         "Bodies and their surroundings",
         [
             "physics.body",
+            "physics.dynamics.parameters",
             "physics.prescribed.motion",
             "physics.grounds",
             "physics.grounds.ground",

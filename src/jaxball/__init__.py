@@ -59,7 +59,6 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
     from .physics.body import (
         Ball as Ball,
         Disk as Disk,
-        PointMass as PointMass,
         System as System,
         with_integrated_angles as with_integrated_angles,
         with_masses as with_masses,
@@ -72,6 +71,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
     )
     from .physics.contact.modes import Mode as Mode, SwitchCause as SwitchCause
     from .physics.contact.released import ReleasedState as ReleasedState
+    from .physics.dynamics.parameters import PointMass as PointMass
     from .physics.feedback import (
         AbstractLaw as AbstractLaw,
         FollowSchedules as FollowSchedules,

@@ -1,4 +1,4 @@
-"""A function of two parameters over a grid of their values, as a labelled data set."""
+"""A function of two parameters over a grid of their values, as a labelled data set, for charts and basins."""
 
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple

@@ -115,6 +115,16 @@ def test_what_is_impossible_is_refused_with_a_sentence(files, capsys, arguments,
     assert sorted(path.name for path in files.iterdir()) == ["robot.toml", "robot.urdf", "robot.xml"]
 
 
+@pytest.mark.parametrize("out", [[], ["--out", "robot.xml"]], ids=["printed", "written"])
+def test_controls_of_a_robot_without_any_are_refused_before_it_is_written(robot, capsys, out):
+    (robot / "robot.toml").write_text(ROBOT.partition("[[mechanisms]]")[0])
+    assert main(["export", "robot.toml", "--to", "mjcf", *out, "--controls", "controls.csv"]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("jaxball: Argument `--controls` must be left out, because nothing in this robot")
+    assert [path.name for path in robot.iterdir()] == ["robot.toml"]
+
+
 def test_what_is_no_xml_is_refused(robot, capsys):
     (robot / "robot.txt").write_text("a robot")
     assert main(["import", "robot.txt"]) == 2

@@ -9,7 +9,7 @@ from scipy.optimize import LinearConstraint, minimize
 
 import jaxball
 from jaxball.control import closed_loop, mpc, tvlqr
-from jaxball.control.predictive import solve_stages
+from jaxball.control.quadratic_program import solve_stages
 from jaxball.physics.observables import observe
 from tests.control import robots
 
@@ -193,6 +193,14 @@ def test_gradients_of_the_cost_go_through_active_limits():
     expected = [(float(value(e)[0]) - float(value(-e)[0])) / 2e-3 for e in 1e-3 * jnp.eye(4)]
     np.testing.assert_allclose(reverse, forward, rtol=1e-4, atol=1e-7)
     np.testing.assert_allclose(forward, expected, rtol=2e-3, atol=1e-5)
+
+
+def test_a_motor_without_a_limit_may_be_traced(track):
+    """Whether a limit is infinite is then not known, and the plan must be the one without limits."""
+    deviated = track.nominal.state(0).retract(jnp.asarray(XI))
+    limits = jnp.full(len(track.inputs), jnp.inf)
+    plan = jax.jit(lambda limits: mpc(track, HORIZON, limits=limits).plan(0, deviated).z)(limits)
+    np.testing.assert_allclose(plan, mpc(track, HORIZON, limits=limits).plan(0, deviated).z, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jaxball import cli, design
-from jaxball.design.search.optimise import load_progress, save_progress
+from jaxball.design.search.optimise import Merit, load_progress, save_progress
 from jaxball.design.search.program import CONTINUITY
 from tests.design.documents import builtin
 from tests.design.test_design import PROBLEM
@@ -93,6 +93,27 @@ def test_a_search_that_is_stopped_after_every_step_ends_where_it_would_have_ende
     whole = at.run(at.begin(), lambda progress: None)
     np.testing.assert_array_equal(progress.best, whole.best)
     np.testing.assert_array_equal(progress.history, whole.history)
+
+
+@pytest.mark.parametrize("kind", ["empty", "cut", "other"])
+def test_a_file_that_is_no_progress_gets_a_sentence(tmp_path, kind):
+    path = tmp_path / "progress.npz"
+    np.savez(path, other=np.zeros(3))
+    content = path.read_bytes()
+    path.write_bytes({"empty": b"", "cut": content[:-40], "other": content}[kind])
+    with pytest.raises(design.DesignError, match=r"must be the progress of a design, but it cannot be read"):
+        load_progress(path, "one")
+
+
+@pytest.mark.parametrize(("best", "other", "ends"), [(-2.0, -1.0, True), (-2.0, -1.95, False), (2.0, 2.05, False)])
+def test_a_start_that_may_still_win_is_finished(best, other, ends, no_type_checks):
+    """Also where the objective is negative: by a twentieth of its size."""
+    search = optimiser()
+    progress = search.begin()
+    progress.merit = Merit(best, 0.0, 0.0, 0.0)
+    merits = [progress.merit, Merit(other, 0.0, 1.0, 0.0)]
+    search._merits = lambda lagrangians: merits
+    assert search._is_solved(None, progress) is ends
 
 
 def the_papers_ball():

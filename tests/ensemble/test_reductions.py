@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball import Disk, DiskState, contact_extremes
+from jaxball import Ball, Disk, DiskState, Free, Ground, contact_extremes
 from jaxball.ensemble import REDUCTIONS, Drift, Integral, Maximum, Minimum, program, simulate_ensemble
 from jaxball.solvers.dense.steps import lobatto_weights, sampling
 
@@ -133,3 +133,20 @@ def test_a_quantity_that_is_written_anew_is_known_again():
     np.testing.assert_allclose(largest(3.0), [6.0, 12.0], rtol=1e-12)
     slopes = jax.jacfwd(largest)(3.0)
     np.testing.assert_allclose(slopes, [2.0, 4.0], rtol=1e-9)
+
+
+def test_a_ground_that_would_have_to_pull_needs_infinite_friction():
+    """A plane that falls faster than g: N = m (g + Ẍ₃) = 1 − 2 sin t, without any friction."""
+    ground = Ground(motion=Free(lambda t, _: jnp.stack([0.0 * t, 0.0 * t, 2 * jnp.sin(t)])))
+    balls = jax.vmap(lambda mass: Ball(mass=mass, inertia=(0.4, 0.4, 0.4), ground=ground))(jnp.array([1.0, 2.0]))
+    found = simulate_ensemble(balls, [0.0, 2.0], reductions=REDUCTIONS).reductions
+    np.testing.assert_allclose(found["least_normal_force"], [-1.0, -2.0], rtol=1e-9)
+    np.testing.assert_array_equal(found["friction_needed"], np.inf)
+
+
+def test_a_quantity_that_is_no_number_has_no_largest_value():
+    system, state = disks(MASSES[:2])
+    reductions = {"bad": Maximum(lambda system, t, state: jnp.where((t > 2) & (t < 8), jnp.nan, t))}
+    found = simulate_ensemble(system, SPAN, state, reductions=reductions).reductions
+    np.testing.assert_array_equal(found["bad"], np.nan)
+    np.testing.assert_array_equal(found["bad_time"], np.nan)

@@ -157,7 +157,7 @@ def in_flight(system, t, state, sensors):
     slip = slip_velocity(system, t, state)
     Omegadot, thetaddot = found.accelerations(found.free, jnp.asarray(0.0))
     acting = load(system, t, body, slip, jnp.asarray(False), state.height)
-    angles, at = (body.theta, body.thetadot, thetaddot), equations(system, t, body).at
+    angles, at = (body.theta, body.thetadot, thetaddot), equations(system, t, body).body_moments
     movement = Movement(body, Omegadot, angles, acting, at, None, jnp.zeros(3), Slip(slip, found.free, state.height))
     read = {name: sensor.reading(system, t, movement) for name, sensor in sensors.items()}
     return rates(system, state, found, found.free, jnp.asarray(0.0)), read

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxball import Ball, CarriedMass, Hinge, JointFriction, Mechanism, ReleasedState, Spring, load_scenario
-from jaxball.mjcf import MJCFError, from_mjcf, to_mjcf
+from jaxball.mjcf import MJCFError, from_mjcf, read_mjcf, to_mjcf
 from jaxball.scenario import Units
 from tests.mjcf.robots import free_ball, free_disk, loaded, prescribed_ball, random_state, scenario
 
@@ -158,6 +158,90 @@ def test_classes_geoms_and_sensors_are_those_that_mujoco_compiles():
         assert np.allclose(again[1].sensor(name).data, known[1].sensor(name).data, rtol=1e-9, atol=1e-9), name
 
 
+@pytest.mark.parametrize("angle", ["", 'angle="radian"'])
+def test_springs_rest_where_mujoco_has_them(angle):
+    """On a hinge in the angles of the file, which are degrees unless it says otherwise, on a slide at a length."""
+    text = FOREIGN.replace("<compiler ", f"<compiler {angle} ")
+    text = text.replace(DAMPED, 'stiffness="2" springref="30"').replace('stiffness="30"', 'stiffness="3" springref="2"')
+    (model, _), (own, _) = loaded(text), loaded(to_mjcf(from_mjcf(text)).text)
+    assert np.all(model.jnt_stiffness[1:] > 0)
+    np.testing.assert_allclose(own.qpos_spring[7:], model.qpos_spring[7:], rtol=1e-15)
+
+
+TURNED = """
+<mujoco>
+  {}
+  <worldbody>
+    <geom type="plane" size="5 5 0.1"/>
+    <body pos="0 0 0.4" euler="0.2 0.3 0.4">
+      <freejoint/>
+      <geom size="0.4" mass="1"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize(
+    "compilers",
+    [
+        '<compiler eulerseq="zyx"/><compiler angle="radian"/>',
+        '<compiler angle="radian"/><compiler eulerseq="ZYX"/>',
+        '<compiler angle="radian" eulerseq="zyx"/><compiler angle="degree" eulerseq="xyz"/>',
+        '<compiler angle="degree"/><compiler angle="radian"/>',
+    ],
+)
+def test_a_later_compiler_replaces_only_what_it_states(compilers):
+    text = TURNED.format(compilers)
+    _, data = loaded(text)
+    # Both are unit quaternions, of either sign.
+    assert abs(abs(from_mjcf(text).state.q @ data.qpos[3:7]) - 1) <= 1e-14
+
+
+def rolling_on(plane, sphere):
+    """A ball that touches a plane, with some attributes of their geoms."""
+    text = TURNED.format("").replace('type="plane"', f'name="floor" type="plane" margin="0.01" {plane}')
+    return text.replace('<geom size="0.4"', f'<geom name="skin" size="0.4" {sphere}')
+
+
+@pytest.mark.parametrize(
+    ("plane", "sphere"),
+    [
+        ('friction="0.2" priority="1"', ""),
+        ('friction="0.2"', 'friction="1.2" priority="-1"'),
+        ('friction="0.2 0.3" condim="4"', 'friction="0.4" priority="2"'),
+        ('friction="0.2 0 0.03" condim="6" priority="1"', 'friction="0.4 0 0.05"'),
+        ('friction="0.2 0 0.03" condim="6" priority="1"', 'friction="0.4 0 0.02" priority="1"'),
+        ('condim="1" priority="1"', ""),
+    ],
+)
+def test_the_geom_with_the_higher_priority_has_the_friction(plane, sphere):
+    text = rolling_on(plane, sphere)
+    model, data = loaded(text)
+    mujoco.mj_forward(model, data)
+    (contact,) = data.contact
+    read = from_mjcf(text, contact=True)
+    assert float(read.contact.friction) == (contact.friction[0] if contact.dim > 1 else 0.0)
+    resistance = read.system.resistance
+    rolling = 0.0 if resistance is None else float(resistance.dry) * 0.4
+    assert rolling == pytest.approx(contact.friction[3] if contact.dim == 6 else 0.0, rel=1e-15)
+
+
+def test_a_contact_pair_is_told():
+    """MuJoCo has its friction instead of that of the geoms."""
+    pair = '<contact><pair name="grip" geom1="skin" geom2="floor" friction="0.3 0.3"/></contact>'
+    text = rolling_on('friction="0.2"', 'friction="0.2"').replace("</mujoco>", f"{pair}</mujoco>")
+    model, data = loaded(text)
+    mujoco.mj_forward(model, data)
+    assert [contact.friction[0] for contact in data.contact] == [0.3]
+    read = read_mjcf(text, contact=True)
+    assert float(read.scenario.contact.friction) == 0.2
+    assert read.notes == (
+        'The <pair name="grip"> of "skin" and "floor" was not imported, because only the shell and the plane touch '
+        "here, with the friction of their geoms; give it to these as `friction`.",
+    )
+
+
 def test_dry_friction_of_a_joint_comes_back():
     hinge = Hinge((0.0, 1.0, 0.0), drive=JointFriction(0.2, viscous=0.1) + Spring(0.3))
     arm = Mechanism([hinge], [CarriedMass(0.5, (0.1, 0.0, -0.5))])
@@ -254,6 +338,14 @@ def test_what_is_no_ball_with_mechanisms_is_refused_by_name(case):
     with pytest.raises(MJCFError) as caught:
         from_mjcf(FOREIGN.replace(before, after, 1))
     assert sentence in str(caught.value)
+
+
+@pytest.mark.parametrize("attribute", ["damping", "stiffness", "armature", "frictionloss"])
+def test_a_disk_that_is_held_by_its_first_joints_is_refused(attribute):
+    text = to_mjcf(scenario(free_disk())).text
+    first = text.index("<joint")
+    with pytest.raises(MJCFError, match=f"`{attribute}` .* must be 0 .* nothing holds the shell but the plane"):
+        from_mjcf(f'{text[:first]}<joint {attribute}="0.5"{text[first + len("<joint") :]}')
 
 
 @pytest.mark.long

@@ -10,7 +10,7 @@ import jaxball
 from jaxball import load_run, plot, simulate
 from jaxball.plot import report
 from jaxball.results import OutputError, saved_scenario
-from jaxball.results.loading import RunError
+from jaxball.results.files import RunError
 from jaxball.scenario import ScenarioError, load_scenario, read_scenario
 from tests.scenario.documents import BALL, DISK
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jaxball import load_scenario, save, simulate
+from jaxball import Ball, Status, load_scenario, save, simulate
 from jaxball.interface.wording import pip_install
 from jaxball.results import OutputError, RunError, load_run
 from jaxball.scenario import read_scenario
@@ -135,6 +135,15 @@ def test_a_failed_solve_has_the_times_that_it_reached(read):
     topics, about, _ = read(run)
     assert [sent["time"] for _, sent in topics["/run"]] == np.asarray(run.times)[reached].tolist()
     assert (about["run"]["ok"], about["run"]["status"]) == ("0", "MAX_STEPS")
+
+
+@pytest.mark.thorough
+def test_a_solve_that_did_not_start_has_its_status_and_no_messages(read):
+    run = simulate(Ball(mass=-1.0, inertia=(0.4, 0.4, 0.4)), (0.0, 0.1))
+    assert run.status == Status.IMPOSSIBLE
+    topics, about, _ = read(run)
+    assert topics == {}
+    assert (about["run"]["ok"], about["run"]["status"]) == ("0", "IMPOSSIBLE")
 
 
 @pytest.mark.thorough

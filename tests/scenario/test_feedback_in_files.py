@@ -148,6 +148,7 @@ def changed(old, new):
             "Key `feedback.Q` must have names as keys, but one is 'pih'",
         ),
         (changed("R = 1.0", "R = 0.0"), "Key `feedback.R` must have eigenvalues that are positive"),
+        (changed("R = 1.0", "R = [[1.0, 2.0], [3.0]]"), "Key `feedback.R` must be"),
         (changed("R = 1.0", ""), "Key `feedback.R` must be a finite number or a list"),
         (changed('inputs = ["mech', 'inputs = ["mach'), 'did you mean "mechanisms[0].joints[0]"?'),
         (changed("delay = 1", "delay = -1"), "Key `feedback.delay` must be a whole number from 0"),

@@ -78,6 +78,10 @@ NOT_AT_THE_START = {
         Disk(**FLAT, force=jaxball.HarmonicForce((0.1, 0.2, 0.0))),
         "`force` must be in the plane of a disk, E1 and E3, at all times, but it is [0.1, 0.2, 0.0].",
     ),
+    "force on a disk that leaves its plane": (
+        Disk(**FLAT, force=jaxball.HarmonicForce((0.1, 0.0, 0.0), powers=[(0.0, 0.2, 0.0)])),
+        f"`force` must be in the plane of a disk, E1 and E3, at all times, but it is [0.1, {0.2 * TIMES[-1]}, 0.0].",
+    ),
 }
 
 

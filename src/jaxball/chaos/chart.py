@@ -90,6 +90,7 @@ def _solve(make: Make, method: Method, cell: Float[Array, "2"], edges: Float[Arr
     with traceable("make", make):
         system, state = make(cell[0], cell[1])
     state = phase_point(system, state)
+    # The normal is that of the phase point, which is known only now that there is one.
     spectrum = system_spectrum(method._replace(normal=normal_of(state)), system, state, edges)
     force = jnp.full_like(cell[0], jnp.inf) if spectrum.least_normal_force is None else spectrum.least_normal_force
     return jnp.stack([spectrum.exponents[0], spectrum.standard_error[0], force, spectrum.status.astype(cell.dtype)])

@@ -12,7 +12,7 @@ from ..interface.printing import Printed
 from ..interface.status import Status
 from ..numerics.arrays import Numbers
 from ..physics.system import AbstractState, AbstractSystem
-from ..simulation.arguments import DEFAULT_TOLERANCE
+from ..simulation import DEFAULT_TOLERANCE
 from ..simulation.events import Event
 from ..simulation.simulate import simulate
 
@@ -94,6 +94,7 @@ def poincare_map(
     )
     crossings = trajectory.events["section"]
     count = int(crossings.count)
+    # There may have been more than there was room for.
     rows = slice(0, min(count, capacity))
     return PoincareMap(
         times=np.asarray(crossings.times)[rows],

@@ -1,4 +1,4 @@
-"""A Lyapunov spectrum, how it converged, and what a run of finite length reveals about it."""
+"""The result of ``lyapunov_spectrum``: the exponents, how they converged, and which of them differ from zero."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -46,18 +46,22 @@ def limits_of(
     count, k = rates.shape
     nothing = np.full(k, np.nan)
     step = (times[-1] - times[0]) / max(count - 1, 1)
+    # Each rate is the mean over its interval, and stands for the middle of it.
     middle = times - start - step / 2
     late = middle >= ALIGNING * (times[-1] - start)
     parts = min(PARTS_OF_RUN, int(np.sum(late)))
     if parts < FEWEST_PARTS or not np.all(np.isfinite(rates)):
         return Limits(nothing, nothing, np.full(k, False), np.full(k, False))
+    # Means over parts, because successive rates are correlated, and a fit to them would claim to be too exact.
     length = int(np.sum(late)) // parts
+    # The oldest of the late ones are left out where the parts do not come out even.
     used = slice(count - parts * length, None)
     means = rates[used].reshape(parts, length, k).mean(axis=1)
+    # The mean of 1/t, not 1/t of the mean: then rates of exactly λ + a/t are fitted exactly.
     inverse = (1 / middle[used]).reshape(parts, length).mean(axis=1)
     basis = np.stack([np.ones(parts), inverse], axis=1)
     fitted, *_ = np.linalg.lstsq(basis, means)
-    variance = np.sum((means - basis @ fitted) ** 2, axis=0) / (parts - 2)
+    variance = np.sum((means - basis @ fitted) ** 2, axis=0) / (parts - 2)  # two numbers are fitted
     errors = np.sqrt(np.diag(np.linalg.inv(basis.T @ basis))[:, None] * variance)
     mean, length_of_run = rates.mean(axis=0), count * step
     nonzero = (np.abs(fitted[0]) > STANDARD_ERRORS * errors[0]) & (np.minimum(mean * fitted[0], mean**2) > 0)
@@ -173,6 +177,7 @@ class LyapunovSpectrum(Printed):
             return float("nan")
         j = int(np.argmax(sums < 0)) if np.any(sums < 0) else -1
         if j < 0:
+            # All exponents together are not negative: the attractor fills the space, or exponents are missing.
             return float(len(sums)) if len(sums) == self.vectors.shape[-1] else float("nan")
         return float(j + (sums[j - 1] if j else 0.0) / abs(exponents[j]))
 

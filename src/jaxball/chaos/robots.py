@@ -1,11 +1,12 @@
-"""Bodies whose chaotic rolling has been studied."""
+"""Builders of two bodies whose chaotic rolling has been studied: examples for users, which nothing else here uses."""
 
 import math
 
 import jax.numpy as jnp
 
 from ..numerics.arrays import Numbers, to_array
-from ..physics.body import Ball, PointMass
+from ..physics.body import Ball
+from ..physics.dynamics.parameters import PointMass
 from ..physics.prescribed.motion import OnRail
 from ..physics.prescribed.rails import Circle
 from ..physics.prescribed.schedules import ConstantRate

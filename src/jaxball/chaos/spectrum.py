@@ -16,7 +16,8 @@ from ..numerics.arrays import Numbers, numbers, to_array, to_numpy
 from ..physics.packing import Packing, dimension, normal_of, phase_point
 from ..physics.system import AbstractState, AbstractSystem
 from ..physics.validity import possible_start
-from ..simulation.arguments import DEFAULT_TOLERANCE, check_solver, check_steps, check_tolerances
+from ..simulation import DEFAULT_TOLERANCE
+from ..simulation.arguments import check_solver, check_steps, check_tolerances
 from ..simulation.deviations import (
     FIRST_STEP_SHARE,
     Field,
@@ -138,6 +139,7 @@ def lyapunov_spectrum_of(
     """
     require_callable("field", field, "t", "x", "args")
     x = numbers("x", ("size",))(x)
+    # The direction of the normal is no deviation.
     exponents = check_count(exponents, x.size - (normal is not None))
     edges, skipped = interval_edges(times, transient, interval)
     rtol, atol = map(to_array, check_tolerances(rtol, atol))
@@ -195,6 +197,7 @@ def interval_edges(times: Numbers, transient: float, interval: float) -> tuple[n
 
 
 def _count(length: float, interval: float) -> int:
+    # A little less, so that rounding does not add an interval to a length that is a multiple.
     return int(np.ceil(length / interval * (1 - 1e-9)))
 
 
@@ -206,6 +209,7 @@ def spectrum(
     ``startable`` is False if the solve cannot start.
     """
     startable &= jnp.all(jnp.isfinite(x))
+    # Finite even where nothing is solved: step-size control rejects NaN.
     x = jnp.where(startable, x, jnp.ones_like(x))
     first = _start(method, flow, x, edges, startable)
     end, growth = jax.lax.scan(functools.partial(_interval, method, flow), first, (edges[:-1], edges[1:]))
@@ -241,9 +245,11 @@ class _Progress(NamedTuple):
 def _start(
     method: Method, flow: Flow, x: Float[Array, " size"], edges: Float[Array, " edges"], startable: Bool[Array, ""]
 ) -> _Progress:
+    # Generic, so that none of them lacks the fastest direction.
     generic = jnp.asarray(generic_vectors(method.exponents, x.size), x.dtype)
     status = jnp.where(startable, Status.SUCCESS, Status.IMPOSSIBLE)
     return _Progress(
+        # Admissible first: a deviation across the constraints is not one of the flow.
         rows=jnp.concatenate([x[None], orthonormalise(admissible(generic, edges[0], x, method.normal, flow))[0]]),
         step=FIRST_STEP_SHARE * (edges[1] - edges[0]),
         status=status,
@@ -257,11 +263,13 @@ def _interval(method: Method, flow: Flow, progress: _Progress, ends) -> tuple[_P
     """Returns the progress after one interval, and the growth rates within it; after a failure nothing moves."""
     (t0, t1), alive = ends, progress.status == Status.SUCCESS
     after, length = advance_deviations(flow, method.steps, t0, t1, progress.rows, progress.step, alive), t1 - t0
+    # The lengths are those before the vectors were made orthonormal: growth within this interval alone.
     vectors, lengths = orthonormalise(admissible(after.rows[1:], t1, after.rows[0], method.normal, flow))
     status = jnp.where(alive, after.status, progress.status)
     after = _Progress(
         # A failed run stays at 1 from there on, because step-size control rejects NaN.
         rows=jnp.where(status == Status.SUCCESS, jnp.concatenate([after.rows[:1], vectors]), 1.0),
+        # The mean step of this interval starts the next, which saves the solver the search for one.
         step=length / jnp.maximum(after.accepted, 1).astype(length.dtype),
         status=status,
         reached=jnp.where(alive, after.reached, progress.reached),
@@ -279,6 +287,7 @@ def _result(
     The orthonormalisation yields them in this order once they have converged, but equal ones, or those of a short run,
     in any order.
     """
+    # Rates within the transient are those of vectors that still turn to their directions.
     times, growth = edges[1 + method.skipped :], growth[method.skipped :]
     order = jnp.argsort(-jnp.mean(growth, axis=0))
     growth = growth[:, order]

@@ -1,4 +1,4 @@
-"""What the constraints of a Lagrangian system must fulfil at the start of a run, each told in a sentence."""
+"""Checks the constraints of a Lagrangian system at the start of a run, for ``lagrangian``, with a sentence for each."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -113,6 +113,7 @@ def start_conditions(mass: Float[Array, "n n"], given: Constraints) -> Iterator[
         allowed = jnp.concatenate([given.allowed[:v], given.places_allowed])
         table = jnp.concatenate([given.rows, residual[:, None], allowed[:, None]], axis=1)
         yield Independent(independent, given.names, table, "independent of each other")
+        # A row that depends on others is told as such, and not as violated, too.
         near = (jnp.abs(given.places) <= given.places_allowed) | ~independent[v:]
         yield Satisfied(near, given.names[v:], given.places, "state.q")
         consistent = (jnp.abs(given.residual) <= given.allowed) | ~independent
@@ -129,6 +130,7 @@ def _are_independent(rows: Float[Array, "m n"]) -> Bool[Array, " m"]:
     """Returns whether each row is independent of the rows before it, by Gram and Schmidt, with the rows scaled to
     length 1.
     """
+    # Half the digits: what is left of a dependent row is the rounding of the others.
     tolerance = float(jnp.finfo(rows.dtype).eps) ** 0.5
     basis: list[Float[Array, " n"]] = []
     holds: list[Bool[Array, ""]] = []
@@ -149,6 +151,7 @@ def _is_regular(mass: Float[Array, "n n"], rows: Float[Array, "m n"]) -> Bool[Ar
     scale = 1 / jnp.sqrt(jnp.where(largest > 0, largest, 1.0))
     K = K * scale[:, None] * scale[None]
     number = jnp.max(jnp.sum(jnp.abs(K), axis=1)) * jnp.max(jnp.sum(jnp.abs(inverse(K)), axis=1))
+    # Two digits of a solution remain.
     return number < 1e-2 / float(jnp.finfo(K.dtype).eps)
 
 

@@ -213,6 +213,7 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState], AbstractRollingS
             by_friction = apply(about_contact, dry)
             without = dot(Gamma, self.mass * (cross(s, Omegadot) + rest) - force)
             share = 1 - self.mass * dot(Gamma, cross(s, by_friction))
+            # Where the friction of N would itself press with N or more, no N fits.
             N = jnp.maximum(without, 0.0) / jnp.where(share > 0, share, jnp.nan)
             Omegadot, dry = Omegadot + N * by_friction, N * dry
         return _Accelerations(Omegadot, self.mass * (cross(s, Omegadot) + rest) - force, dry)

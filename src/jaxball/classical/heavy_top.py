@@ -94,6 +94,7 @@ class HeavyTop(AbstractClassicalSystem[RigidBodyState]):
         yield positive_inertia(self.inertia)
         yield real_inertia(self.inertia)
         yield Condition(jnp.isfinite(self.gravity), "gravity", self.gravity, "a finite number")
+        # A flat body has no second moment across its plane, and χ no component there: not 0 / 0.
         second = jnp.maximum(jnp.sum(self.inertia) / 2 - self.inertia, 1e-12 * jnp.sum(self.inertia))
         yield Condition(
             self.mass * jnp.sum(self.chi**2 / second) <= 1 + 1e-6,

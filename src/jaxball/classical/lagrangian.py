@@ -141,8 +141,8 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
     def multipliers(self, t: Float[Array, ""], state: LagrangianState) -> Float[Array, " m"]:
         """Returns λ of each constraint, shape (m,), with the holonomic constraints after the others.
 
-        λ_k is the force, or torque, by which constraint k acts, in the unit of energy over that of φ, or of power over
-        that of A q̇ + b: at right angles to a blade for ẋ sin θ − ẏ cos θ.
+        λ_k is the force, or torque, by which constraint k acts: across a blade, for ẋ sin θ − ẏ cos θ. Its unit is
+        energy over the unit of φ, or power over the unit of A q̇ + b.
         """
         return self.equations(t, state).solve()[1]
 
@@ -262,7 +262,9 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
         def slope(qdot: Float[Array, " n"]) -> Float[Array, " m"]:
             return jax.jvp(lambda qdot: self._rates(t, q, qdot), (qdot,), (across,))[1]
 
+        # Away from the start's own rates, at which a higher power of q̇ may have no second derivative.
         second = jax.jvp(slope, (qdot + 1.0,), (across,))[1]
+        # Relative to the size of the terms, so that constraints in any units are judged alike.
         near = ALLOWED_RESIDUAL * jnp.sqrt(jnp.sum(terms.rows**2, axis=1))
         allowed = near * (LEAST_COUNTED + jnp.sqrt(jnp.sum(qdot**2))) + ALLOWED_RESIDUAL * jnp.abs(free)
         places_allowed = near[near.size - places.size :] * (LEAST_COUNTED + jnp.sqrt(jnp.sum(q**2)))
@@ -410,6 +412,7 @@ class LagrangianSystem(AbstractLagrangianSystem):
             if function is not None:
 
                 def evaluate(system: "LagrangianSystem", t: Array, *arguments: Array, name: str = name) -> Any:
+                    # `name` is a default, because each of these functions must keep its own.
                     return system._call(name, t, *arguments)
 
                 seen.append(Traced(function, evaluate, (q,) * (len(takes) - 1)))

@@ -1,5 +1,7 @@
 """Lagrange's equations with multipliers: mass matrix, forces and constraints by JAX, and their linear solution.
 
+The systems of ``lagrangian`` evaluate them in every step.
+
 With M = ∂²L/∂q̇², f = ∂L/∂q + Q − (∂²L/∂q̇∂q) q̇ − ∂²L/∂q̇∂t and constraints c(t, q, q̇) = A(t, q) q̇ + b(t, q) = 0,
 
     [M −Aᵀ; A 0] (q̈, λ) = (f, −Ȧ q̇ − ḃ).
@@ -105,6 +107,7 @@ def nearest_place(
 
     def newton(_: Any, q: Float[Array, " n"]) -> Float[Array, " n"]:
         rows = jax.jacfwd(positions, argnums=1)(t, q)
+        # This block takes a residual of the constraints to the step that removes it.
         return q - _times(inverse(saddle(mass, rows))[:n, n:], positions(t, q))
 
     if steps > UNROLLED:

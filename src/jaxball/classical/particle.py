@@ -175,6 +175,7 @@ def _slope_of_arsinh(a: Float[Array, ""], b: Float[Array, ""]) -> Float[Array, "
     root_a, root_b = jnp.sqrt(1 + a**2), jnp.sqrt(1 + b**2)
     k = (1 + (a + b) / (root_a + root_b)) / (a + root_a)
     u = (b - a) * k
+    # Where b is near a both are 0, and their quotient is given by its series.
     near = jnp.abs(u) < 1e-3
     far_u = jnp.where(near, 1.0, u)
     series = 1 - u * (1 / 2 - u * (1 / 3 - u * (1 / 4 - u * (1 / 5 - u / 6))))

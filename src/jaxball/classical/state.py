@@ -1,4 +1,4 @@
-"""The states of the classical systems, and the laws that these have in common, quantities conserved along motions."""
+"""Base classes of the classical systems and their states; a system has laws, quantities that its motions conserve."""
 
 import abc
 from typing import Any

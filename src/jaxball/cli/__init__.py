@@ -1,4 +1,4 @@
-"""The command line: ``jaxball`` and its commands, one a file in ``commands``."""
+"""The command line ``jaxball``: its entry point :func:`main`, and its commands, one per file in ``commands``."""
 
 import gc
 import io

@@ -44,6 +44,7 @@ def check_animation(options: argparse.Namespace) -> None:
         return
     check_destination(options.animate, SUFFIXES, "--animate")
     suffix = options.animate.suffix
+    # Not by `has_ffmpeg`, because matplotlib takes long to import, and all refusals come before.
     if suffix == ".mp4" and shutil.which("ffmpeg") is None:
         raise OutputError(
             f'Argument `--animate` must end in .gif where ffmpeg is not installed, but it is "{options.animate}"; '
@@ -116,9 +117,11 @@ def _run_with_frames(scenario: "Scenario", first: float, last: float, step: floa
     import jax
     import numpy as np
 
+    # Less a rounding error, so that a whole number of frames does not become one more.
     times = np.linspace(first, last, math.ceil((last - first) / step - 1e-9) + 1)
     if first == float(scenario.times[0]):
         return dataclasses.replace(scenario, times=times).simulate()
+    # The run begins where the scenario does, also when the animation begins later.
     times = np.concatenate([scenario.times[:1], times])
     run = dataclasses.replace(scenario, times=times).simulate()
     later = slice(1, None)

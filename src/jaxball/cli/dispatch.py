@@ -42,6 +42,8 @@ def run(arguments: Sequence[str]) -> int:
     try:
         try:
             return _run(arguments)
+        # Within the other block, so that a closed pipe is noticed here, and not as a traceback when the interpreter
+        # ends.
         finally:
             _flush()
     except KeyboardInterrupt as error:
@@ -122,6 +124,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     parser.add_argument(
         "--version",
         action=_Version,
+        # Looked up here: --version ends the parse, maybe before --json is reached.
         as_json="--json" in arguments,
         help="show the version and exit; `--version --json` shows what a report of an error needs",
     )
@@ -129,6 +132,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", prog=parser.prog, required=True, metavar="COMMAND")
     for name, summary in COMMANDS.items():
         if name in arguments[:1]:
+            # `import` is a keyword of Python, which a module cannot have as its name.
             module_name = f"{name}_" if keyword.iskeyword(name) else name  # of the module
             module, command = (
                 importlib.import_module(f".commands.{module_name}", __package__),

@@ -1,4 +1,4 @@
-"""The files that commands write: JSON for programs, tables, figures and charts. Needs JAX."""
+"""The files that commands write: JSON for other programs, tables, figures and charts. Needs JAX."""
 
 import argparse
 import contextlib
@@ -116,6 +116,7 @@ def check_figures(options: argparse.Namespace, scenario: Scenario) -> None:
     """Raises an :class:`~jaxball.results.OutputError` where --plot would replace figures of another scenario's run."""
     if options.plot is None or options.force or not options.plot.is_dir():
         return
+    # A scenario that cannot be written is marked by its states, which are not known yet; saving checks these.
     with contextlib.suppress(ScenarioError):
         mark = scenario_mark(write_scenario(scenario))
         name = figure_name(options.scenario, scenario)
@@ -217,13 +218,14 @@ def motion_content(motion: "Motion", names: Names, complex_names: Names) -> dict
 def save_motions(motions: "Sequence[Motion]", path: Path, names: Names, complex_names: Names) -> None:
     """Writes one row for each motion, its columns named by paths."""
     rows = [_row(motion, names, complex_names) for motion in motions]
+    # The first row tells the columns, which are the same for all motions of a system.
     write_csv(path, rows[0] if rows else ["kind"], (row.values() for row in rows))
 
 
 def _row(motion: "Motion", names: Names, complex_names: Names) -> dict[str, Any]:
     row: dict[str, Any] = {}
     for name, values in _state(motion).items():
-        row |= {entry: repr(float(values[index])) for entry, index in entries(name, values.shape).items()}
+        row |= {entry: repr(float(values[index])) for entry, index in entries(name, values.shape).items()}  # all digits
     for name in names:
         values = np.asarray(getattr(motion, name))
         row |= {entry: values[index].item() for entry, index in entries(name, values.shape).items()}

@@ -1,6 +1,7 @@
-"""What a command reads: a file, a built-in scenario, that of a run or standard input, possibly changed.
+"""Reads the input of a command: a file, a built-in scenario, the scenario of a saved run, or standard input.
 
-Which kind of file a document is, is known by its keys. As a document it needs no JAX; :func:`scenario_of` does.
+The option ``--set`` may change numbers of it. The keys of a document tell which kind of file it is. Nothing here needs
+JAX until :func:`scenario_of` makes a scenario of a document.
 """
 
 import argparse
@@ -155,6 +156,7 @@ def scenario_of(document: dict[str, Any], source: str) -> "Scenario":
     """
     with gather_problems(source):
         return scenario.read_document(document)
+    # Not reached: the block above raises if nothing is returned. Type checkers cannot know.
     raise AssertionError("A document that cannot be read has a problem.")
 
 

@@ -1,4 +1,4 @@
-"""What is installed and set, as one block to paste into a report."""
+"""Describes what is installed and set, for a report of an error: ``jaxball --version --json`` prints it."""
 
 import importlib.metadata
 import os

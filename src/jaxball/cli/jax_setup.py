@@ -1,4 +1,4 @@
-"""JAX as the command line uses it."""
+"""Sets JAX up for a command: the device, float64, fast solves on a CPU, and the kept programs of the command."""
 
 import os
 from contextlib import AbstractContextManager
@@ -21,6 +21,7 @@ def set_up_jax(device: str | None = None) -> None:
     - ``device``: ``"cpu"`` or ``"gpu"``; None for the one that JAX chooses, which is a GPU where there is one.
     """
     if device is not None:
+        # Before JAX is imported, which reads it once.
         os.environ["JAX_PLATFORMS"] = PLATFORMS[device]
     try:
         import jax
@@ -29,6 +30,7 @@ def set_up_jax(device: str | None = None) -> None:
 
     from .. import cache, cpu
 
+    # Before a backend starts, for which it sets how it compiles.
     cpu.prepare()
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_traceback_in_locations_limit", 0)  # About a tenth of the time that lowering takes.
@@ -58,6 +60,7 @@ def _require_platform(device: str | None = None) -> None:
     import jax.numpy as jnp
 
     try:
+        # Both, because a device can be listed and yet refuse to work.
         jax.devices()
         jnp.zeros(())
         if device == "gpu" and jax.default_backend() != "gpu":  # JAX takes the next platform where one is not there

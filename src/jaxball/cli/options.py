@@ -57,6 +57,7 @@ def number(text: str) -> float:
 
 def count(text: str) -> int:
     """Parses a whole number, 1 or more, for argparse."""
+    # Digits only: `int` alone would take 1_000 and spaces, too.
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"it must be a whole number, 1 or more, but it is {text}")
     return int(text)
@@ -137,6 +138,7 @@ def check_figures_folder(options: argparse.Namespace, folder: str, formats: str)
         if getattr(options, formats) is not None:
             raise OutputError(f"Argument `--{option}` is for figures; give --{folder} FOLDER with it.")
         return
+    # A file's name in place of a folder's.
     if path.suffix in FIGURE_SUFFIXES and not path.exists():
         raise OutputError(
             f'Argument `--{folder}` must be a folder, because there are several figures, but it is "{path}"; '
@@ -164,6 +166,7 @@ def say(options: argparse.Namespace, *lines: object) -> None:
 
 def sentence(error: Exception) -> str:
     """Returns the message of an error, with arguments and functions named as on the command line."""
+    # An error without a file is one of standard output, such as a full disk.
     if isinstance(error, OSError) and error.strerror:
         place = "The output" if error.filename is None else f'"{error.filename}"'
         return f"{place} cannot be {'written' if error.filename is None else 'used'}: {error.strerror}."
@@ -201,6 +204,7 @@ def _chart_axis(text: str, option: str, example: str) -> ChartAxis:
         low, high, count = float(parts[0]), float(parts[1]), int(parts[2])
     except (ValueError, IndexError):
         low, high, count = math.nan, math.nan, 0
+    # The sum is finite only if both are.
     if len(parts) != 3 or not math.isfinite(low + high) or low == high or not 2 <= count <= MOST_VALUES:
         raise BadInputError(
             f"Argument `--{option}` must be {CHART_AXIS}, with two different numbers and a count from 2 to "

@@ -137,6 +137,7 @@ def basin(
     with in_threads(threads):
         ends = jax.vmap(lambda start: _outcome(feedback, plant, count, late, start))(jnp.asarray(xi))
     ends = jax.tree.map(np.asarray, ends)
+    # Runs that failed end in NaN, which compares as not returned.
     with np.errstate(invalid="ignore"):
         remaining = np.sqrt(np.einsum("ki,ij,kj->k", ends.xi, weights, ends.xi) / np.trace(weights))
         returned = (remaining < within) & (ends.least_normal_force > 0)
@@ -174,6 +175,7 @@ def _outcome(feedback: AbstractFeedback, plant: SampledSystem, samples: int, del
         force = plant.hold(u).prepare().plane_reaction(t, state)
         return force.normal, force.ratio
 
+    # At the start of each sample, with the input that is held from there on: an input jumps between samples.
     before = jax.tree.map(lambda leaf: leaf[:-1], states)
     normal, ratio = jax.lax.map(lambda arguments: contact_force(*arguments), (times[:-1], before, u))
     return Outcome(deviations[-1], jnp.min(normal), jnp.max(ratio))

@@ -1,4 +1,7 @@
-"""Feedback on a motion: the nominal motion of a simulated run, at each sample, the contract, and feedforward alone."""
+"""The contract of feedback, the nominal motion that it holds, and feedforward alone.
+
+``track``, ``prediction`` and :mod:`jaxball.estimation` implement the contract; ``loop`` simulates a robot under it.
+"""
 
 import abc
 from typing import Any
@@ -9,17 +12,18 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .. import programs
+from ..compat import is_traced
 from ..interface.arguments import require
 from ..interface.printing import Printed
-from ..numerics.arrays import Numbers, default_dtype, is_traced
+from ..numerics.arrays import Numbers, default_dtype
 from ..physics.body import Ball, Disk, System
 from ..physics.observables import Observables
 from ..physics.prescribed.schedules import AbstractSchedule
-from ..physics.state import BallState, DiskState, RotationState
+from ..physics.state import BallState, DiskState, PlacedState, RotationState
 from ..simulation.simulate import simulate
 from ..simulation.trajectory import Trajectory
 from .inputs import Place, drive_without_motors
-from .sampled import PlacedState, SampledSystem
+from .sampled import SampledSystem
 
 GAUSS = (0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5)  # of a sample
 MISSING_OF_SAMPLE = 1e-9  # of a sample, by which a run may be shorter than a whole number of them
@@ -105,6 +109,7 @@ def nominal_from(system: System, t0: Numbers, start: Any, sampled: SampledSystem
     shares = np.append(np.arange(samples)[:, None] + np.array([[0.0, *GAUSS]]), samples)
     times = t0 + sampled.sample * jnp.asarray(shares, default_dtype())
     again = simulate(system, times, start, inside=False, rtol=sampled.rtol, atol=sampled.atol)
+    # Within a trace nothing can be raised; NaN in the states shows a run that failed.
     if not is_traced(again.status):
         again.raise_if_failed()
     states, inputs = _moving(system, sampled.system, sampled.places, times, again.state, again.observables)
@@ -120,6 +125,7 @@ def _moving(
     """Returns the states of the controlled system, and its inputs, at all times of a run."""
     coordinates = _Coordinates(system, times, states, seen)
     theta, thetadot, _ = zip(*(coordinates.of(name) for name in controlled.coordinates), strict=True)
+    # A motion with schedules has no θ in its state, whereas the controlled system has θ of every input there.
     whole = type(states)(**{**vars(states), "theta": jnp.stack(theta, -1), "thetadot": jnp.stack(thetadot, -1)})
     return whole, jnp.stack([coordinates.input(place) for place in places], axis=-1)
 
@@ -145,6 +151,7 @@ class _Coordinates:
             return self._seen.joint_angles[:, k], self._seen.joint_rates[:, k], None
         if name.startswith("ground."):
             angle = getattr(self._system.ground, name.removeprefix("ground."))
+            # An angle of a plate has a schedule or is driven by the law, like a mass.
             return _along(angle, self._times) if isinstance(angle, AbstractSchedule) else self._drive(name)
         schedule = self._masses[int(name.removeprefix("masses[").removesuffix("]"))].schedule
         return self._drive(name) if schedule is None else _along(schedule, self._times)
@@ -164,6 +171,8 @@ class _Coordinates:
             values[:, k] for values in (self._seen.joint_efforts, self._seen.joint_angles, self._seen.joint_rates)
         )
         drive = self._mechanisms[i].drives[a]
+        # A schedule prescribes the joint, so that there are no passive forces; its effort in the run is all of the
+        # input.
         passive_drive = None if isinstance(drive, AbstractSchedule) else drive_without_motors(drive)
         return (
             effort
@@ -222,4 +231,5 @@ class Feedforward(AbstractFeedback):
     """
 
     def __call__(self, k, state, memory):
+        # 0 with the shape and the type of inputs.
         return self.nominal.input(k) * 0.0, memory

@@ -1,4 +1,7 @@
-"""What a run under feedback records besides its states: the motion that it holds, the inputs, and estimates."""
+"""What a run under feedback records besides its states: the motion that it holds, the inputs, and estimates.
+
+``loop`` makes it the ``history`` of a trajectory; files and views of the run read it.
+"""
 
 from typing import Any, ClassVar
 
@@ -14,7 +17,7 @@ from ..physics.state import PlacedState
 class FeedbackHistory(AbstractHistory):
     """The history of a run under feedback, at its saved times, which are the samples.
 
-    - ``switches``: those of no system, because the body rolls throughout.
+    - ``switches``: none, because the body rolls throughout.
     - ``nominal``: the states of the motion that is held.
     - ``u``: the inputs from each time on; NaN at the end, after which there are none, shape (T, m).
     - ``estimate``: the :class:`~jaxball.estimation.LoopEstimate` of a feedback from sensors; else None.
@@ -45,6 +48,7 @@ class FeedbackHistory(AbstractHistory):
         return [f"under feedback {sees}, by {', '.join(self.inputs)}"]
 
     def at_rows(self, rows: slice) -> "FeedbackHistory":
+        # The estimate has names besides arrays, which have no rows.
         arrays, names = eqx.partition((self.nominal, self.u, self.estimate), eqx.is_array)
         nominal, u, estimate = eqx.combine(jax.tree.map(lambda leaf: leaf[rows], arrays), names)
         return FeedbackHistory(self.switches, nominal, u, estimate, self.inputs)

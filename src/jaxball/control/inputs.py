@@ -1,4 +1,7 @@
-"""The inputs of a robot: efforts of joints, and accelerations of masses and of a plate's angles, that are set."""
+"""The inputs of a robot, which feedback sets: efforts of joints, and accelerations of masses and of a plate's angles.
+
+A sampled system and an environment find their inputs here, and hold values of them over a sample.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
@@ -8,9 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..compat import is_traced
 from ..interface.arguments import refusal
 from ..interface.wording import did_you_mean
-from ..numerics.arrays import default_dtype, is_traced
+from ..numerics.arrays import default_dtype
 from ..physics.body import System
 from ..physics.feedback import AbstractLaw, FollowSchedules
 from ..physics.grounds import TiltingPlane
@@ -32,9 +36,12 @@ class GivenAccelerations(AbstractLaw):
 
 
 class Place(NamedTuple):
-    """Where an input acts: on the mass of this number, or the joint of this number in a mechanism; and what it sets.
+    """Where an input acts, and what it sets there.
 
-    ``angle`` is the name of one of the ground, on which an input acts.
+    - ``mechanism``: the index of the mechanism on which it acts; None for an input on a mass or on the ground.
+    - ``number``: the index of the joint in the mechanism, of the mass, or of the angle.
+    - ``is_effort``: whether it sets the effort of a joint; otherwise it sets an acceleration.
+    - ``angle``: the name of the angle of the ground on which it acts; None for other inputs.
     """
 
     mechanism: int | None
@@ -85,6 +92,7 @@ def places_of(system: System, names: Sequence[str] | None) -> tuple[Place, ...]:
         what = f"{twice!r} occurs twice" if names else "it is empty"
         raise ValueError(f"Argument `inputs` must name one input or more, each once, but {what}.")
     chosen = tuple(places[name] for name in names)
+    # A law computes all its accelerations together; what it drove and is no input would have nothing to drive it.
     missing = [place.name for place in _places(system) if _is_driven(system, place) and place not in chosen]
     if system.law is not None and missing:
         raise ValueError(
@@ -135,6 +143,7 @@ def _with_angles(ground: AbstractGround | None, angles: Mapping[str, Accelerated
 
 def hold_inputs(system: System, places: Sequence[Place], u: Float[Array, " m"]) -> System:
     """Holds the inputs of a system that :func:`with_inputs` made, which no motor limits any more; traceable."""
+    # A closed loop clips its inputs at the limits already, so that motors need not.
     return _hold(system, places, u, {})
 
 
@@ -174,9 +183,12 @@ def replay_inputs(
     """Makes the inputs follow ``u``, each row from one of ``times`` to the next, by motors with ``limits``."""
     values = {place.name: u[:, k] for k, place in enumerate(places)}
     zero, names = jnp.zeros_like(times[0]), [system.coordinates[slot] for slot in system.accelerated]
+    # Only θ̈ is taken from these schedules, by the law; θ and θ̇ are in the state, and those at the start do not
+    # matter.
     schedules = [PiecewiseAcceleration(zero, times, values[name][:, None], zero) for name in names]
     law = FollowSchedules(tuple(schedules)) if schedules else None
     signals = {name: PiecewiseSignal(times, row) for name, row in values.items()}
+    # An infinite limit is none. A traced one may be finite, and is always passed on.
     limited = {place.name: limits[k] for k, place in enumerate(places) if is_traced(limits) or np.isfinite(limits[k])}
     return _drive_motors(system, places, signals, limited, law)
 

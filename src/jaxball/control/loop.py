@@ -11,19 +11,21 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .. import programs
+from ..compat import is_traced
 from ..interface.arguments import refusal, require, whole_number
 from ..interface.printing import Printed
 from ..interface.status import Status
-from ..numerics.arrays import Numbers, is_traced, to_array
+from ..numerics.arrays import Numbers, to_array
 from ..physics.body import System
 from ..physics.forces.force import AbstractWrench, Wrenches
 from ..physics.hybrid import NO_HISTORY
+from ..physics.state import PlacedState
 from ..physics.system import require_one_state
 from ..simulation.trajectory import Trajectory
 from .feedback import AbstractFeedback
 from .history import FeedbackHistory, until_end
 from .inputs import replay_inputs
-from .sampled import PlacedState, SampledSystem
+from .sampled import SampledSystem
 from .weights import by_name
 
 
@@ -63,6 +65,7 @@ class ClosedLoop(Printed):
     def run(self) -> Trajectory[Any, Any]:
         """The run as a trajectory of the robot with the inputs that acted: with observables, figures and files."""
         system = replay_inputs(self.plant.system, self.plant.places, self.plant.limits, self.times, self.u)
+        # Where a run fails, all later deviations are NaN.
         reached = self.times[jnp.sum(jnp.all(jnp.isfinite(self.xi), axis=1)) - 1]
         status = jnp.where(reached == self.times[-1], int(Status.SUCCESS), int(Status.SOLVER_FAILED))
         start, none = jax.tree.map(lambda leaf: leaf[0], self.states), jnp.zeros_like(status)
@@ -75,6 +78,7 @@ class ClosedLoop(Printed):
     def history(self) -> FeedbackHistory:
         """The motion, the inputs and what was estimated, as ``run`` has them."""
         count, nominal = len(self.times), self.feedback.nominal
+        # After the end of the motion its last state is held.
         numbered = jnp.minimum(jnp.arange(count), nominal.samples)
         states = jax.tree.map(lambda leaf: leaf[numbered], nominal.states)
         estimate = self.feedback.estimates(self.times, self.memory)
@@ -174,14 +178,17 @@ def run_loop(
     A ``delay`` that is traced is at most the ``longest``.
     """
     nominal, limits = feedback.nominal, plant.limits
+    # With a traced delay the queue must have the length of the longest one.
     room = int(delay) if longest is None else longest
     t0 = nominal.times[0]
 
     def step(carry: Any, k: Array) -> Any:
         state, memory, waiting = carry
         added, memory = feedback(k, state, memory)
+        # The newest entry is the last, at `room`; the one that takes effect was appended `delay` samples ago.
         queue = jnp.concatenate([waiting, added[None]])
         planned = nominal.input(k)
+        # Only what feedback adds is late: the inputs of the motion are known beforehand.
         u = jnp.clip(planned + queue[room - delay], -limits, limits)
         memory = feedback.remember_inputs(k, u, memory)
         after = plant.flow(t0 + plant.sample * k.astype(t0.dtype), state, u, adjoint)
@@ -191,6 +198,7 @@ def run_loop(
     numbered = jnp.arange(samples)
     (last, memory, _), (states, u, du, xi) = jax.lax.scan(step, (start, feedback.begin(), waiting), numbered)
     states = jax.tree.map(lambda along, end: jnp.concatenate([along, end[None]]), states, last)
+    # States begin at the samples; the scan does not give the last one, at the end.
     xi = jnp.concatenate([xi, feedback.deviation(jnp.asarray(samples), last)[None]])
     times = t0 + plant.sample * jnp.arange(samples + 1, dtype=t0.dtype)
     return times, states, u, du, xi, memory
@@ -221,6 +229,7 @@ def plant_of(
     if push is not None:
         require("push", push, AbstractWrench, "a force, such as a Push")
         force = push if plant.system.force is None else Wrenches((plant.system.force, push))
+        # Without a force there is no leaf to replace.
         plant = eqx.tree_at(lambda s: s.system.force, plant, force, is_leaf=lambda x: x is None)
     return plant
 

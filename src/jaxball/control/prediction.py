@@ -10,14 +10,14 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .. import programs
+from ..compat import is_traced
 from ..interface.arguments import require, whole_number
-from ..numerics.arrays import Numbers, is_traced, to_array
+from ..numerics.arrays import Numbers, to_array
 from ..physics.observables import movement
-from ..physics.state import RotationState
+from ..physics.state import PlacedState, RotationState
 from .feedback import AbstractFeedback
 from .loop import limits_of
-from .predictive import Plan, Stages, solve_stages
-from .sampled import PlacedState
+from .quadratic_program import Plan, Stages, solve_stages
 from .track import Track
 
 FACETS = 8  # of the pyramid within the friction cone
@@ -79,11 +79,13 @@ class PredictiveControl(AbstractFeedback):
 
     def stages(self, sample: Int[Array, ""]) -> Stages:
         """Returns the program of a sample. After the end of the motion, the program of its last sample goes on."""
+        # Beyond the end, stages repeat that of the last sample, and the cost-to-go is that at the end.
         ahead = jnp.minimum(sample + jnp.arange(self.horizon), self.nominal.samples - 1)
         end = jnp.minimum(sample + self.horizon, self.nominal.samples)
         A, B, c, K, k = (part[ahead] for part in (*self.track.linear, *self.track.regulator[:2]))
         M, P = self.track.W.T @ self.track.W, self.track.regulator.P[end]
         G, L, d = self.limits
+        # The penalty is a cost per time, as the weights are.
         return Stages(A, B, c, K, k, M, P, G[ahead], L, d[ahead], self.sampled.sample * self.penalty)
 
     def plan(self, k: int, state: PlacedState) -> Plan:
@@ -170,6 +172,7 @@ def mpc(
 def inputs_with_limits(most: Float[Array, " m"]) -> tuple[int, ...]:
     """Returns the inputs that have limits, by their numbers; all where limits are traced."""
     if is_traced(most):
+        # Whether a traced number is finite is not known while it is traced.
         return tuple(range(len(most)))
     return tuple(np.flatnonzero(np.isfinite(np.asarray(most))).tolist())
 
@@ -220,7 +223,11 @@ def _limits(track: Track, most: Array, mu: Array | None, limited: tuple[int, ...
     """Returns the limits of each sample, linearised."""
     sampled, nominal, n = track.sampled, track.nominal, len(track.directions)
     weight = sampled.system.total_mass * jnp.abs(sampled.system.gravity)
-    scale = jnp.where(most > 0, most, 1.0)
+    # Rows are in units of each limit, so that one penalty suits all. A limit of 0 would divide by 0, and one that is
+    # infinite, which is known only without a trace, is a row of 0 ≤ 1.
+    limited_at_all = jnp.isfinite(most)
+    scale = jnp.where(limited_at_all, jnp.where(most > 0, most, 1.0), jnp.inf)
+    most_in_units = jnp.where(limited_at_all, most / scale, 1.0)
     L, indices = _limit_rows(track, mu, limited), np.asarray(limited, dtype=int)
 
     def one(t: Array, state: PlacedState, u: Array) -> tuple[Array, Array]:
@@ -232,7 +239,7 @@ def _limits(track: Track, most: Array, mu: Array | None, limited: tuple[int, ...
             return jnp.concatenate([(held / scale)[indices], R])
 
         zero = jnp.zeros(n + u.size, u.dtype)
-        most_of_rows = jnp.append(jnp.repeat((most / scale)[indices], 2), jnp.zeros(len(L) - 2 * len(indices), u.dtype))
+        most_of_rows = jnp.append(jnp.repeat(most_in_units[indices], 2), jnp.zeros(len(L) - 2 * len(indices), u.dtype))
         return jax.jacfwd(quantities_with_limits)(zero), most_of_rows - L @ quantities_with_limits(zero)
 
     before = jax.tree.map(lambda leaf: leaf[:-1], nominal.states)
@@ -247,5 +254,6 @@ def _plan(control: PredictiveControl, k: Int[Array, ""], state: PlacedState) -> 
 
 def _shift(plan: Plan) -> Plan:
     """Takes a plan from its second stage on, with the last stage twice."""
+    # The horizon moves on by a sample; the new last stage has nothing better than the one before.
     on: Any = jax.tree.map(lambda leaf: jnp.concatenate([leaf[1:], leaf[-1:]]), (plan.z, plan.multipliers))
     return plan._replace(z=on[0], multipliers=on[1])

@@ -1,4 +1,4 @@
-"""The Riccati recursion of a linear quadratic regulator over a finite horizon, in square-root form.
+"""The Riccati recursion of a linear quadratic regulator over a finite horizon, in square-root form, for ``track``.
 
 The cost-to-go of a deviation ξ from a motion is |S (ξ, 1)|², with S upper triangular. It follows from that of the next
 sample by a QR factorisation, without subtraction and without the inverse of anything but a triangle that the weights of
@@ -41,6 +41,8 @@ def stationary(linear: Linear, W: Float[Array, "rows n_plus_m"], samples: int) -
     """Computes S at the start of ``samples`` samples of one linear flow, without its c: near its limit, if there are
     enough.
     """
+    # With c, which the motion itself misses, the cost would grow with every repeated sample; without it there is a
+    # limit.
     A, B = _homogeneous(linear._replace(c=jnp.zeros_like(linear.c)))
     n = linear.A.shape[-1]
     end = jnp.zeros((n + 1, n + 1), A.dtype)
@@ -63,6 +65,7 @@ def _homogeneous(linear: Linear) -> tuple[Array, Array]:
 def _previous(A: Array, B: Array, W: Array, S: Array) -> tuple[Array, Array]:
     """Computes the gain of a sample, and S at its start, from S at its end."""
     size, m = B.shape
+    # Inputs come first, so that the triangle's first rows have the gain, and the rest of it is S.
     now = jnp.concatenate([W[:, size - 1 :], W[:, : size - 1], jnp.zeros_like(W[:, :1])], axis=1)
     stacked = jnp.concatenate([now, jnp.concatenate([S @ B, S @ A], axis=1)])
     triangle = jnp.linalg.qr(stacked, mode="r")
@@ -93,6 +96,7 @@ def _derivative(primals, tangents):
 
 def _by_joseph(A: Array, B: Array, W: Array, S: Array) -> tuple[Array, Array]:
     size = A.shape[-1]
+    # The constant 1, the last component, has no weight of its own.
     Wx = jnp.concatenate([W[:, : size - 1], jnp.zeros_like(W[:, :1])], axis=1)
     Wu = W[:, size - 1 :]
 

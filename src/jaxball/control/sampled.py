@@ -1,4 +1,7 @@
-"""A robot with sampled inputs: the exact flow over one sample, its derivatives, and what no input changes."""
+"""A robot with sampled inputs: the exact flow over one sample, its derivatives, and combinations that no input changes.
+
+Controllers, filters and environments advance a robot by it.
+"""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -10,8 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..compat import is_traced
 from ..interface.printing import Printed
-from ..numerics.arrays import Numbers, default_dtype, is_traced, numbers
+from ..numerics.arrays import Numbers, default_dtype, numbers
 from ..numerics.vectors import apply
 from ..physics.body import Ball, System
 from ..physics.forces.force import HarmonicForce, Push, Wrenches
@@ -132,6 +136,7 @@ class SampledSystem(Printed):
 
         It can be traced, within ``jax.lax.scan`` and ``jax.lax.map`` too. ``adjoint`` as for :func:`jaxball.simulate`.
         """
+        # The flow of a versor keeps its length up to the error of the solve, which would grow over many samples.
         return self.advance(self.hold(u), t, state, adjoint)[0].projected()
 
     def advance(
@@ -160,8 +165,8 @@ class SampledSystem(Printed):
     def deviation(self, state: PlacedState, other: PlacedState) -> Float[Array, " n"]:
         """Computes ξ of ``other`` around ``state``, as feedback counts it: the local coordinates.
 
-        Of a uniform ball, whose attitude tells nothing, that of the attitude is 0, and that of Ω is the difference of
-        ω = ΛΩ, in space axes: where the ball has rolled to another place, Ω is in other body axes.
+        The attitude of a uniform ball tells nothing, and its coordinates are 0. Those of Ω are the difference of
+        ω = ΛΩ, in space axes, because Ω is in other body axes where the ball has rolled to another place.
         """
         xi = state.difference(other)
         if not self._may_be_uniform(state):
@@ -176,6 +181,7 @@ class SampledSystem(Printed):
         moved = state.retract(xi)
         if not self._may_be_uniform(state):
             return moved
+        # Inverts `deviation`: ω is displaced in space and taken back to the body axes after the turn.
         omega = apply(state.Lambda, state.Omega) + xi[3:6]
         Omega = apply(moved.Lambda.T, omega)
         return moved.with_Omega(jnp.where(self._is_uniform(), Omega, moved.Omega))
@@ -228,6 +234,7 @@ def uncontrollable(linear: Linear, names: Sequence[str]) -> tuple[str, ...]:
     Those that are 0 in every flow, such as the attitude of a uniform ball, are left out.
     """
     A, B = np.asarray(linear.A), np.asarray(linear.B)
+    # Directions that stay 0 in each flow would count as unreachable.
     indices = np.flatnonzero(np.any(A != 0, axis=(0, 2)))
     rows = null_space(reachability_factor(A[:, indices[:, None], indices], B[:, indices]))
     return in_words(rows, [names[int(k)] for k in indices])
@@ -240,6 +247,7 @@ def reachability_factor(
     n = A.shape[1]
     factor = np.zeros((n, n))
     for step, effect in zip(A, B, strict=True):
+        # The rows of both, taken together, have the Gramian of the sum.
         triangle = np.asarray(np.linalg.qr(np.concatenate([(step @ factor).T, effect.T]), mode="r"))
         factor = triangle.T
     return factor

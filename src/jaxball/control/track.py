@@ -10,9 +10,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .. import programs
+from ..compat import is_traced
 from ..interface.printing import format_value
 from ..interface.wording import number_of
-from ..numerics.arrays import AnyArray, Numbers, default_dtype, is_traced, to_numpy
+from ..numerics.arrays import AnyArray, Numbers, default_dtype, to_numpy
 from ..simulation import DEFAULT_TOLERANCE
 from ..simulation.trajectory import Trajectory
 from .feedback import AbstractFeedback, NominalMotion, nominal_of, require_motion, samples_in
@@ -59,6 +60,7 @@ class Track(AbstractFeedback):
         return uncontrollable(self.linear, self.directions)
 
     def __call__(self, k, state, memory):
+        # After the end its last gain is held.
         sample = jnp.minimum(k, self.nominal.samples - 1)
         return -self.regulator.K[sample] @ self.deviation(k, state) - self.regulator.k[sample], memory
 
@@ -145,6 +147,7 @@ def tvlqr(
     """
     require_motion(run)
     sampled = SampledSystem.of(run.system, sample, inputs, rtol, atol)
+    # The count decides the shapes, so that the sample is a number and not traced.
     count = samples_in(run.times, float(to_numpy(sample, "sample")))
     nominal = nominal_of(run, sampled, count)
     factors = factors_of(float(to_numpy(sample, "sample")), sampled, Q, R, Qf, cross)
@@ -173,6 +176,7 @@ def factors_of(
     W = jnp.asarray(_factor(h, Q, R, cross, directions, sampled.inputs), dtype)
     if Qf is None:
         return W, None
+    # The deviation is followed by the constant 1, which costs nothing at the end.
     return W, jnp.pad(jnp.asarray(factor(weight_matrix("Qf", Qf, directions)), dtype), (0, 1))
 
 
@@ -184,6 +188,7 @@ def _factor(
     state, control = weight_matrix("Q", Q, directions), weight_matrix("R", R, inputs)
     traced = is_traced(state) or is_traced(control)
     if not traced:
+        # Q may be singular, but R may not: the recursion divides by it.
         require_positive("R", control, strictly=True)
     mixed = np.zeros((n, m)) if cross is None else to_numpy(cross, "cross")
     if mixed.shape != (n, m):
@@ -199,6 +204,8 @@ def _factor(
 def _regulate(sampled: SampledSystem, nominal: NominalMotion, W: Array, S: Array | None) -> tuple[Linear, Regulator]:
     linear = linearise_flow(sampled, nominal)
     if S is None:
+        # A motion that ends at rest can be held there for ever; the same number of samples as the motion has comes
+        # close to that.
         S = stationary(jax.tree.map(lambda leaf: leaf[-1], linear), W, nominal.samples)
     return linear, regulator(linear, W, S)
 

@@ -1,4 +1,4 @@
-"""Weights of deviations and of inputs: matrices from numbers, rows, or numbers by name."""
+"""Weights that users give regulators, of deviations and of inputs: matrices from numbers, rows, or numbers by name."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -7,9 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..compat import is_traced
 from ..interface.arguments import require
 from ..interface.wording import did_you_mean
-from ..numerics.arrays import AnyArray, Numbers, is_traced, to_numpy
+from ..numerics.arrays import AnyArray, Numbers, to_numpy
 
 Weights = Numbers | Mapping[str, Numbers]
 ROUNDING_OF_EIGENVALUE = 1e-10  # of the largest eigenvalue, by which one may be negative
@@ -39,6 +40,7 @@ def weight_matrix(name: str, weights: Weights, names: Sequence[str]) -> Float[An
         )
     if is_traced(matrix):
         return matrix
+    # Relative to the largest entry, as users' numbers may be of any size.
     if not np.all(np.isfinite(matrix)) or np.any(
         np.abs(matrix - matrix.T) > ROUNDING_OF_EIGENVALUE * np.max(np.abs(matrix))
     ):
@@ -61,6 +63,7 @@ def factor(matrix: Float[AnyArray, "n n"]) -> Float[AnyArray, "n n"]:
     if is_traced(matrix):
         return _by_cholesky(jnp.asarray(matrix))
     eigenvalues, vectors = np.linalg.eigh(matrix)
+    # Rounding makes eigenvalues of 0 slightly negative.
     return np.sqrt(np.maximum(eigenvalues, 0.0))[:, None] * vectors.T
 
 
@@ -71,6 +74,7 @@ def _by_cholesky(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
     rows, rest = [], matrix
     for k in range(len(matrix)):
         pivot = rest[k, k]
+        # A pivot of rounding would divide by almost 0; its row is 0 instead.
         is_positive = pivot > ROUNDING_OF_EIGENVALUE * matrix[k, k]
         row = jnp.where(is_positive, rest[k] / jnp.sqrt(jnp.where(is_positive, pivot, 1.0)), 0.0)
         rows.append(row)
@@ -87,6 +91,7 @@ def by_name(name: str, given: Mapping[str, Any], names: Sequence[str], other: fl
     """
     require(name, given, Mapping, 'a dictionary of numbers by name, such as {"z": 0.1}')
     values: list[Any] = [other] * len(names)
+    # A group has entries such as "z[0]"; a name such as "mechanisms[0].joints[0]" is of a single coordinate.
     groups = [entry.partition("[")[0] for entry in names if entry.count("[") == 1 and "." not in entry]
     key_names = list(dict.fromkeys([*groups, *names]))
     for key, value in given.items():

@@ -46,6 +46,8 @@ class Friction(AbstractRunningConstraint):
     def margins(self, run: Run):
         """Returns the margins of |f|² / N ≤ μ² N: with N > 0 it is the same constraint."""
         contact = run.observables
+        # Both in weights. Divided by μ and halved, the difference of squares is minus the violation times N, to first
+        # order.
         friction, normal = contact.friction / run.weight, contact.normal_force / run.weight
         return (self.friction * normal**2 - jnp.sum(friction**2, axis=-1) / self.friction) / 2
 
@@ -234,6 +236,7 @@ class RailsInside(AbstractRunningConstraint):
     clearance: Float[Array, ""] = eqx.field(converter=numbers("clearance"), default=0.0)
 
     def __call__(self, run: Run):
+        # On the rails, wherever a mass may go; along the motion, because a mass need not be on a closed rail.
         reach = jnp.concatenate([jnp.ravel(norm(run.curves.points)), jnp.ravel(norm(run.masses.chi))])
         return (reach + self.clearance) / run.length - 1
 
@@ -281,8 +284,11 @@ def _chord_distances(p: Float[Array, "n 3"], q: Float[Array, "n 3"]) -> Float[Ar
     It is the least of those from the chord of ``q`` whose middle is nearest, and from the two beside it.
     """
     to_p, to_q = jnp.roll(p, -1, axis=0), jnp.roll(q, -1, axis=0)
+    # Which chord is nearest is a choice and has no derivative; only the distance from it has one.
     middles = jax.lax.stop_gradient(((p + to_p) / 2, (q + to_q) / 2))
     nearest = jnp.argmin(jnp.sum((middles[0][:, None] - middles[1][None]) ** 2, axis=-1), axis=1)
+    # The nearest middle may not belong to the nearest chord, which is then one of its neighbours. The indices wrap
+    # around, since rails are closed.
     beside = (nearest[:, None] + jnp.arange(-1, 2)[None]) % len(q)
     distances = jax.vmap(distance, in_axes=(None, None, 0, 0))
     return jnp.min(jax.vmap(distances)(p, to_p, q[beside], to_q[beside]), axis=1)
@@ -297,8 +303,10 @@ def distance(
     """
     u, v, w = to_a - a, to_b - b, a - b
     uu, uv, vv, uw, vw = (jnp.sum(x * y) for x, y in ((u, u), (u, v), (v, v), (u, w), (v, w)))
+    # Along parallel lines the nearest points are not unique, so that one of the ends is as near as any.
     determinant = uu * vv - uv**2
     crossing = determinant > PARALLEL
+    # Divided by 1 there, because a division by 0 would make the gradient NaN although the value is not used.
     safe = jnp.where(crossing, determinant, 1.0)
     s, t = (uv * vw - vv * uw) / safe, (uu * vw - uv * uw) / safe
     within = crossing & (s >= 0) & (s <= 1) & (t >= 0) & (t <= 1)
@@ -313,6 +321,7 @@ def distance(
 
 
 def _of_end(end, start, along, size) -> Float[Array, ""]:
+    # A chord of length 0 has only one point; the guard keeps 0 / 0 out of the gradient.
     share = jnp.clip(jnp.sum((end - start) * along) / jnp.where(size > 0, size, 1.0), 0.0, 1.0)
     return norm(end - start - share * along)
 

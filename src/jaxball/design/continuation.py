@@ -1,5 +1,7 @@
 """Equations F(y, λ) = 0, Newton's method for them, and their solution branches followed past turning points.
 
+``optimal_control`` solves its equations by it; users may solve their own.
+
 Pseudo-arclength continuation (Keller 1977; Allgower & Georg, Numerical Continuation Methods, chapters 2, 6 and 10): a
 predictor along the tangent, and Newton's method on F = 0 together with the condition that the point is at the given
 distance along the tangent. The bordered matrix of that system is regular at a fold, where F_y is singular.
@@ -104,6 +106,7 @@ def solver(matrix: Matrix, order: Int[np.ndarray, " n"] | None = None) -> Callab
         return lambda right: np.linalg.solve(matrix, right)
     if order is None:
         return scipy.sparse.linalg.splu(matrix.tocsc()).solve
+    # In the given order there is little fill; the search for another would take longer than the factorisation.
     factors = scipy.sparse.linalg.splu(matrix.tocsr()[order][:, order].tocsc(), permc_spec="NATURAL")
     back = np.argsort(order)
     return lambda right: factors.solve(right[order])[back]
@@ -123,6 +126,7 @@ def bordered_solver(
     if isinstance(matrix, np.ndarray):
         return solver(np.vstack([np.column_stack([matrix, column]), row]))
     upper = scipy.sparse.hstack([matrix, scipy.sparse.csr_array(column[:, None])])
+    # The border comes last: before the band it would fill the whole matrix.
     last = None if order is None else np.append(order, column.size)
     return solver(scipy.sparse.vstack([upper, scipy.sparse.csr_array(row[None])]), last)
 
@@ -149,14 +153,20 @@ def newton(
         sizes = equations.sizes(y)
         largest, length = np.max(np.abs(change) / sizes), equations.length(change, y)
         if largest <= tolerance:
+            # The correction is known and makes the solution better still.
             return y + change
+        # A step that had to be shortened may be longer the next time.
         share = min(1.0, 2 * share)
         while share > LEAST_SHARE:
+            # By the factorised Jacobian: a simplified correction costs a residual only, and does not depend on the
+            # units of F.
             next_change = solve(equations.residual(y + share * change, parameter))
             if equations.length(next_change, y) <= (1 - share / 4) * length:
                 break
             share /= 2
         else:
+            # No shortening helped. Where corrections are as small as this, rounding alone prevents the next from
+            # being shorter.
             if largest <= ROUNDING_OF_CORRECTION:
                 return y
             break
@@ -258,6 +268,7 @@ def follow(
     while not ended:
         there, last = corrector.onward(position, step, end)
         if there is None:
+            # Nothing was accepted: the same point is left by half the step.
             step *= SHORTER
             ended = "lost" if step < LEAST_STEP else ""
             continue
@@ -265,9 +276,11 @@ def follow(
             folds.append(corrector.fold(len(visited) - 1, position, there))
         visited.append(there)
         visit(there.Y[:-1], there.Y[-1])
+        # A corrector that converged in fewer corrections than usual allows a longer step, but never more than twice.
         step = min(longest, step * float(np.clip(EASY / max(there.corrections, 1), SHORTER, LONGER)))
         position = there
         reasons = {
+            # "end" first: a last point may fulfil other conditions as well.
             "end": last,
             "outside": not within[0] <= position.Y[-1] <= within[1],
             "length": position.length >= length,
@@ -295,6 +308,7 @@ class _Corrector:
                 f"Argument `y` must be near a solution at λ = {Y[-1]:g}, but Newton's method finds none; start from a "
                 "better guess, or at a λ where the solution is known."
             )
+        # Its λ component is positive by the border, so that the sign of `direction` is that of dλ.
         tangent = self._tangent(solved[0], self._fix_parameter(solved[0]))
         return _Point(solved[0], tangent * math.copysign(1.0, direction), 0.0)
 
@@ -302,12 +316,16 @@ class _Corrector:
         """Finds the point at distance ``step`` along the tangent; None if Newton's method fails, or the branch bends
         too much.
         """
+        # The condition that the correction is orthogonal to the tangent, in the norm of the branch.
         row = self.metric * at.tangent
         solved = self._correct(at.Y + step * at.tangent, row)
         if solved is None:
             return None
         Y, corrections = solved
+        # With the old row as border, the new tangent points onward along the branch, also past a fold, where dλ
+        # changes sign.
         tangent = self._tangent(Y, row)
+        # Across a sharp bend the corrector may have jumped to another branch.
         if not row @ tangent >= STRAIGHT:
             return None
         return _Point(Y, tangent, at.length + step, corrections)
@@ -315,6 +333,7 @@ class _Corrector:
     def onward(self, at: _Point, step: float, end: float | None) -> tuple[_Point | None, bool]:
         """Returns the next point, None if the step is too long; and whether it is the point with λ = ``end``."""
         there = self.step(at, step)
+        # Not past the end: λ − end has kept its sign.
         if there is None or end is None or (at.Y[-1] - end) * (there.Y[-1] - end) > 0:
             return there, False
         return self.at_parameter(at, there, end), True
@@ -332,7 +351,9 @@ class _Corrector:
 
     def fold(self, after: int, at: _Point, there: _Point) -> Fold:
         """Finds where dλ/ds = 0 between two neighbours, by the Illinois method."""
+        # The tangent's λ component is continuous along the branch, and changes its sign between the two.
         old, new = Sample(0.0, at.tangent[-1]), Sample(there.length - at.length, there.tangent[-1])
+        # If no point between can be computed, the better end stands for the fold.
         nearest = at if abs(old.f) < abs(new.f) else there
         for _ in range(FOLD_SEARCHES):
             step = float(next_point(old, new, np))
@@ -358,6 +379,7 @@ class _Corrector:
             if not np.all(np.isfinite(F)):
                 return None
             try:
+                # The last equation is linear and holds for the first Y, so that its residual stays 0.
                 change = self._border(Y, row)(np.append(-F, 0.0))
             except (np.linalg.LinAlgError, RuntimeError):
                 return None
@@ -366,6 +388,7 @@ class _Corrector:
                 return None
             sizes = np.append(self.equations.sizes(Y[:-1]), 1 + np.abs(Y[-1]))
             before, largest = largest, np.max(np.abs(change) / sizes)
+            # Corrections that no longer become half as large have reached rounding.
             if largest <= self.tolerance or before / 2 < largest < ROUNDING_OF_CORRECTION:
                 return Y, k
         return None

@@ -1,4 +1,4 @@
-"""Problem files: a scenario, objectives and constraints, and the variables of a search or a table `[control]`."""
+"""Reads problem files: a scenario, objectives and constraints, and the variables of a search or a table `[control]`."""
 
 import dataclasses
 from collections.abc import Callable
@@ -16,7 +16,7 @@ from ..physics.body import System
 from ..physics.state import BallState, DiskState
 from ..scenario import read_document
 from ..scenario.body import rolling_state
-from ..scenario.errors import ScenarioError, each_of, raise_first, try_readers
+from ..scenario.errors import ScenarioError, describe, each_of, key_error, raise_first, try_readers
 from ..scenario.own import FUNCTION, Open, names_own, trying
 from ..scenario.sources import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
 from ..scenario.table import Family, Key, Keys, Module, join, keys_of, member_of, read_family, read_list, read_table
@@ -32,8 +32,6 @@ from ..scenario.values import (
     Numbers,
     Rule,
     Text,
-    describe,
-    key_error,
     unread,
 )
 from . import constraints, objectives

@@ -162,16 +162,21 @@ def _estimate(space: DesignSpace, y: np.ndarray, r: np.ndarray, J: np.ndarray, c
     _, s, Vt = np.linalg.svd(J, full_matrices=False)
     seen = find_determined(s)
     of_each_time = np.abs(J.reshape(times, -1, len(y)))
+    # Columns of the path that no parameter moves, as z2 of a straight path, say nothing about the noise of the fit.
     rows = int(np.sum(np.any(of_each_time > 0, axis=(0, 2)))) * times
+    # Parameters that were fitted use up as many residuals; at least one is left to divide by.
     noise = float(np.sqrt(r @ r / max(rows - int(np.sum(seen)), 1)))
     covariance = noise**2 * (Vt[seen].T / s[seen] ** 2) @ Vt[seen]
     numbers = programs.jit(lambda y: (space.numbers(y), jax.jacfwd(space.numbers)(y)))
     x, slopes = (np.asarray(a) for a in numbers(jnp.asarray(y)))
+    # From unknowns y to numbers x within their bounds; each x depends on its own y, so that the Jacobian is diagonal.
     slope = np.diag(slopes)
     deviations = np.abs(slope) * np.sqrt(np.diag(covariance))
+    # A parameter that takes part in an unseen combination is not determined, however well the others are.
     undetermined = np.asarray(np.any(np.abs(Vt[~seen]) > 1e-3, axis=0))
     size = np.sqrt(np.where(np.diag(covariance) > 0, np.diag(covariance), 1.0))
     correlations = covariance / size[:, None] / size[None]
+    # A correlation with infinite variance has no meaning.
     correlations = np.where(undetermined[:, None] | undetermined[None], np.eye(len(y)), correlations)
     return Identification(
         names=space.names,

@@ -54,9 +54,11 @@ class ReachPose(AbstractObjective):
 
     def __call__(self, run: Run):
         q = run.state.in_space().q[-1]
+        # q and −q are the same orientation, hence the square; the division makes any length of either admissible.
         return 1 - jnp.sum(q * self.versor) ** 2 / (jnp.sum(q**2) * jnp.sum(self.versor**2))
 
     def in_units(self, value, length, time):
+        # Rounding may take the value outside of the range in which its arcsine exists.
         return f"angle {2 * math.asin(math.sqrt(min(max(value, 0.0), 1.0))):.4g} rad"
 
     def unreachable_by_disk(self):
@@ -171,8 +173,11 @@ class FollowCurve(AbstractObjective):
 
     def __call__(self, run: Run):
         path, curve = run.z, self.curve.points(self.samples)
+        # The root of a sum with the floor has a finite derivative also where the ball rests.
         lengths = jnp.sqrt(jnp.sum(jnp.diff(path, axis=0) ** 2, axis=-1) + _floor(run, curve))
         ends = squared_distances(path, curve)
+        # One way alone would be least for a path that stays at one point of the curve, or one that also goes
+        # elsewhere.
         there = jnp.sum(lengths * (ends[1:] + ends[:-1]) / 2) / jnp.sum(lengths)
         return (there + jnp.mean(squared_distances(curve, path))) / run.length**2
 
@@ -182,6 +187,7 @@ class FollowCurve(AbstractObjective):
         """
         path, curve = run.z, self.curve.points(self.samples)
         square = jnp.max(jnp.concatenate([squared_distances(path, curve), squared_distances(curve, path)]))
+        # The derivative of the root is infinite at 0, where path and curve coincide.
         return jnp.sqrt(jnp.maximum(square, ROUNDING_SQUARED)) / run.length
 
     def in_units(self, value, length, time):
@@ -249,6 +255,7 @@ def squared_distances(points: Float[Array, "p 2"], line: Float[Array, "q 2"]) ->
     """Computes the squared distance of each point from a polygonal line."""
     a, along = line[:-1], jnp.diff(line, axis=0)
     size = jnp.sum(along**2, axis=-1)
+    # A ball at rest makes chords of length 0; the guard keeps 0 / 0 out of the gradient.
     size = jnp.where(size > 0, size, 1.0)
     away = points[:, None] - a[None]
     share = jnp.clip(jnp.sum(away * along[None], axis=-1) / size[None], 0.0, 1.0)
@@ -258,6 +265,7 @@ def squared_distances(points: Float[Array, "p 2"], line: Float[Array, "q 2"]) ->
 def _floor(run: Run, curve: Float[Array, "q 2"]) -> Float[Array, " steps"]:
     """Computes the square of the least length at which a step of the path counts."""
     whole = jnp.sum(jnp.sqrt(jnp.sum(jnp.diff(curve, axis=0) ** 2, axis=-1)))
+    # Squared, as it is added under a root; in proportion to the step of time, since it stands for a speed.
     return (SLOWEST_SPEED * whole * jnp.diff(run.times) / (run.times[-1] - run.times[0])) ** 2
 
 
@@ -268,6 +276,7 @@ class AccelerationEffort(AbstractRunningObjective):
     """
 
     def integrand(self, run: Run):
+        # θ̈ has the unit 1 / time², and is squared.
         squares = jnp.sum(run.on_rails.thetaddot**2, axis=-1) + jnp.sum(run.plate_accelerations**2, axis=-1)
         return squares * run.time_unit**4
 

@@ -1,4 +1,4 @@
-"""The reports of designs, of a search and of optimal control: all their numbers in Markdown, and figures."""
+"""Writes the reports of ``jaxball design``, of a search or of optimal control: numbers in Markdown, and figures."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""The folder that ``jaxball design`` writes: the provenance of its report, and its scenarios loaded again."""
+"""Loads the folder that ``jaxball design`` wrote as a :class:`Result`, and states the provenance of its report."""
 
 import importlib.metadata
 import tomllib
@@ -48,6 +48,7 @@ class Source(NamedTuple):
         **Raises:** :class:`~jaxball.results.OutputError`.
         """
         there = folder / COPY
+        # The file being read may itself be the copy in its folder, when a search is resumed from there.
         if there.exists() and not self._is(there) and _document(there) != self.document:
             raise OutputError(
                 f'Argument `--out` must be a folder without another problem, but "{there}" is not the one being '
@@ -59,6 +60,7 @@ class Source(NamedTuple):
         if self._is(folder / COPY):
             return
         document = tomllib.loads(self.text)
+        # The user's own text with its comments, if it needs no other file.
         write_text(folder / COPY, self.text if isinstance(document["scenario"], dict) else tomli_w.dumps(self.document))
 
     def _is(self, path: Path) -> bool:

@@ -1,4 +1,4 @@
-"""The program of a run with what is found in it, and many runs by ``jax.vmap`` of that."""
+"""The program of ``simulate_ensemble``: one run with its reductions, mapped over many by ``jax.vmap``."""
 
 import functools
 from collections.abc import Sequence
@@ -57,6 +57,7 @@ def solve_all(settings: Settings, shared: Sequence[bool], parameters: Any, *othe
         system, state, events = structure.unflatten(leaves)
         return _program(settings)(system, state, times, rtol, atol, events)
 
+    # What all runs share is not copied for each.
     axes = [None if is_shared else 0 for is_shared in shared]
     ends, reported = jax.vmap(run, in_axes=(axes, 0, 0, 0))(leaves, *others)
     return ends, reported, _count_steps(ends.steps, _together(settings))
@@ -87,6 +88,7 @@ def _run(
     settings: Settings, system: Any, state: Any, times: Array, rtol: Array, atol: Array, events: Any
 ) -> tuple[Ends, dict[str, Array]]:
     """Simulates one of the runs."""
+    # Functions that ``_program`` has opened have captured nothing.
     settings = put_captures(settings, [])
     method = settings.method._replace(observation=_observation(settings.reductions))
     fields, observations = simulate_and_observe(method, system, times, state, rtol, atol, events)
@@ -102,6 +104,7 @@ _run_filtered = programs.filter_jit(_run)
 
 def _count_steps(steps: Int[Array, " runs"], lanes: int) -> Int[Array, ""]:
     """Counts the steps of all lanes: those that go on together end with the last of them."""
+    # The last group may have fewer runs than lanes.
     groups = jnp.pad(steps, (0, -steps.size % lanes)).reshape(-1, lanes)
     return lanes * jnp.sum(jnp.max(groups, axis=1))
 

@@ -153,14 +153,16 @@ def half_tangent(system: Held, t: Float[Array, ""], state: AbstractState) -> Flo
     flight, and that of the coefficient of friction while the body slides.
     """
     R = system.plane_reaction(t, state)
-    whole = R.normal + jnp.sqrt(R.normal**2 + R.friction_squared)
+    whole = R.normal + root(R.normal**2 + R.friction_squared)
+    # Without friction a ground that would have to pull has α = π, where the quotient is 0/0.
+    pulls = whole <= 0
+    half = jnp.where(pulls, jnp.inf, R.friction / jnp.where(pulls, 1.0, whole))
     if not isinstance(state, ContactState):
-        return R.friction / whole
+        return half
     # Where a sliding body lifts, N is the error of that time, of either sign, and the ratio of both forces is lost.
     mu = system.coefficient(slip_velocity(system.body, t, state.released))  # pyright: ignore
     slides, flies = state.is_in(Mode.SLIDING), state.is_in(Mode.FLIGHT)
-    held = R.friction / jnp.where(slides | flies, 1.0, whole)
-    return jnp.where(slides, mu / (1 + jnp.sqrt(1 + mu**2)), jnp.where(flies, 0.0, held))
+    return jnp.where(slides, mu / (1 + jnp.sqrt(1 + mu**2)), jnp.where(flies, 0.0, half))
 
 
 def tangent(half: Float[Array, "*runs"]) -> Float[Array, "*runs"]:
@@ -206,6 +208,7 @@ def values(
     the law.
     """
     body = system.shown, system.state_to_show(state)
+    # A user's quantity is written for a body, whatever the contact; those of ON_PLANE need the mode.
     whole = (system, state) if isinstance(system, BodyOnPlane) else body
 
     def value(quantity: Callable[..., Any]) -> Float[Array, ""]:

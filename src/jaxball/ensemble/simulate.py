@@ -1,4 +1,4 @@
-"""Many runs: from systems that differ in numbers to their trajectories, as one result."""
+"""Simulates many systems that differ in numbers, and holds their trajectories as one :class:`Ensemble`."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -10,24 +10,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..compat import is_traced
 from ..interface.arguments import require, require_flags
 from ..interface.printing import Printed, format_value
 from ..interface.status import SUCCESSES
 from ..interface.wording import no_attribute
-from ..numerics.arrays import Numbers, is_traced, to_numpy
+from ..numerics.arrays import Numbers, to_numpy
 from ..physics.contact.body_on_plane import ContactHistory
 from ..physics.contact.law import Contact
 from ..physics.contact.released import ReleasedState
 from ..physics.observables import Observables
 from ..physics.system import AbstractState, AbstractSystem
 from ..programs.operation import in_threads
-from ..simulation.arguments import (
-    DEFAULT_TOLERANCE,
-    check_tolerances,
-    require_dae,
-    require_kind_of_state,
-    system_to_solve,
-)
+from ..simulation import DEFAULT_TOLERANCE
+from ..simulation.arguments import check_tolerances, require_dae, require_kind_of_state, system_to_solve
 from ..simulation.events import AbstractEvent, Occurrences, check_events
 from ..simulation.simulate import Method, at_rest
 from ..simulation.trajectory import Trajectory
@@ -168,7 +164,7 @@ def simulate_ensemble(
 ) -> Ensemble:
     """Simulates many runs of systems of one structure; each agrees with :func:`jaxball.simulate` within tolerances.
 
-    **Arguments**; others are as for one run:
+    **Arguments:**
 
     - ``system``, ``state``: every array has the runs as leading axis, as ``jax.vmap`` takes them and ``jax.tree.map``
       with ``np.stack`` makes them, unless ``in_axes`` says otherwise.
@@ -177,6 +173,7 @@ def simulate_ensemble(
       within which the first terminal event ends the run.
     - ``contact``: each of its numbers is for all runs or, made by ``jax.vmap``, of shape (runs,); its ``capacity`` is
       the same for every run.
+    - ``solver``, ``step_to_times``, ``dae``, ``project``, ``inside``, ``adjoint``, ``max_steps``: as for one run.
     - ``rtol``, ``atol``: for all runs, or of shape (runs,).
     - ``reductions``: results to find in each run while it is computed, by name: some of
       ``jaxball.ensemble.REDUCTIONS``, or any :class:`Maximum`, :class:`Minimum`, :class:`Drift` or :class:`Integral` of
@@ -240,6 +237,7 @@ def _find_shared(
     """Finds which arrays of (system, state), and which of all that is simulated, are shared by all runs."""
     of_both, of_events = (in_axes[:2], in_axes[2]) if _has_three(in_axes) else (in_axes, None)
     flags = find_shared_leaves(of_both, (system, state))
+    # A law of contact is no part of ``in_axes``: its numbers have an axis of runs, or they have none.
     of_contact = tuple(np.ndim(leaf) == 0 for leaf in jax.tree.leaves(contact))
     of_system = len(jax.tree.leaves(system))
     return flags, (*flags[:of_system], *of_contact, *flags[of_system:], *find_shared_leaves(of_events, events))
@@ -265,6 +263,7 @@ def _in_chunks(
 
 
 def _is_any_traced(*trees: Any) -> bool:
+    # Within a trace a new array is traced even where all arguments are known numbers.
     return any(map(is_traced, (*jax.tree.leaves(trees), jnp.zeros(()))))
 
 
@@ -319,6 +318,7 @@ def find_shared_leaves(in_axes: Any, tree: Any) -> tuple[bool, ...]:
     try:
         jax.tree.map(note, in_axes, tree, is_leaf=lambda axis: axis is None)
     except ValueError:
+        # What does not fit the tree is refused below, with everything else that is no axis.
         of_leaves = [in_axes]
     axes = [*of_leaves, *jax.tree.leaves(in_axes, is_leaf=lambda axis: axis is None)]
     if not all(axis is None or (type(axis) is int and axis == 0) for axis in axes):

@@ -117,6 +117,7 @@ class BraxEnvironment(Printed):
     def reset(self, rng: Any) -> BraxState:
         """Returns the state at the beginning of an episode, from a random key."""
         episode, observation = self.environment.reset(rng)
+        # Zeros of one type from the start, because Brax scans over these states, whose types must not change.
         zero = jnp.zeros((), observation.dtype)
         return BraxState(episode, observation, zero, zero, {"status": zero}, {"truncation": zero})
 

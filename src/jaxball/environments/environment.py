@@ -10,17 +10,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..compat import is_traced
 from ..control.inputs import hold_inputs
 from ..control.loop import limits_of
-from ..control.sampled import PlacedState, SampledSystem
+from ..control.sampled import SampledSystem
 from ..interface.arguments import refusal, require, require_callable, whole_number
 from ..interface.printing import Printed
 from ..interface.status import Status
-from ..numerics.arrays import Numbers, is_traced, number_or_none, numbers, to_array
+from ..numerics.arrays import Numbers, number_or_none, numbers, to_array
 from ..physics.body import System
 from ..physics.grounds import AbstractSurface
 from ..physics.grounds.ground import require_plane
-from ..physics.state import BallState, DiskState, RotationState
+from ..physics.state import BallState, DiskState, PlacedState, RotationState
 from ..physics.system import require_one_state
 from ..sensors import AbstractSensor
 from ..sensors.errors import random_key
@@ -200,16 +201,19 @@ class Environment(Printed):
         **Raises:** ``TypeError`` for what is no random key.
         """
         require("key", key, jax.Array, "a random key, such as jax.random.key(0)")
+        # A key for each purpose: what one of them draws does not depend on whether another draws at all.
         of_start, of_robot, of_delay, of_goal, of_memory, of_reading, later = jax.random.split(random_key(key), 7)
         state = self._start(of_start)
         drawn = self._parameters(of_robot)
         zero = jnp.zeros_like(self.sampled.limits)
+        # Its inputs are 0, as they stay until the first action acts.
         moment = Moment(jnp.zeros_like(self.sampled.sample), self.robot(drawn, zero), state, zero)
         target = self.goal.draw(of_goal, moment)
         memory = self.observation.begin(of_memory, moment)
         seen, memory = self._observe(of_reading, target, moment, memory)
         least, most = self.delay
         delay = jax.random.randint(of_delay, (), least, most + 1)
+        # As long as the longest delay, whatever is drawn, so that all episodes have arrays of one shape.
         waiting = jnp.zeros((most + 1, zero.size), zero.dtype)
         return Episode(state, jnp.zeros((), jnp.int32), waiting, delay, drawn, target, memory, later), seen
 
@@ -233,9 +237,11 @@ class Environment(Printed):
         state = jax.tree.map(lambda new, old: jnp.where(failed, old, new), state, episode.state).projected()
         u = jnp.where(failed, 0.0, u)  # which may not be finite
         moment = Moment(t + h, self.robot(episode.parameters, u), state, u)
+        # As int32 on every path, for a scan.
         status = self._in_contact(moment, status.astype(jnp.int32))
         misses = self.goal.misses(episode.target, moment)
         ended = status != Status.SUCCESS
+        # An episode's rewards add up to an integral over time, whatever the sample is.
         reward = h * self.reward(misses, moment) - jnp.where(ended, self.penalty, 0.0)
         terminated = ended | self.goal.is_reached(episode.target, moment)
         of_reading, later = jax.random.split(episode.key)
@@ -263,9 +269,11 @@ class Environment(Printed):
         """
         after = self.step(episode, action)
         over = after.terminated | after.truncated
+        # Split once more: the next episode must not draw what steps of this one have drawn.
         anew, later = jax.random.split(after.episode.key)
         fresh = self.reset(anew)
         continuation = eqx.tree_at(lambda e: e.key, after.episode, later), after.observation
+        # Both are computed at every step, because under vmap each episode chooses for itself.
         episode, observation = jax.tree.map(lambda new, old: jnp.where(over, new, old), fresh, continuation)
         info = after.info | {"final_observation": after.observation}
         return after._replace(episode=episode, observation=observation, info=info)
@@ -310,12 +318,14 @@ class Environment(Printed):
         xi = jnp.zeros(len(self.state.directions), self.sampled.sample.dtype)
         for k, (name, places) in enumerate(directions_by_name(self.starts, self.state.directions).items()):
             drawn = self.starts[name].draw(jax.random.fold_in(key, k), jnp.zeros(len(places), xi.dtype))
+            # In local coordinates, so that an orientation that is drawn is one.
             xi = xi.at[np.array(places)].set(drawn)
         return self.state.retract(xi)
 
     def _parameters(self, key: Any) -> dict[str, Float[Array, "..."]]:
         nominal = require_numbers_of(self.sampled.system, self.parameters)
         return {
+            # Folded by position rather than split, so that a further name at the end changes no other draw.
             name: self.parameters[name].draw(jax.random.fold_in(key, k), value)
             for k, (name, value) in enumerate(nominal.items())
         }
@@ -328,8 +338,10 @@ class Environment(Printed):
         """Returns the status, or the status of a robot that leaves the plane or slips."""
         if self.friction is None:
             return status
+        # Judged at the end of the step only, with the inputs that acted in it.
         force = moment.system.prepare().plane_reaction(moment.t, moment.state)
         slips = jnp.where(force.ratio > self.friction, int(Status.SLIPPED), int(Status.SUCCESS))
+        # Where the plane does not press there is no friction to compare.
         contact_status = jnp.where(force.normal > 0, slips, int(Status.DETACHED)).astype(status.dtype)
         return jnp.where(status == Status.SUCCESS, contact_status, status)
 

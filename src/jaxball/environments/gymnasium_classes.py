@@ -1,4 +1,4 @@
-"""The classes of Gymnasium's environments, which need it installed."""
+"""The classes that ``adapters`` returns for Gymnasium; this module is imported only where Gymnasium is installed."""
 
 from typing import Any
 
@@ -30,6 +30,7 @@ class JaxballEnv(gymnasium.Env):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
         super().reset(seed=seed)
+        # From Gymnasium's own generator, so that later resets without a seed follow from the first.
         self._episode, seen = self._reset(jax.random.key(int(self.np_random.integers(SEEDS))))
         return _observation(seen), {}
 
@@ -38,6 +39,7 @@ class JaxballEnv(gymnasium.Env):
             raise RuntimeError("Method `step` needs an episode; call reset() first.")
         after = self._step(self._episode, np.asarray(action, float))
         self._episode = after.episode
+        # Copies: what shares its memory with arrays of JAX is read-only.
         info = {name: np.array(value) for name, value in after.info.items()}
         return (
             _observation(after.observation),
@@ -90,6 +92,7 @@ def _infos(info: dict[str, Any], over: np.ndarray) -> dict[str, Any]:
     final = _observation(infos.pop("final_observation"))
     everyone = np.ones(over.shape, bool)
     infos |= {f"_{name}": everyone for name in list(infos)}
+    # Gymnasium has these entries only in steps after which an episode is over.
     if np.any(over):
         infos |= {"final_obs": final, "_final_obs": over}
     return infos

@@ -81,6 +81,7 @@ class ObservedState(AbstractObservation):
         if not is_disk:
             parts.append(moment.spin[None])
         if self.attitude:
+            # A disk turns about E2 alone, so the second component is always 0.
             parts.append(state.Gamma[::2] if is_disk else state.Gamma)
         if self.joints:
             parts += _of_joints(moment)
@@ -94,6 +95,7 @@ def _of_joints(moment: Moment) -> list[Float[Array, " numbers"]]:
     parts, state = [], moment.state
     for k, turn in enumerate(_turns(moment.system)):
         theta, thetadot = state.theta[k], state.thetadot[k]
+        # The angle of a joint that turns all around is shown by cosine and sine, which do not jump at a whole turn.
         shown = [theta] if turn is None else [*sine_cosine(theta * (2 * math.pi / turn))][::-1]
         parts.append(jnp.stack([*shown, thetadot]))
     return parts
@@ -115,10 +117,12 @@ def _turns(system: System) -> list[float | None]:
 def _masses(moment: Moment) -> Float[Array, "masses 2 3"]:
     """Computes the position and velocity of each mass relative to the centre: ahead, to the left, and up."""
     system, state = moment.system.prepare(), moment.state
+    # Positions and rates need no accelerations, for which zeros stand.
     angles = state.theta, state.thetadot, jnp.zeros_like(state.theta)
     motion = kinematics(system, moment.t, angles)
 
     def see(chi: Array, chidot: Array) -> Array:
+        # The velocity relative to the centre, in the axes of space: that in the body plus its turning.
         velocity = chidot + cross(state.Omega[None], chi[None])[0]
         rows = jnp.stack([apply(state.Lambda, chi), apply(state.Lambda, velocity)])
         c, s = moment.heading
@@ -154,6 +158,7 @@ class ObservedSensors(AbstractObservation):
                 )
 
     def begin(self, key, moment):
+        # The readings themselves only tell the shapes.
         parts = Measurement(self.sensors).parts(moment.system, moment.t, moment.state)
         zero = {name: jnp.zeros_like(jnp.ravel(part)) for name, part in parts.items()}
         return zero, zero
@@ -173,6 +178,7 @@ class ObservedSensors(AbstractObservation):
             white = errors.noise * jax.random.normal(of_noise, exact.shape, exact.dtype)
             bias = jnp.broadcast_to(errors.bias, exact.shape)
             lost = jax.random.uniform(of_losses, (), exact.dtype) < errors.missing
+            # Lost in all its components, as a message is.
             last[name] = jnp.where(lost, last[name], exact + bias + wandered[name] + white)
         return join_arrays([last[name] for name in sorted(last)]), (wandered, last)
 

@@ -1,4 +1,4 @@
-"""Randomisation: distributions, and the numbers of a robot and of its start, by name, that are drawn from them."""
+"""Domain randomisation: distributions from which an environment draws numbers of its robot and its start, by name."""
 
 import abc
 from collections.abc import Iterable, Mapping
@@ -10,15 +10,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..compat import is_traced
 from ..interface.arguments import require
 from ..interface.printing import Printed
 from ..interface.wording import did_you_mean
-from ..numerics.arrays import is_traced, numbers
+from ..numerics.arrays import numbers
 from ..physics.body import System
 
 
 class AbstractDistribution(Printed):
-    """What random numbers in place of others are drawn from.
+    """A distribution from which random numbers are drawn in place of given ones.
 
     A kind of distribution implements ``draw``, which is traced.
     """
@@ -94,6 +95,7 @@ class Factor(AbstractDistribution):
         require("factor", self.factor, AbstractDistribution, "a distribution, such as Uniform(0.9, 1.1)")
 
     def draw(self, key, nominal):
+        # One number for all: moments drawn one by one could be those of no body.
         return nominal * self.factor.draw(key, jnp.ones((), nominal.dtype))
 
 
@@ -106,6 +108,7 @@ def with_numbers(system: System, values: Mapping[str, Float[Array, "..."]]) -> S
     """Returns the body with other arrays, by their paths; traceable."""
     leaves, structure = jax.tree_util.tree_flatten_with_path(system.arguments)
     changed = [values.get(_name(path), leaf) for path, leaf in leaves]
+    # Made again by its constructor, which computes and checks what follows from the arguments.
     return type(system)(**jax.tree.unflatten(structure, changed))
 
 

@@ -1,4 +1,4 @@
-"""Tasks: what the robot is to do, which may change with time, and what is rewarded, at each moment of an episode.
+"""Tasks of an environment: what the robot is to do, and what is rewarded, at each moment of an episode.
 
 The goals here are to reach a point, to follow a path and to hold a speed.
 """
@@ -10,7 +10,6 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..control.sampled import PlacedState
 from ..interface.arguments import require
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, number_or_none, numbers, to_array
@@ -20,7 +19,7 @@ from ..physics.dynamics.footing import locate_surface
 from ..physics.grounds import AbstractSurface
 from ..physics.prescribed.schedules import AbstractSchedule
 from ..physics.prescribed.signals import AbstractSignal, ConstantSignal
-from ..physics.state import centre_velocity
+from ..physics.state import PlacedState, centre_velocity
 from .randomisation import AbstractDistribution
 
 UPRIGHT = 1e-12  # the square of the horizontal part of a body axis that has no direction on the plane
@@ -53,6 +52,7 @@ class Moment(NamedTuple):
         system, state = self.system, self.state
         if self._surface is not None:
             held = self._surface.touch_at(self.t, state.z)
+            # On a surface, the centre is a radius above the contact: the velocity of the ground there, plus ω × r n.
             velocity = held.w + system.radius * cross(apply(state.Lambda, state.Omega), held.n)
             return self._in_plane(velocity[:2])
         drift = system.drift(self.t, state.in_space())
@@ -67,8 +67,10 @@ class Moment(NamedTuple):
     def heading(self) -> Float[Array, "2"]:
         """The direction in which the body rolls about its axis E2: horizontal, of length 1; 0 where E2 is vertical."""
         axis = self.state.Lambda[:2, 1]
+        # With a bound below, because a policy is differentiated through this, and the root has no slope at 0.
         size = root(jnp.sum(axis**2), UPRIGHT)
         ahead = jnp.stack([axis[1], -axis[0]])
+        # The inner `where` keeps the division by 0 out of the gradient, too.
         return jnp.where(size > 0, ahead / jnp.where(size > 0, size, 1.0), 0.0)
 
     def ahead(self, vector: Float[Array, "*rows d"]) -> Float[Array, "*rows d"]:
@@ -148,6 +150,7 @@ class ReachPoint(AbstractGoal):
     def is_reached(self, target, moment):
         if self.within is None:
             return super().is_reached(target, moment)
+        # The way and the velocity, each by its length.
         rows = self.misses(target, moment).reshape(2, -1)
         return jnp.all(jnp.sum(rows**2, axis=1) < self.within**2)
 

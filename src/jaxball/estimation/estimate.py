@@ -1,6 +1,6 @@
-"""What a filter has found: the estimates, how sure they are, and whether they deserve it.
+"""The estimates of a filter or a smoother, their covariances, and statistics that test whether these are right.
 
-At one moment that is a belief: a state, biases of sensors, and the covariance of the errors of both.
+At one moment an estimate is a belief: a state, biases of sensors, and the covariance of the errors of both.
 """
 
 import abc
@@ -13,10 +13,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .. import programs
+from ..compat import is_traced
 from ..interface.arguments import refusal
 from ..interface.printing import Printed
 from ..interface.wording import number_of
-from ..numerics.arrays import is_traced
 from ..physics.state import PlacedState
 
 # Of a covariance scaled to a diagonal of 1, an eigenvalue below which a combination is known, but for rounding.
@@ -34,6 +34,7 @@ class Belief(NamedTuple):
         """Changes the estimate by an error, and takes the covariance to local coordinates around the new state."""
         xi, bias_change = change[: change.size - self.bias.size], change[change.size - self.bias.size :]
         state = self.state.retract(xi)
+        # The errors were counted around the old state; around the new one, local coordinates are turned.
         turn = jax.jacfwd(lambda d: state.difference(self.state.retract(xi + d)))(jnp.zeros_like(xi))
         G = jnp.eye(len(self.P), dtype=self.P.dtype).at[: xi.size, : xi.size].set(turn)
         return Belief(state, self.bias + bias_change, symmetric(G @ self.P @ G.T))
@@ -53,6 +54,8 @@ def inverse(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
     """Computes the inverse of a covariance on the directions that are uncertain, 0 on directions that are known."""
     values, vectors, size = _principal(P)
     uncertain = values > KNOWN_EXACTLY
+    # Directions that are known exactly would be divided by 0; the inner `where` keeps that out of the derivative,
+    # too.
     weights = jnp.where(uncertain, 1.0 / jnp.where(uncertain, values, 1.0), 0.0)
     scaled = vectors / size[:, None]
     return (scaled * weights[None]) @ scaled.T
@@ -60,6 +63,7 @@ def inverse(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
 
 def _principal(P: Float[Array, "n n"]) -> tuple[Float[Array, " n"], Float[Array, "n n"], Float[Array, " n"]]:
     """Computes eigenvalues and vectors of a covariance scaled to a diagonal of 1, and the scales."""
+    # Eigenvalues of coordinates with different units do not compare; scaled by their deviations they do.
     size = jnp.sqrt(jnp.diagonal(P))
     size = jnp.where(size > 0, size, 1.0)
     values, vectors = jnp.linalg.eigh(P / size[:, None] / size[None])
@@ -175,6 +179,7 @@ class AbstractEstimate(Printed):
     @property
     def degrees(self) -> int:
         """How many directions of the last estimated state are uncertain."""
+        # The last row of a closed loop is NaN.
         finite = jnp.isfinite(self.covariance[:, 0, 0])
         return int(self.uncertain[jnp.sum(finite) - 1])
 
@@ -297,14 +302,17 @@ def _smooth(estimate: Estimate) -> Estimate:
 
     def back(later: Belief, sample: tuple[Belief, Belief, Array]) -> tuple[Belief, Belief]:
         now, ahead, F = sample
+        # The covariance ahead is singular where something is known exactly; the inverse leaves these directions out.
         gain = now.P @ F.T @ inverse(ahead.P)
         change = jnp.concatenate([ahead.state.difference(later.state), later.bias - ahead.bias])
         P = now.P + gain @ (later.P - ahead.P) @ gain.T
+        # By `move`, because the earlier state changes and its covariance is taken along.
         earlier = now._replace(P=P).move(gain @ change)
         return earlier, earlier
 
     passed = Belief(filtered.state, filtered.bias, filtered.P)
     ahead = Belief(filtered.ahead, filtered.ahead_bias, filtered.ahead_P)
+    # At the last sample, the filter has already used all readings.
     last, before = (jax.tree.map(lambda x, part=part: x[part], passed) for part in (-1, np.s_[:-1]))
     following = jax.tree.map(lambda x: x[1:], ahead)
     beliefs = jax.lax.scan(back, last, (before, following, filtered.F), reverse=True)[1]

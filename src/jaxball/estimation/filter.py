@@ -16,23 +16,25 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .. import programs
+from ..compat import is_traced
 from ..control.sampled import SampledSystem, in_words, null_space, reachability_factor
 from ..control.weights import by_name
 from ..interface.arguments import refusal, require
 from ..interface.printing import Printed
 from ..interface.wording import did_you_mean
-from ..numerics.arrays import Numbers, default_dtype, is_traced, to_array
+from ..numerics.arrays import Numbers, default_dtype, to_array
 from ..physics.body import Ball, Disk, System
+from ..physics.state import PlacedState
 from ..physics.system import require_one_state
 from ..sensors import AbstractSensor
-from ..sensors.base import Measurement, PlacedState, measurement_of
+from ..sensors.base import Measurement, measurement_of
 from ..sensors.errors import SAME_TIME
 from ..simulation import DEFAULT_TOLERANCE
 from .estimate import Belief, Estimate, Filtered, symmetric
 
 
 class Reading(NamedTuple):
-    """What is read at one sample, and which of it there is; the rest is 0."""
+    """The readings at one sample, and which of them there are; those that are missing are 0."""
 
     y: Float[Array, " m"]
     there: Bool[Array, " m"]
@@ -122,6 +124,7 @@ class ErrorStateFilter(Printed):
         directions = sampled.directions
         rates = to_array(by_name("process", process or {}, directions), "process")
         require_not_negative("process", rates)
+        # A bias that wanders is estimated even if it is known at the start.
         spread = {name: 0.0 for name, sensor in sensors.items() if wanders(sensor)} | dict(biases or {})
         for name in spread:
             if name not in sensors:
@@ -228,8 +231,10 @@ class ErrorStateFilter(Printed):
         following = self.sampled.flow(t, belief.state, u)
         A = self.sampled.linearise(t, belief.state, u, following).A
         n, whole = len(A), belief.P.shape[0]
+        # Biases do not change on their own, so that their part is the identity.
         F = jnp.eye(whole, dtype=A.dtype).at[:n, :n].set(A)
         rates = jnp.concatenate([self.process, self._walks(belief.state)])
+        # The variance of a random walk grows in proportion to the time.
         added = jnp.diag(self.sampled.sample * rates**2)
         return Belief(following, belief.bias, symmetric(F @ belief.P @ F.T + added)), F
 
@@ -258,13 +263,18 @@ class ErrorStateFilter(Printed):
                 "Argument `readings` must have as many components at each sample as the sensors have, "
                 f"{self.sizes(state)}, but they have {read.y.size} in all."
             )
+
+        # A missing reading keeps its row, as shapes are fixed while tracing: without sensitivity, and with a variance
+        # of 1 that makes S regular, it changes nothing.
         there = read.there[:, None]
         H = jnp.where(there, H, 0.0)
         innovation = jnp.where(read.there, read.y - h, 0.0)
         R = jnp.where(read.there, self._noise(state) ** 2, 1.0)
         S = symmetric(H @ P @ H.T + jnp.diag(R))
+        # The transpose of P Hᵀ S⁻¹, by the symmetry of both covariances.
         K = jnp.linalg.solve(S, H @ P).T
         rest = jnp.eye(len(P), dtype=P.dtype) - K @ H
+        # Joseph's form remains positive semidefinite in spite of rounding.
         with_reading = belief._replace(P=rest @ P @ rest.T + (K * R[None]) @ K.T)
         return with_reading.move(K @ innovation), innovation, S
 
@@ -285,6 +295,7 @@ class ErrorStateFilter(Printed):
         if len(set(lengths.values())) > 1:
             raise ValueError(f"Argument `readings` must have as many samples of each sensor, but there are {lengths}.")
         y = jnp.concatenate(list(columns.values()), axis=1)
+        # NaN would enter derivatives although it is not used.
         return Reading(jnp.where(jnp.isfinite(y), y, 0.0), jnp.isfinite(y))
 
     def sizes(self, state: PlacedState) -> dict[str, int]:
@@ -332,11 +343,14 @@ def _filter(
 
     def step(belief: Belief, sample: tuple[Array, Array, Array, Reading]) -> tuple[Belief, tuple]:
         t, before, now, reading = sample
+        # Prediction is over the sample that ends at t, with the input held there; the reading is with the input after
+        # it.
         ahead, F = estimator.predict(t - estimator.sampled.sample, belief, before)
         belief, record = with_reading(ahead, t, now, reading)
         return belief, (*record, F)
 
     first, rest = (jax.tree.map(lambda x, part=part: x[part], read) for part in (0, np.s_[1:]))
+    # The first sample has nothing to predict.
     belief, record = with_reading(estimator.start(start, deviations), times[0], held[0], first)
     _, (*following, F) = jax.lax.scan(step, belief, (times[1:], held[:-1], held[1:], rest))
     whole = jax.tree.map(lambda leaf, others: jnp.concatenate([leaf[None], others]), record, tuple(following))
@@ -359,6 +373,7 @@ def _filter(
 def _linearise(estimator: ErrorStateFilter, start: PlacedState, u: Array, t0: Array) -> tuple[Array, Array]:
     """Computes the derivatives of the flow of errors over each sample, and of each reading, along a motion."""
     times, held = estimator.times(t0, len(u) + 1), _hold_last(u)
+    # The derivatives do not depend on the covariance.
     belief = estimator.start(start, jnp.ones(len(start.directions), t0.dtype))
 
     def step(belief: Belief, sample: tuple[Array, Array]) -> tuple[Belief, tuple[Array, Array]]:

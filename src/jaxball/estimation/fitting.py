@@ -128,23 +128,29 @@ class _Problem(Printed):
         """
         values, xi, biases = self.split(x)
         start = base.retract(xi)
+        # Forward mode: there are few unknowns and many residuals.
         settings: dict[str, Any] = {"rtol": self.rtol, "atol": self.atol, "adjoint": diffrax.ForwardMode()}
         run = simulate(self.robot(values), self.times, start, **settings)
+        # The errors of sensors are what residuals consist of, so that readings are compared with exact ones.
         exact = run.measured(
             {name: dataclasses.replace(instrument, errors=None) for name, instrument in self.sensors.items()}
         )
         misfits = {}
         for name, sensor in self.sensors.items():
             assert sensor.errors is not None
+            # Readings arrive later; they are compared with the values at the times at which they were taken.
             place, _ = sensor.errors.arrivals(self.times)
             expected = exact[name].reshape(len(self.times), -1)[place] + biases.get(name, jnp.zeros(1))[None]
             read = self.readings[name]
             there = jnp.isfinite(read)
+            # The inner `where` keeps NaN, of missing readings, out of the derivatives.
             misfits[name] = jnp.where(there, (jnp.where(there, read, 0.0) - expected) / sensor.errors.noise, 0.0)
         prior_misfit = jnp.concatenate(
+            # The prior is about the guess, and not about the state around which x is counted.
             [self.before - x[: self.before.size], self.guess.difference(start)[np.asarray(self.places, int)]]
         )
         rest = jnp.concatenate([prior_misfit, x[prior_misfit.size :]])
+        # An infinite spread makes the residual of an unknown prior 0.
         return misfits, rest / self.prior
 
 
@@ -204,6 +210,7 @@ def fit(
     first = jnp.concatenate([problem.before, jnp.zeros(problem.prior.size - problem.before.size)])
     scale = np.asarray(_scales(problem))
 
+    # In their own sizes, unknowns of any unit count alike in the steps and in what is negligible.
     def evaluate_by_scale(y: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
         r, J, _ = _evaluate(problem, problem.guess, jnp.asarray(scale * np.asarray(y)))
         return np.asarray(r), np.asarray(J) * scale
@@ -336,17 +343,21 @@ def _fit(problem: _Problem, x: Float[Array, " n"], scale: Float[np.ndarray, " n"
     """Returns the estimates at the unknowns ``x``, with local coordinates around the estimated state."""
     values, xi, _ = problem.split(x)
     state, p, k = problem.guess.retract(xi), len(problem.parameters), len(problem.places)
+    # At the estimate the local coordinates are 0, so that the covariance is that of errors around it.
     r, J, misfits = _evaluate(problem, state, x.at[p : p + k].set(0.0))
     r, J = np.asarray(r), np.asarray(J) * scale
     _, s, Vt = np.linalg.svd(J, full_matrices=False)
+    # In scales, so that whether a direction is determined does not depend on units.
     seen = find_determined(s)
     covariance = (Vt[seen].T / s[seen] ** 2) @ Vt[seen] * np.outer(scale, scale)
     lost = np.any(np.abs(Vt[~seen]) > UNDETERMINED_SHARE, axis=0)
+    # No finite covariance belongs to what the log does not determine.
     covariance = np.where(np.logical_or.outer(lost, lost), 0.0, covariance)
     covariance[lost, lost] = np.inf
     names = _names(problem)
     read = {name: np.isfinite(np.asarray(rows)) for name, rows in problem.readings.items()}
     whitened = {name: np.where(read[name], np.asarray(misfits[name]), np.nan) for name in read}
+    # Priors are readings as well, each of one number.
     count = sum(int(np.sum(there)) for there in read.values()) + int(np.sum(np.isfinite(problem.prior)))
     return Fit(
         names=names,

@@ -25,14 +25,14 @@ from .filter import ErrorStateFilter, Reading, align_late, samples_late
 class Remembered(NamedTuple):
     """What feedback from sensors remembers from sample to sample.
 
-    A reading that is late is taken for what it was: the filter goes again from the oldest sample whose readings may
-    still arrive. With the longest delay of D samples these are
+    A late reading counts as one of the time at which it was taken: the filter runs again from the oldest sample whose
+    readings may still arrive. For that it remembers, if the longest delay is D samples,
 
     - ``belief``: what is known of the state D samples ago, with all readings up to then.
     - ``y``: what was read at the last D samples, arrived or not; NaN where nothing was.
     - ``u``: the inputs that acted in the last D + 1 samples.
 
-    The others are
+    Besides these it remembers
 
     - ``inner``: what the regulator remembers.
     - ``xi``, ``bias``: the estimated deviations from the motion at each sample so far, and biases of sensors.
@@ -150,6 +150,7 @@ class OutputFeedback(AbstractFeedback):
         none = (jnp.zeros((self.nominal.samples, *shape), belief.P.dtype) for shape in _shapes(belief))
         xi, bias, P, nis = none
         y = jnp.full((late, len(self.late)), jnp.nan, belief.P.dtype)
+        # Before the start, the inputs of the motion are all that can be assumed.
         u = jnp.repeat(self.nominal.input(0)[None], late + 1, axis=0)
         read = jnp.zeros(self.nominal.samples, int)
         return Remembered(belief, y, u, self.feedback.begin(), xi, bias, P, nis, read)
@@ -157,6 +158,7 @@ class OutputFeedback(AbstractFeedback):
     def __call__(self, k, state, memory):
         t = self._time(k)
         wrong = self.wrong[jnp.minimum(k, len(self.wrong) - 1)]
+        # What acts until this sample is known; the input from here on is still to be found, by this reading.
         now = self.known.measurement(self.plant.hold(memory.u[-1]), t, state) + wrong
         y = jnp.concatenate([memory.y, now[None]])
         (belief, oldest), seen = self._follow(k, memory, y)
@@ -164,6 +166,7 @@ class OutputFeedback(AbstractFeedback):
         values = self.nominal.state(k).difference(belief.state), belief.bias, belief.P, *seen
         before = memory.xi, memory.bias, memory.P, memory.nis, memory.read
         late = max(self.late)
+        # How much was read at a sample, and how well it fits, is known when the latest sensor has reported.
         places = k, k, k, k - late, k - late
         rows = (_put(history, place, value) for history, place, value in zip(before, places, values, strict=True))
         return added, Remembered(oldest, y[1:], memory.u, inner, *rows)
@@ -183,6 +186,7 @@ class OutputFeedback(AbstractFeedback):
         def step(belief: Belief, sample: Any) -> tuple[Belief, Any]:
             i, u, y, arrived = sample
             ahead = estimator.predict(self._time(i - 1), belief, u)[0]
+            # Before the first sample there is nothing to predict or read: the belief stays that at the start.
             ahead = select_tree(i > 0, ahead, belief)
             there = arrived & jnp.isfinite(y)
             with_reading, innovation, S = estimator.update(
@@ -192,6 +196,7 @@ class OutputFeedback(AbstractFeedback):
             return after, (after, innovation @ jnp.linalg.solve(S, innovation), jnp.sum(there))
 
         rows = k - late + jnp.arange(late + 1), memory.u, y, jnp.asarray(arrived)
+        # Without a delay, there is one step, which need not be a loop.
         if not late:
             belief, (oldest, *seen) = step(memory.belief, jax.tree.map(lambda leaf: leaf[0], rows))
             return (belief, oldest), tuple(seen)
@@ -223,6 +228,7 @@ def _shapes(belief: Belief) -> tuple[tuple[int, ...], ...]:
 
 def _put(rows: Array, place: Int[Array, ""], row: Array) -> Array:
     """Returns the rows with another one at a place, unless there is none."""
+    # A negative index would count from the end; one past the end is dropped.
     return rows.at[jnp.where(place < 0, len(rows), place)].set(row, mode="drop")
 
 
@@ -234,4 +240,5 @@ def _errors(
     sensors = estimator.measurement.sensors
     zero = {name: jnp.zeros((times.size, size), default_dtype()) for name, size in sizes.items()}
     errors = with_errors({name: sensor.errors for name, sensor in sensors.items()}, times, zero, key)
+    # `with_errors` puts readings where they arrive; here they stand at the samples at which they were taken.
     return jnp.concatenate([align_late(errors[name], late[name]) for name in sensors], axis=1)

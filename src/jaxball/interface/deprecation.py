@@ -1,5 +1,7 @@
 """Old names that still work: a package, a function or a class accepts one, and warns with the new name.
 
+Whoever renames a public name uses it; old keys of files are in ``scenario/renamed.py``.
+
 ``docs/project/compatibility.md`` says how long, which :func:`removal` computes.
 """
 

@@ -1,4 +1,4 @@
-"""How objects show themselves in notebooks: their text, with the path of a run beside it, in a few kilobytes."""
+"""The ``_repr_html_`` of objects, for notebooks: their text, with the path of a run beside it, in a few kilobytes."""
 
 import html
 

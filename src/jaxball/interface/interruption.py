@@ -1,4 +1,6 @@
-"""What Ctrl-C, SIGTERM (by which schedulers stop a job) and SIGHUP (sent when a terminal closes) do.
+"""Handles Ctrl-C, SIGTERM (by which schedulers stop a job) and SIGHUP (sent when a terminal closes).
+
+The command line switches it on; whatever must clean up when a signal ends the process says so here.
 
 Python raises ``KeyboardInterrupt`` wherever the main thread happens to be: in a callback of XLA it kills the process or
 is lost, during an import it leaves a module half imported, and during a compilation it is not raised at all. So in a

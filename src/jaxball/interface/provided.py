@@ -1,4 +1,7 @@
-"""Methods that a class states, and that a package above provides: the class imports nothing that is built upon it."""
+"""Lets a class declare methods whose functions a higher package provides, so that the class does not import it.
+
+``Trajectory`` declares its methods to save, draw and view a run in this way, and ``methods`` provides them.
+"""
 
 from collections.abc import Callable
 

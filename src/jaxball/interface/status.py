@@ -1,4 +1,4 @@
-"""How a solve ended, and when a run under feedback has come back."""
+"""The status of a solve, with a sentence for each, and the bound within which a run under feedback has come back."""
 
 import enum
 

@@ -1,4 +1,4 @@
-"""Warnings: a result that may not be what was meant, and how to say that it is."""
+"""The warning that a user's function may jump at times that no solve knows; ``numerics.kinks`` gives it."""
 
 import functools
 import warnings

@@ -1,4 +1,4 @@
-"""Messages: the error that is one, and their parts: enumerations, plurals, "did you mean", how to install more."""
+"""Words of messages: enumerations, plurals, "did you mean", how to install a package; and :class:`UserError`."""
 
 from collections.abc import Iterable, Mapping, Sequence
 

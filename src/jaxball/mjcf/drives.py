@@ -1,4 +1,4 @@
-"""What moves a joint: springs and dampers are attributes of MuJoCo's joints, and all else is an actuator."""
+"""Writes and reads the drives of joints: springs and dampers as attributes of MuJoCo's joints, others as actuators."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterable
@@ -23,7 +23,7 @@ from ..physics.mechanisms import (
     Spring,
 )
 from ..physics.prescribed.schedules import AbstractSchedule, ConstantRate
-from .elements import MJCFError, add, label, number, numbers, refuse_values
+from .elements import Angles, MJCFError, add, label, number, numbers, refuse_values
 
 Signal = Callable[[Float[Array, ""]], Float[Array, ""]]
 KEEPING = 0.2  # of a servo that stands for a prescribed motion: its natural frequency times the time step
@@ -63,6 +63,7 @@ def write_drive(
         joint.set("frictionloss", repr(sum(float(friction.kinetic) for friction in frictions)))
     stops = [force for force in forces if isinstance(force, EndStops)]
     if stops:
+        # The innermost stops are those that the joint reaches.
         joint.set("range", f"{float(max(s.lower for s in stops))!r} {float(min(s.upper for s in stops))!r}")
     of_joint = Spring | Damper | EndStops
     others = [force for force in forces if not isinstance(force, of_joint) and not _is_plain(force)]
@@ -74,12 +75,15 @@ def write_servo(
     name: str, joint: str, schedule: AbstractSchedule, actuators: ET.Element, inertia: float, timestep: float
 ) -> Control:
     """Adds an actuator that keeps a joint on a schedule, with the inertia's own share of the force in its control."""
+    # As stiff as the steps of MuJoCo allow: what is prescribed here takes whatever force it needs there.
     rate = KEEPING / timestep
     stiffness, damping = inertia * rate**2, 2 * inertia * rate
     _add_affine(actuators, name, joint, stiffness, (0.0, -stiffness, -damping), None)
 
     def signal(t: Float[Array, ""]) -> Float[Array, ""]:
         theta, thetadot, thetaddot = schedule.derivatives(t)
+        # The force is then I θ̈ of the schedule, plus a servo of the error; with θ alone as its control it would lag
+        # behind.
         return theta + 2 / rate * thetadot + thetaddot / rate**2
 
     return Control(name, signal)
@@ -123,6 +127,7 @@ def _write_actuator(name: str, joint: str, force: AbstractJointForce, actuators:
         return Control(name, force.signal.prepare())
     if isinstance(force, SpeedLimitedMotor):
         stall = float(force.stall)
+        # The line from torque to speed: stall · (command − θ̇ / free speed).
         _add_affine(actuators, name, joint, stall, (0.0, 0.0, -stall / float(force.free_speed)), None)
         return Control(name, force.command.prepare())
     if isinstance(force, PDServo):
@@ -140,11 +145,13 @@ def _write_actuator(name: str, joint: str, force: AbstractJointForce, actuators:
 
 def _write_pd_servo(name: str, joint: str, servo: PDServo, actuators: ET.Element) -> Control:
     stiffness, damping, target = float(servo.stiffness), float(servo.damping), servo.target.prepare()
+    # Without stiffness no angle is a target, and the control is the rate.
     gain = damping if stiffness == 0 else stiffness
     _add_affine(actuators, name, joint, gain, (0.0, -stiffness, -damping), servo.limit)
 
     def signal(t: Float[Array, ""]) -> Float[Array, ""]:
         theta, thetadot, _ = target.derivatives(t)
+        # MuJoCo damps θ̇, the servo here its difference from that of the target.
         return thetadot if stiffness == 0 else theta + damping / stiffness * thetadot
 
     return Control(name, signal)
@@ -164,7 +171,7 @@ def _add_actuator(actuators: ET.Element, tag: str, name: str, joint: str, limit:
     return add(actuators, tag, name=name, joint=joint, forcerange=bounds)
 
 
-def read_springs(joint: ET.Element) -> list[AbstractJointForce]:
+def read_springs(joint: ET.Element, angles: Angles) -> list[AbstractJointForce]:
     """Reads the spring, the damper and the dry friction among the attributes of a joint.
 
     **Raises:** :class:`MJCFError` where the joint has a rotor's inertia or a range.
@@ -178,7 +185,9 @@ def read_springs(joint: ET.Element) -> list[AbstractJointForce]:
     forces: list[AbstractJointForce] = []
     stiffness, damping = number(joint, "stiffness", 0.0), number(joint, "damping", 0.0)
     if stiffness:
-        forces.append(Spring(stiffness, number(joint, "springref", 0.0)))
+        # The rest of a slide is a length.
+        unit = angles.unit if joint.get("type", "hinge") == "hinge" else 1.0
+        forces.append(Spring(stiffness, number(joint, "springref", 0.0) * unit))
     if damping:
         forces.append(Damper(damping))
     friction = number(joint, "frictionloss", 0.0)
@@ -207,6 +216,7 @@ def read_actuators(actuators: Iterable[ET.Element], controls: Float[np.ndarray, 
             raise MJCFError(f"Element {label(element)} must act on a `joint`, but it acts on something else.")
         refuse_values(element, ("lengthrange",), "forces here do not depend on it")
         within = _range(element, "ctrl")
+        # As MuJoCo does.
         control = float(control) if within is None else float(np.clip(control, *within))
         force, limits_control = _read_actuator(element, control, within)
         forces.setdefault(joint, []).append(force)
@@ -228,11 +238,13 @@ def _read_actuator(
         raise MJCFError(f'Attribute `gear` of {label(element)} must be 1 except for motors, but it is "{gear:g}".')
     if stiffness == 0 and damping == 0:
         limits_control = within is not None and within[0] == -within[1]
+        # The force is proportional to the control, so the bounds of both are bounds of the force.
         if within is not None and limits_control:
             largest = abs(gain) * within[1]
             limit = largest if limit is None else min(limit, largest)
         # The range is that of the force before the gear.
         return Motor(gear * gain * control, None if limit is None else abs(gear) * limit), limits_control
+    # A motor with a limited speed has no limit of its force but the stall.
     if stiffness == 0 and limit is None:
         return SpeedLimitedMotor(control, stall=gain, free_speed=gain / damping), False
     if stiffness == 0:

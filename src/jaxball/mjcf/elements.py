@@ -1,4 +1,7 @@
-"""Elements of MuJoCo's files: the numbers in their attributes, defaults of their classes, frames and inertias."""
+"""Elements of MuJoCo's files: the numbers in their attributes, defaults of their classes, frames and inertias.
+
+The readers of :mod:`jaxball.urdf` use the frames and inertias as well.
+"""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping, Sequence
@@ -26,7 +29,7 @@ class MJCFError(UserError):
 def text_of(*values: Any) -> str:
     """Formats numbers as the text of an attribute, with every digit."""
     flat = np.concatenate([np.ravel(np.asarray(value, dtype=float)) for value in values])
-    return " ".join(repr(float(x) + 0.0).removesuffix(".0") for x in flat)
+    return " ".join(repr(float(x) + 0.0).removesuffix(".0") for x in flat)  # + 0.0 turns −0 into 0
 
 
 def add(parent: ET.Element, tag: str, **attributes: Any) -> ET.Element:
@@ -63,6 +66,7 @@ def numbers(
     try:
         values = np.asarray([float(word) for word in text.split()])
     except ValueError:
+        # Not finite, for the sentence below.
         values = np.asarray([np.nan])
     if not np.isfinite(values).all() or (count is not None and len(values) != count):
         raise MJCFError(f'Attribute `{name}` of {label(element)} must be {must}, but it is "{text}".')
@@ -94,6 +98,12 @@ def refuse_values(element: ET.Element, names: Iterable[str], why: str) -> None:
                 f"Attribute `{name}` of {label(element)} must be 0 or left out, because {why}, but it is "
                 f'"{element.get(name)}".'
             )
+
+
+def refuse_what_holds(joint: ET.Element) -> None:
+    """Raises a :class:`MJCFError` where a joint between the world and the shell has a force of its own."""
+    names = "damping", "armature", "frictionloss", "stiffness"
+    refuse_values(joint, names, "nothing holds the shell but the plane here")
 
 
 class Frame(NamedTuple):
@@ -142,6 +152,7 @@ def _turn(element: ET.Element, angles: Angles) -> Float[np.ndarray, "3 3"]:
         )
     name, count = turns[0], {"quat": 4, "axisangle": 4, "xyaxes": 6}.get(turns[0], 3)
     values = numbers(element, name, count=count)
+    # MuJoCo's scalar is first, SciPy's last. A scalar alone is exact at any norm; `_is_at` compares exactly.
     if name == "quat" and np.any(values != 0):
         return Rotation.from_quat(np.roll(values, -1)).as_matrix() if np.any(values[1:] != 0) else np.eye(3)
     if name == "axisangle" and np.any(values[:3] != 0):
@@ -149,6 +160,7 @@ def _turn(element: ET.Element, angles: Angles) -> Float[np.ndarray, "3 3"]:
         return Rotation.from_rotvec(axis * values[3] * angles.unit).as_matrix()
     if name == "euler":
         return Rotation.from_euler(angles.sequence, values * angles.unit).as_matrix()
+    # MuJoCo, too, takes y only as far as it is across x.
     if name == "xyaxes":
         x = values[:3] / np.linalg.norm(values[:3])
         y = values[3:] - (values[3:] @ x) * x
@@ -174,9 +186,11 @@ def read_inertial(body: ET.Element, angles: Angles) -> Inertial | None:
 
 def principal(inertia: Float[np.ndarray, "3 3"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]:
     """Computes the principal moments of an inertia, and its principal axes as the columns of a rotation."""
+    # Left as it is: `eigh` would sort the moments, and exchange the axes of a body that has its own already.
     if np.array_equal(inertia, np.diag(np.diag(inertia))):
         return np.diag(inertia), np.eye(3)
     moments, axes = np.linalg.eigh(inertia)
+    # Eigenvectors may be left-handed, which is no rotation.
     axes[:, 2] *= np.sign(np.linalg.det(axes))
     return moments, axes
 
@@ -188,6 +202,7 @@ def combine(parts: Sequence[Inertial]) -> Inertial:
     inertia = np.zeros((3, 3))
     for part in parts:
         turn, arm = part.axes.turn, part.axes.shift - centre
+        # Steiner: each about the common centre.
         inertia += turn @ np.diag(part.moments) @ turn.T + part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     moments, axes = principal(inertia)
     return Inertial(mass, Frame(axes, centre), moments)
@@ -222,6 +237,7 @@ def _collect(element: ET.Element, otherwise: str | None, inherited: Class, class
         if child.tag != "default":
             defaults[child.tag] = defaults.get(child.tag, {}) | child.attrib
     classes[name] = defaults
+    # Elements that name no class have the outermost one, whatever its name is.
     if otherwise is not None:
         classes[MAIN] = defaults
     for child in element.findall("default"):
@@ -271,7 +287,5 @@ def _complete(element: ET.Element, defaults: Attributes) -> None:
 
 
 def _make_free(joint: ET.Element) -> None:
-    refuse_values(
-        joint, ("damping", "armature", "frictionloss", "stiffness"), "nothing holds the shell but the plane here"
-    )
+    refuse_what_holds(joint)
     joint.tag = "freejoint"

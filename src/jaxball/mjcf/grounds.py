@@ -1,4 +1,4 @@
-"""The ground of a scenario as MJCF: a plane, a turntable, a sphere, or a height field of flat triangles."""
+"""Writes the ground of a scenario as MJCF: a plane, a turntable, a sphere, or a height field of flat triangles."""
 
 import xml.etree.ElementTree as ET
 from typing import Any
@@ -46,6 +46,7 @@ def _check_surface(ground: AbstractSurface, times: Float[np.ndarray, " T"]) -> N
     if ground.motion is not None:
         raise MJCFError(f"{must} {describe(ground)} with a motion is not.")
     some = times[:: -(-len(times) // TIMES_AT_REST)]
+    # A height is over (x, y) itself; on another surface a pair of coordinates is elsewhere.
     x = y = to_array([0.37, -0.21])  # any two places, in whatever unit: a height is over all of them
     first = _places(ground, to_array(float(times[0])), x, y)
     if not isinstance(ground, SphereOutside) and not np.array_equal(first[:, :2], np.stack([x, y], axis=1)):
@@ -54,6 +55,7 @@ def _check_surface(ground: AbstractSurface, times: Float[np.ndarray, " T"]) -> N
             f"to be written as MJCF, but it is {describe(ground)}."
         )
     moved = [_places(ground, to_array(float(t)), x, y) for t in some]
+    # NaN is where there is no ground, which is not a motion.
     if not all(np.array_equal(first, later, equal_nan=True) for later in moved):
         raise MJCFError(f"{must} it moves.")
 
@@ -98,11 +100,14 @@ def write_ground(
             root, world, ground, start, r, friction, EXTENT_OF_HEIGHTS * r if extent is None else extent
         )
     if not isinstance(ground, Ground) or ground.turntable is None:
+        # Zeros are a plane without end; the last number is the mesh in which it is drawn.
         add(world, "geom", name="plane", type="plane", size=(0.0, 0.0, 0.1 * r), **friction)
         return ()
     centre = np.asarray(ground.turntable.centre)
+    # As half the disk's height is r, its top is the plane z = 0.
     table = add(world, "body", name="turntable", pos=(*centre, -r))
     add(table, "joint", name="turntable", type="hinge", axis=(0.0, 0.0, 1.0))
+    # So heavy that nothing on it changes its rate.
     heavy = FLYWHEEL * float(system.total_mass) * r**2
     add(table, "inertial", pos=np.zeros(3), mass=system.total_mass, diaginertia=(heavy,) * 3)
     add(table, "geom", name="turntable", type="cylinder", size=(TABLE_RADIUS * r, r), **friction)
@@ -125,6 +130,7 @@ def _write_heights(
             f"Argument `extent` must be a positive length of at most {largest:g}, a hundred radii, because a file has "
             f"a million heights then, but it is {extent:g}."
         )
+    # Odd, so that one of them is at the start.
     count = 2 * int(np.ceil(extent / (SPACING_OF_HEIGHTS * r))) + 1
     offsets = np.linspace(-extent, extent, count)
     # MuJoCo reads heights as one looks at a map: the first row is that of the largest y.

@@ -1,4 +1,4 @@
-"""What the shell carries: bodies without joints as masses fixed in it, and trees of bodies on joints as mechanisms."""
+"""Reads what a shell carries: bodies without joints as fixed masses, and trees of bodies on joints as mechanisms."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
@@ -73,6 +73,7 @@ class _Reader:
         for geom in body.findall("geom"):
             refuse_contacts(geom)
         frame = outer.then(frame_of(body, self.inertias.angles))
+        # The joints of one body are a chain: each is on the one before.
         for element in body.findall("joint"):
             carrier = self._on_joint(element, frame, carrier)
         self.read_sites(body, frame, carrier)
@@ -87,6 +88,7 @@ class _Reader:
     def read_sites(self, body: ET.Element, frame: Frame, carrier: _Carrier) -> None:
         """Reads the sites of a body, which has the ``frame`` in the axes of the ball."""
         tree = carrier.tree
+        # By identity: trees with equal contents are two.
         where = [index for index, other in enumerate(self.trees) if other is tree]
         on = f"mechanisms[{where[0]}].joints[{carrier.joint}]" if where else None
         for site in body.findall("site"):
@@ -99,7 +101,8 @@ class _Reader:
             self.trees.append(tree)
         before = len(tree.joints) - 1
         name = element.get("name", "")
-        drive = _sum([*read_springs(element), *self.forces.get(name, ())])
+        drive = _sum([*read_springs(element, self.inertias.angles), *self.forces.get(name, ())])
+        # The joint before is the default, which scenarios do not state.
         on = None if carrier.joint == before else carrier.joint
         tree.joints.append(_joint(element, frame, drive, on))
         tree.names.append(name)
@@ -107,6 +110,7 @@ class _Reader:
 
     def _masses(self, body: ET.Element, frame: Frame) -> Iterator[CarriedMass]:
         inertial = self.inertias.of(body)
+        # The least that MuJoCo requires of a body that moves; `_add_least` writes it, and it stands for nothing.
         if inertial is None or (inertial.mass <= MINVAL and np.all(inertial.moments <= MINVAL)):
             return
         placed = frame.then(inertial.axes)

@@ -1,6 +1,6 @@
-"""The masses and the mechanisms of a body as bodies in the shell's, each at the shell's own origin and axes.
+"""Writes masses and mechanisms as MJCF bodies inside that of the shell, each with the shell's origin and axes.
 
-So every axis, point and place has the numbers that it has here. A link is a body whose only inertia is the least that
+So every axis, point and place has the same numbers as in jaxball. A link is a body whose only inertia is the least that
 MuJoCo requires; the masses that it carries are bodies fixed in it.
 """
 
@@ -30,13 +30,13 @@ SHOWN_RADIUS = 0.04  # the radius of the sphere that shows a mass, relative to t
 
 @dataclass
 class Links:
-    """What is written of the inside of a body: its joints with their schedules, and the controls of its actuators.
+    """What is written inside the shell: joints with their schedules, and the controls of actuators.
 
     - ``actuators``: the element that gets the actuators.
     - ``timestep``: by which the servos of prescribed motions are as stiff as they can be.
     - ``shown``: the radius of the spheres that show masses.
     - ``schedules``: of each joint by its name, None where θ belongs to the state.
-    - ``shifts``: of each body that turns as the part here does, where the origin of the part is with every θ at 0.
+    - ``shifts``: of each MJCF body that turns like its part in jaxball: where the part's origin is with every θ at 0.
     """
 
     actuators: ET.Element
@@ -80,11 +80,13 @@ def _write_mass(item: PointMass, name: str, shell: ET.Element, links: Links) -> 
         _add_least(body)
         joint = _add_guide(body, name, motion.rail, np.zeros(3))
         _add_mass(body, f"{name}.mass", mass, place, links)
+        # On a circle θ is an angle, in a tube a length.
         lever = float(motion.rail.radius) if isinstance(motion.rail, Circle) else 1.0
         _drive(joint, motion.schedule, mass * lever**2, links)
         return
     body = add(shell, "body", name=name)
     _add_least(body)
+    # Three sliders, one per coordinate, because MuJoCo has no curved guides.
     for axis, direction in enumerate(AXES_BY_NAME.items()):
         joint = add(body, "joint", name=f"{name}.{direction[0]}", type="slide", axis=direction[1])
         _drive(joint, FunctionSchedule(functools.partial(_coordinate, axis), motion), mass, links)
@@ -109,6 +111,7 @@ def _write_mechanism(mechanism: Mechanism, name: str, shell: ET.Element, links: 
         body = add(parent, "body", name=path)
         _add_least(body)
         element = _add_joint(body, path, joint, before)
+        # Everything further out, too: the servo moves it all.
         carried = [i for i, link in enumerate(mechanism.carrier) if a in mechanism.carriers(link)]
         places = np.asarray(mechanism.place)[carried] + np.stack([shifts[mechanism.carrier[i]] for i in carried])
         _check_circle(mechanism, a, path)
@@ -116,6 +119,7 @@ def _write_mechanism(mechanism: Mechanism, name: str, shell: ET.Element, links: 
         masses = {f"{name}.masses[{i}]": i for i, link in enumerate(mechanism.carrier) if link == a}
         for mass, i in masses.items():
             _add_mass(body, mass, float(mechanism.mass[i]), np.asarray(mechanism.place[i]) + shifts[a], links)
+        # A hinge turns what a carriage on a circle would carry along without a turn, and sensors with it.
         if not _is_on_circle(joint):
             links.shifts |= {path: shifts[a], **dict.fromkeys(masses, np.zeros(3))}
         bodies.append(body)
@@ -147,6 +151,7 @@ def _add_guide(body: ET.Element, name: str, rail: AbstractRail, before: Float[np
         return add(body, "joint", name=name, type="slide", axis=rail.direction)
     if isinstance(rail, Circle):
         pos = np.asarray(rail.centre) + before
+        # Minus the second axis, about which the rail's angle θ turns from its first axis to its third.
         return add(body, "joint", name=name, type="hinge", axis=-rail.frame.matrix()[:, 1], pos=pos)
     raise MJCFError(
         f"Joint `{name}` must be on a Circle or a Tube to be written as MJCF, which has no curved guides, but it is on "
@@ -180,6 +185,7 @@ def _inertia(joint: ET.Element, m: Float[np.ndarray, " n"], places: Float[np.nda
     """Computes the inertia of masses against a rate of a joint."""
     if joint.get("type") == "slide":
         return float(np.sum(m))
+    # From the element, where a hinge and a circle look alike.
     axis = np.fromstring(joint.get("axis", ""), sep=" ")
     arms = places - np.fromstring(joint.get("pos", ""), sep=" ")
     return float(np.sum(m * np.sum(np.cross(axis / np.linalg.norm(axis), arms) ** 2, axis=-1)))
@@ -187,6 +193,7 @@ def _inertia(joint: ET.Element, m: Float[np.ndarray, " n"], places: Float[np.nda
 
 def _add_mass(body: ET.Element, name: str, mass: float, place: Sequence[float] | Any, links: Links) -> None:
     child = add(body, "body", name=name, pos=place)
+    # Without a joint of its own MuJoCo lets it be a point, without moments.
     add(child, "inertial", pos=np.zeros(3), mass=mass, diaginertia=np.zeros(3))
     add(child, "geom", type="sphere", size=links.shown, contype="0", conaffinity="0", rgba="0.8 0.3 0.1 1")
 

@@ -1,4 +1,4 @@
-"""MJCF as a scenario: a ball or a disk with mechanisms, on a plane."""
+"""Reads an MJCF file as a scenario: a ball or a disk with mechanisms, on a plane."""
 
 import xml.etree.ElementTree as ET
 from typing import Any, NamedTuple
@@ -30,6 +30,7 @@ from .elements import (
     numbers,
     refuse_others,
     refuse_values,
+    refuse_what_holds,
 )
 from .inside import IN_BODY, Inside, read_inside, touches
 from .sensors import read_sensors
@@ -147,7 +148,7 @@ def read_mjcf(text: str, *, times: Numbers = TIMES, contact: bool = False) -> Im
     controls = np.zeros(len(actuators))
     controls = controls if key is None else numbers(key, "ctrl", controls)
     actuated = read_actuators(actuators, controls)
-    notes = [*_notes(shell, actuators, key), *actuated.notes]
+    notes = [*_notes(shell, actuators, key, root.findall("contact/pair")), *actuated.notes]
     body_frame = _own_frame(shell, sphere, inertias)
     inside = read_inside(shell, body_frame.inverse, inertias, actuated.forces)
     surface = _surface(plane, sphere)
@@ -165,8 +166,10 @@ def read_mjcf(text: str, *, times: Numbers = TIMES, contact: bool = False) -> Im
     return Imported(scenario, tuple(notes))
 
 
-def _notes(shell: ET.Element, actuators: list[ET.Element], key: ET.Element | None) -> list[str]:
-    """Returns the sentences about controls that the file does not have, and about limits of joints."""
+def _notes(
+    shell: ET.Element, actuators: list[ET.Element], key: ET.Element | None, pairs: list[ET.Element]
+) -> list[str]:
+    """Returns the sentences about controls that the file does not have, limits of joints and contact pairs."""
     notes = []
     if actuators and (key is None or key.get("ctrl") is None):
         names = all_of([label(element) for element in actuators])
@@ -178,11 +181,16 @@ def _notes(shell: ET.Element, actuators: list[ET.Element], key: ET.Element | Non
                 f"The `actuatorfrcrange` of {label(joint)} was not imported, because limits here are those of single "
                 "motors; give them to the actuators as `forcerange`."
             )
+    for pair in pairs:
+        notes.append(
+            f'The {label(pair)} of "{pair.get("geom1")}" and "{pair.get("geom2")}" was not imported, because only the '
+            "shell and the plane touch here, with the friction of their geoms; give it to these as `friction`."
+        )
     return notes
 
 
 def _inertias(root: ET.Element) -> Inertias:
-    unit, sequence, from_geoms = np.pi / 180, "XYZ", "auto"
+    angle, sequence, from_geoms = "degree", "xyz", "auto"
     for compiler in root.findall("compiler"):
         refuse_values(compiler, CHANGED, "inertias must be those that the file states")
         if compiler.get("balanceinertia") == "true":
@@ -193,9 +201,10 @@ def _inertias(root: ET.Element) -> Inertias:
                 f'here, but it is "{compiler.get("inertiagrouprange")}"; give mass 0 to the others.'
             )
         from_geoms = compiler.get("inertiafromgeom", from_geoms)
-        unit = 1.0 if compiler.get("angle") == "radian" else unit
-        sequence = compiler.get("eulerseq", "xyz").swapcase()
-    return Inertias(Angles(unit, sequence), from_geoms)
+        angle = compiler.get("angle", angle)
+        sequence = compiler.get("eulerseq", sequence)
+    unit = 1.0 if angle == "radian" else np.pi / 180
+    return Inertias(Angles(unit, sequence.swapcase()), from_geoms)
 
 
 def _gravity(root: ET.Element) -> Float[np.ndarray, "3"]:
@@ -228,11 +237,16 @@ def _touching(parent: ET.Element, kind: str) -> ET.Element:
 
 
 def _surface(plane: ET.Element, sphere: ET.Element) -> Surface:
-    """Returns the larger friction of the two, as MuJoCo has it."""
-    coefficients = [numbers(geom, "friction") if geom.get("friction") else np.zeros(0) for geom in (plane, sphere)]
-    pair = [np.append(values, FRICTION[len(values) :])[:3] for values in coefficients]
-    condim = max(number(geom, "condim", 3.0) for geom in (plane, sphere))
-    friction = np.maximum(*pair)
+    """Returns the friction of the geom with the higher priority, else the larger of the two, as MuJoCo has it."""
+    highest = max(number(geom, "priority", 0.0) for geom in (plane, sphere))
+    deciding = [geom for geom in (plane, sphere) if number(geom, "priority", 0.0) == highest]
+    # Coefficients that are left out at the end are MuJoCo's.
+    coefficients = [numbers(geom, "friction") if geom.get("friction") else np.zeros(0) for geom in deciding]
+    friction = np.max([np.append(values, FRICTION[len(values) :])[:3] for values in coefficients], axis=0)
+    condim = max(number(geom, "condim", 3.0) for geom in deciding)
+    # A contact of one dimension has a normal force alone.
+    friction[0] = friction[0] if condim > 1 else 0.0
+    # MuJoCo heeds friction against spinning from 4 dimensions on, and against rolling with 6.
     if condim >= 4 and friction[1] > LEAST_FRICTION:
         raise MJCFError(
             f"The friction of {label(plane)} and {label(sphere)} against spinning must be 0, because it has no "
@@ -248,6 +262,7 @@ def _own_frame(shell: ET.Element, sphere: ET.Element, inertias: Inertias) -> Own
     inertia = inertias.of(shell)
     if inertia is None:
         raise MJCFError(f"Element {label(shell)} must have an <inertial>, or geoms with a mass, but it has none.")
+    # The axes must be the principal ones, as a ball here has only three moments.
     return OwnFrame(inertia, Frame(inertia.axes.turn, numbers(sphere, "pos", np.zeros(3))))
 
 
@@ -270,7 +285,7 @@ def _system(
         "masses": inside.masses,
         "mechanisms": inside.mechanisms,
         "ground": _ground(gravity),
-        "resistance": Resistance(dry=dry / radius) if dry > LEAST_FRICTION else None,
+        "resistance": Resistance(dry=dry / radius) if dry > LEAST_FRICTION else None,  # a length there
     }
     if shell.find("freejoint") is not None:
         return Ball(inertia=body_frame.inertial.moments, **arguments)
@@ -284,6 +299,7 @@ def _ground(gravity: Float[np.ndarray, "3"]) -> Ground | None:
         return None
     if gravity[2] >= 0:
         raise MJCFError(f"Gravity must pull towards the plane, but it is {gravity.tolist()}.")
+    # The plane stays level in the file, so the ground is tilted here by the angle of gravity.
     return Ground(angle=np.arctan2(across, -gravity[2]), heading=np.arctan2(gravity[1], gravity[0]))
 
 
@@ -297,6 +313,8 @@ def _check_disk(shell: ET.Element, body_frame: OwnFrame, angles: Angles) -> None
             f"Element {label(shell)} must have a <freejoint>, or, for a disk, slides along x and z and a hinge about "
             "−y in this order, but it does not."
         )
+    for joint in shell.findall("joint"):
+        refuse_what_holds(joint)
     still = _is_at(frame_of(shell, angles), np.eye(3), 1) and _is_at(body_frame.frame, np.eye(3), 0, 1, 2)
     if not still:
         raise MJCFError(
@@ -333,9 +351,11 @@ def _state(
         x, height = placed.shift[0] + qpos[0], placed.shift[2] + qpos[1] - radius
         disk = DiskState(phi=qpos[2], phidot=qvel[2], z=x, theta=theta, thetadot=thetadot)
         return ReleasedState(disk, V=(qvel[0], 0.0, qvel[1]), height=height)
+    # A file has few digits, and MuJoCo normalises, too.
     q = qpos[3:7] / np.linalg.norm(qpos[3:7])
     turn = Rotation.from_quat(np.roll(q, -1))
     arm = turn.apply(body_frame.frame.shift)
+    # The velocity in the file is that of the body's own origin, in space; its ω is in the axes of the body.
     centre, V = qpos[:3] + arm, qvel[:3] + np.cross(turn.apply(qvel[3:6]), arm)
     if not np.array_equal(body_frame.frame.turn, np.eye(3)):
         q = np.roll((turn * Rotation.from_matrix(body_frame.frame.turn)).as_quat(), 1)
@@ -347,5 +367,6 @@ def _state(
 def _rolls(system: System, state: ReleasedState) -> bool:
     r = float(system.radius)
     slip = np.asarray(release(system, to_array(0.0), state.body).V - state.V)
+    # In the scales of the body, for files in any units.
     slowest, lowest = ROLLS * np.sqrt(float(system.gravity) * r), ROLLS * r
     return bool(np.all(np.abs(slip) <= slowest)) and abs(float(state.height)) <= lowest

@@ -1,4 +1,4 @@
-"""Sensors: those of MuJoCo that read the same quantity, at sites on the same parts."""
+"""Writes and reads sensors: those of MuJoCo that read the same quantity, at sites on the same parts."""
 
 import re
 import xml.etree.ElementTree as ET
@@ -58,6 +58,7 @@ def write_sensors(
 
 
 def _site(name: str, sensor: Accelerometer | Gyroscope | Position, shift: Shift) -> ET.Element:
+    # A gyroscope reads the same everywhere on a part, and has no place here.
     position = shift if isinstance(sensor, Gyroscope) else np.asarray(sensor.at) + shift
     B = np.eye(3) if isinstance(sensor, Position) else np.asarray(sensor.frame.matrix())
     turn = None if np.array_equal(B, np.eye(3)) else (*B[:, 0], *B[:, 1])
@@ -75,6 +76,7 @@ def read_sensors(root: ET.Element, sites: Mapping[str, Site], joints: Mapping[st
     sensors: dict[str, AbstractSensor] = {}
     for index, element in enumerate(child for group in root.findall("sensor") for child in group):
         refuse_values(element, ("cutoff",), "readings are not cut off here")
+        # Scenarios have names that are identifiers.
         name = re.sub(r"\W", "_", element.get("name", ""), flags=re.ASCII)
         name = name if name[:1].isalpha() else f"sensor_{name or index}"
         sensors[name] = _read_sensor(element, sites, joints)

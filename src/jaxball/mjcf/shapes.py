@@ -1,4 +1,4 @@
-"""Masses and inertias of geoms, which MuJoCo computes where a body states none."""
+"""Computes masses and inertias of geoms, as MuJoCo does where a body states none."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
@@ -45,7 +45,7 @@ SOLIDS = {
         lambda s: 2 * np.pi * s[0] ** 2 * s[1],
         lambda s: np.array([*[s[0] ** 2 / 4 + s[1] ** 2 / 3] * 2, s[0] ** 2 / 2]),
     ),
-    "box": Solid(3, lambda s: 8 * float(np.prod(s)), lambda s: 5 / 3 * _ellipsoid(s)),
+    "box": Solid(3, lambda s: 8 * float(np.prod(s)), lambda s: 5 / 3 * _ellipsoid(s)),  # over 3 instead of 5
     "ellipsoid": Solid(3, lambda s: 4 / 3 * np.pi * float(np.prod(s)), _ellipsoid),
 }
 HOLLOW = Solid(1, lambda s: 4 * np.pi * s[0] ** 2, lambda s: np.full(3, 2 / 3 * s[0] ** 2))
@@ -78,6 +78,7 @@ def inertial_of_geoms(body: ET.Element, angles: Angles) -> Inertial | None:
 
 
 def _part(geom: ET.Element, angles: Angles) -> Inertial | None:
+    # Before its shape: what has no mass may be a mesh.
     if geom.get("mass") is not None and number(geom, "mass") == 0:
         return None
     density, kind = number(geom, "density", DENSITY), geom.get("type", "sphere")
@@ -95,6 +96,7 @@ def _part(geom: ET.Element, angles: Angles) -> Inertial | None:
                 f"Attribute `shellinertia` of {label(geom)} must be left out, because only a sphere can be hollow "
                 f"here, but it is a {kind}."
             )
+        # MuJoCo's density is per area then, so the area stands for the volume.
         solid = HOLLOW
     frame, size = _place(geom, kind, solid.numbers, angles)
     mass = number(geom, "mass", density * float(solid.volume(size)))
@@ -113,5 +115,6 @@ def _place(geom: ET.Element, kind: str, count: int, angles: Angles) -> tuple[Fra
     ends = numbers(geom, "fromto", count=6).reshape(2, 3)
     along = ends[1] - ends[0]
     length = float(np.linalg.norm(along))
+    # Any turn about the axis will do, for both are bodies of revolution.
     turn = Rotation.align_vectors(along[None], [[0.0, 0.0, 1.0]])[0].as_matrix()
     return Frame(turn, ends.mean(axis=0)), np.array([numbers(geom, "size")[0], length / 2])

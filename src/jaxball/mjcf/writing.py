@@ -1,4 +1,4 @@
-"""A scenario as MJCF: the world, the shell and its start, with what is inside, and sensors."""
+"""Writes a scenario as MJCF: the world, the shell and its start, with what is inside, and sensors."""
 
 import xml.etree.ElementTree as ET
 from typing import Any, NamedTuple
@@ -100,6 +100,8 @@ def to_mjcf(
     add(root, "compiler", angle="radian", autolimits="true")
     up = np.array([0.0, 0.0, 1.0]) if system.ground is None else np.asarray(system.ground.up())
     gravity = -float(system.gravity) * up
+    # A round cone is Coulomb's law; contacts 100 times as hard along the plane as across it creep less; and dampers
+    # of stiff servos are implicit.
     style = {"integrator": "implicitfast", "cone": "elliptic", "impratio": "100"}
     add(root, "option", timestep=timestep, gravity=gravity, **style)
     world, actuators, sensors = (ET.Element(tag) for tag in ("worldbody", "actuator", "sensor"))
@@ -112,6 +114,7 @@ def to_mjcf(
     shell = _add_shell(world, system, friction)
     write_links(system, shell, links)
     write_sensors(scenario.sensors, shell, sensors, links.shifts)
+    # After the assets, which `write_ground` adds.
     root.append(world)
     root.extend(element for element in (actuators, sensors) if len(element))
     _add_keyframe(root, system, t, state, centre, links)
@@ -200,6 +203,7 @@ def _friction(system: System, sliding: float) -> dict[str, Any]:
     resistance = system.resistance
     if not isinstance(resistance, Resistance) or resistance.dry is None:
         return {"condim": "3", "friction": (sliding, 0.0, 0.0)}
+    # Only contacts of 6 dimensions have friction against rolling; its coefficient is a length.
     return {"condim": "6", "friction": (sliding, 0.0, float(resistance.dry) * float(system.radius))}
 
 
@@ -235,6 +239,7 @@ def _add_keyframe(
 ) -> None:
     body, V = state.body, np.asarray(state.V)
     qpos, qvel = [], []
+    # The turntable is written before the shell, and MuJoCo orders coordinates as the file has joints.
     if isinstance(system.ground, Ground) and system.ground.turntable is not None:
         angle, rate, _ = system.ground.turntable.turning.derivatives(t)
         qpos, qvel = [float(angle)], [float(rate)]

@@ -1,4 +1,4 @@
-"""Conversion of parameters to array leaves."""
+"""Converts numbers that users give to arrays, with checks of types and shapes, and makes the converters of fields."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple, TypeVar
@@ -34,6 +34,7 @@ def to_array(x: Numbers, name: str = "x") -> Float[Array, "..."]:
         if not any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(x)):
             x = np.asarray(x, dtype)  # NumPy, unlike JAX, compiles no program for this
         return jnp.asarray(x, dtype=dtype)
+    # A `TypeError`, too, whose own message says what a traced value cannot do.
     except jax.errors.JAXTypeError:
         raise
     except (TypeError, ValueError):
@@ -110,6 +111,7 @@ def _is_real(x: Any) -> bool:
     dtype = getattr(x, "dtype", None)
     if dtype is None:
         return x is not None and not isinstance(x, str | bytes | complex)
+    # Types of JAX alone, such as bfloat16, have none of NumPy's letters.
     return getattr(dtype, "kind", None) in {"b", "i", "u", "f"} or jnp.issubdtype(dtype, jnp.floating)
 
 

@@ -1,4 +1,4 @@
-"""Derivatives along a curve, by forward mode, and derivatives of results found without them."""
+"""Derivatives along a curve, its point furthest from the origin, and derivatives for results found without them."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -34,6 +34,7 @@ def with_derivatives(value: Any, function: Callable[..., Any], *arguments: Any) 
 
     Where nothing is differentiated, the function is not evaluated.
     """
+    # Arrays that the function has from outside become operands, because only operands have tangents in a rule.
     (function, arguments), captures = take_captures((function, arguments))
 
     def of_captures(captures: list[Any], *arguments: Any) -> Any:

@@ -1,5 +1,7 @@
 """One step of the explicit Runge–Kutta method of order 8 with eleven stages.
 
+The laws of contact integrate impacts and the ends of slips by it.
+
 G. J. Cooper & J. H. Verner, Some explicit Runge–Kutta methods of high order, SIAM J. Numer. Anal. 9 (1972) 389–405.
 """
 

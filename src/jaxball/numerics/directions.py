@@ -1,4 +1,7 @@
-"""Directions in a plane, as unit vectors, and the search for one in which a function of them points."""
+"""Directions σ in a plane, as unit vectors, and the search for one along which a vector f(σ) points.
+
+Slips and rolling begin in such directions.
+"""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -26,7 +29,7 @@ def diverging(
     about: Any,
     guess: Float[Array, "2"],
 ) -> Direction:
-    """Finds the direction σ in which ``pull`` of it points; of several, the one in which it pulls most.
+    """Finds the direction σ along which the vector ``pull(about, σ)`` points; of several, that of the longest vector.
 
     ``pull`` gives a vector for each σ, and a number that is positive where the vector means something; its first
     operand is ``about``, arrays with respect to which σ has first derivatives. ``guess`` need not be a unit vector; its
@@ -40,6 +43,7 @@ def diverging(
         vector, valid = pull(about, sigma)
         return across(sigma, vector), jnp.where(valid > 0, jnp.sum(sigma * vector), -jnp.inf)
 
+    # The search itself is not differentiated; one step of Newton's method at its end gives the derivatives.
     still, guess = jax.lax.stop_gradient((about, guess))
 
     def turning(angle: Float[Array, ""]) -> Float[Array, ""]:
@@ -47,11 +51,13 @@ def diverging(
 
     start = _angle(guess)
     width = 2 * jnp.pi / DIRECTIONS_SAMPLED
+    # Shifted by half a width, so that a right guess is in the middle of a bracket, and not at its edge.
     angles = start + width * (jnp.arange(DIRECTIONS_SAMPLED, dtype=guess.dtype) - 0.5)
     values = map_rows(turning, angles)
     ends = jnp.roll(values, -1)
     share = values / jnp.where(values == ends, 1.0, values - ends)
     _, along = map_rows(lambda angle: parts(still, angle), angles + width * jnp.clip(share, 0.0, 1.0))
+    # The part across σ turns its sign where σ is parallel to the vector; along it must be largest.
     best = jnp.argmax(jnp.where((values > 0) != (ends > 0), along, -jnp.inf))
     old, new = Sample(angles[best], values[best]), Sample(angles[best] + width, ends[best])
 
@@ -63,6 +69,7 @@ def diverging(
     angle = jax.lax.fori_loop(0, ILLINOIS_STEPS, narrow, (old, new))[1].x
     # Newton's method moves it only by rounding, but provides its derivatives.
     value, slope = jax.jvp(turning, (angle,), (jnp.ones_like(angle),))
+    # Without a slope there is no step, instead of a division by 0.
     slope = jnp.where(slope == 0, jnp.inf, slope)
     angle = angle - value / slope
     sigma = _at_angle(angle - parts(about, angle)[0] / slope)
@@ -78,6 +85,7 @@ def across(sigma: Float[Array, "2"], vector: Float[Array, "size"]) -> Float[Arra
 def unit(sigma: Float[Array, "2"]) -> Float[Array, "2"]:
     """Returns σ with length 1; 0 for 0."""
     square = jnp.sum(sigma**2)
+    # The slope of the root at 0 is infinite, also in the branch that `where` does not take.
     return sigma / jnp.sqrt(jnp.where(square > 0, square, 1.0))
 
 
@@ -89,6 +97,7 @@ def turn_left(sigma: Float[Array, "2"]) -> Float[Array, "2"]:
 def _angle(sigma: Float[Array, "2"]) -> Float[Array, ""]:
     """Computes the angle of a direction; 0 where σ is 0."""
     some = jnp.sum(sigma**2) > 0
+    # arctan2 has no derivatives at the origin.
     return jnp.where(some, jnp.arctan2(sigma[1], jnp.where(some, sigma[0], 1.0)), 0.0)
 
 

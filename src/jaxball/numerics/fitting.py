@@ -1,4 +1,7 @@
-"""Nonlinear least squares where the data may not determine all unknowns."""
+"""Nonlinear least squares where the data may not determine all unknowns.
+
+The estimators of parameters use it: ``design.identify`` and ``estimation.fitting``.
+"""
 
 import functools
 from collections.abc import Callable
@@ -31,6 +34,7 @@ def where_finite(residuals: Residuals) -> Residuals:
     @functools.lru_cache(maxsize=1)
     def evaluate(y: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
         r, J = map(np.asarray, residuals(y))
+        # NaN tells SciPy that a step went too far; it reads residuals only.
         return (r, J) if np.all(np.isfinite(J)) else (np.full_like(r, np.nan), J)
 
     return evaluate

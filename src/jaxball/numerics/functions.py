@@ -130,10 +130,12 @@ class PiecewisePolynomial(eqx.Module):
         is 0.
         """
         power = jnp.arange(1, self.coefficients.shape[1] + 1, dtype=self.coefficients.dtype)
+        # A power's integral; the constants of the pieces follow below.
         raised = self.coefficients / power[None]
         h = jnp.diff(self.breaks)[:, None]
         # A sum over the intervals, not a loop over them, which takes long to compile where there are many.
         changes = jnp.sum(raised[1:-1] * h ** power[None], axis=1)
+        # Both pieces at the first break are measured from there, where the integral is 0.
         start = jnp.concatenate([jnp.zeros((2,), changes.dtype), jnp.cumsum(changes)])
         return PiecewisePolynomial(self.breaks, self.origins, jnp.concatenate([start[:, None], raised], axis=1))
 
@@ -197,6 +199,7 @@ def _bends(
     """
     rows = jnp.arange(len(before))
     matrix = jnp.diag(2 * (before + after))
+    # Added, because of two knots each is the neighbour of the other on both sides.
     matrix = matrix.at[rows, rows - 1].add(before).at[rows, (rows + 1) % len(before)].add(after)
     return jnp.linalg.solve(matrix, 6 * turns.reshape(len(before), -1)).reshape(turns.shape)
 
@@ -216,6 +219,7 @@ def not_a_knot_cubic_spline(knots: Float[Array, " n"], values: Float[Array, " n"
         return _hermite_pieces(values[:-1], chord, bend[:-1], bend[1:], h)
     # Rows for the bends at inner knots, from which those at both ends follow.
     left, right = h[0] / h[1], h[-1] / h[-2]
+    # Equal third derivatives on both sides of a knot: (b₁ − b₀) / h₀ = (b₂ − b₁) / h₁, from which b₀ is eliminated.
     diagonal = (2 * (h[:-1] + h[1:])).at[0].add(h[0] * (1 + left)).at[-1].add(h[-1] * (1 + right))
     lower = h[:-1].at[0].set(0.0).at[-1].add(-h[-1] * right)
     upper = h[1:].at[-1].set(0.0).at[0].add(-h[0] * left)

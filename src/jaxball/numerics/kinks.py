@@ -54,7 +54,9 @@ def kinks_of_functions(
     if not (seen.size and declared.size):
         return declared if declared.size else seen
     near = CLOSE_KINKS * jnp.finfo(seen.dtype).eps * jnp.abs(seen)
+    # A time that never comes is infinite, and so is its `near`, within which every time would be.
     same = jnp.isfinite(seen)[None] & (jnp.abs(declared[:, None] - seen[None]) <= near[None])
+    # An infinite time ends no step.
     return jnp.concatenate([jnp.where(jnp.any(same, axis=1), jnp.inf, declared), seen])
 
 
@@ -103,6 +105,7 @@ def just_before(kinks: Float[Array, " kinks"], end: Float[Array, ""]) -> Float[A
     kinks, near = kinks.astype(end.dtype), CLOSE_KINKS * jnp.finfo(end.dtype).eps * jnp.abs(end)
     here = (kinks <= end) & (end - kinks <= near)
     earlier = jnp.min(jnp.where(here, before(kinks), jnp.inf), initial=jnp.inf)
+    # The derivative is that of `end`: the distance to the time before is rounding.
     return end + jax.lax.stop_gradient(jnp.minimum(earlier, end) - end)
 
 

@@ -73,6 +73,7 @@ def _invert_by_elimination(matrices: _Parts) -> _Parts:
 
     def eliminate(turn, carry):
         size = sum(part[:, :, 0] * part[:, :, 0] for part in carry[0])
+        # Rows that were eliminated are at the end, and no pivots any more.
         pivot = jnp.argmax(jnp.where(index < n - turn, size, -1.0), axis=1)
         B, rows = _if_any(pivot > 0, _exchange, carry, pivot)
         first = _reciprocal(tuple(part[:, :1, 0] for part in B))

@@ -1,8 +1,8 @@
-"""Where functions of one number are zero.
+"""Zeros of functions of one number: found with derivatives of every order, or bracketed step by step.
 
-Either a zero is found, and has derivatives of every order; or whoever evaluates the function keeps a bracket of it.
-The next point then follows by the Illinois method: the zero of the secant replaces the newer end. If the sign did not
-change, the other end stays and its value is halved, so that both ends approach the zero (Dowell & Jarratt, *BIT* 11
+The second is for callers that evaluate the function themselves, such as the search for the end of a mode. The next
+point in their bracket follows by the Illinois method: the zero of the secant replaces the newer end. If the sign did
+not change, the other end stays and its value is halved, so that both ends approach the zero (Dowell & Jarratt, *BIT* 11
 (1971) 168–174).
 """
 
@@ -54,6 +54,7 @@ def with_derivatives_of_root(x: Number, function: Callable[..., Number], *argume
 
     They are those of every order, by forward and reverse mode.
     """
+    # Arrays that the function has from outside become operands, because only operands have tangents in a rule.
     (function, arguments), captures = take_captures((function, arguments))
 
     def of_captures(x: Number, captures: list[Any], *arguments: Any) -> Number:

@@ -1,4 +1,4 @@
-"""Times at which a function of time compares the time with something, found in its trace.
+"""Finds the times at which a function of time compares the time with something, in its trace, for ``kinks``.
 
 A comparison such as ``t < p`` in a user's function is a jump or a kink of it. Where the time enters linearly, with
 coefficients that depend on nothing but parameters, the time of the change is known, with its derivatives.
@@ -199,6 +199,8 @@ class _Trace:
                 if time.size > MOST_TIMES:
                     self.unresolved.append(f"a comparison with {time.size} numbers")
                     continue
+                # The time itself and constants are compared as they are, and the change is exactly where they are
+                # equal.
                 if not (piece.exact and other.exact and (piece.slope is None or other.slope is None)):
                     time = _as_rounded(time, piece, other, comparison)
                 self.times.append(time)
@@ -207,6 +209,7 @@ class _Trace:
 def _crossing(line: Piece, other: Piece) -> Array:
     """Computes the times at which two linear functions are equal; infinite where they never are, or always."""
     slope = sum(sign * piece.slope() for sign, piece in ((1, line), (-1, other)) if piece.slope is not None)
+    # A comparison that never changes is at no time; the inner `where` keeps the division by 0 out of derivatives.
     moves = jnp.asarray(slope != 0)
     difference = other.offset() - line.offset()
     return jnp.where(moves, difference / jnp.where(moves, slope, 1.0), jnp.inf)
@@ -247,6 +250,7 @@ def _as_rounded(times: Array, line: Piece, other: Piece, comparison: Comparison)
 
         return jax.lax.while_loop(wide, halve, (first, last))[1]
 
+    # Without derivatives, which bisection does not have: those of the exact crossing remain.
     bounds = jax.lax.stop_gradient((jnp.ravel(centre - width), jnp.ravel(centre + width)))
     places = jnp.arange(times.size)
     if times.size == 1:

@@ -1,4 +1,7 @@
-"""How the values in the trace of a function depend on time: not at all, piece by piece linearly, or otherwise."""
+"""How the values in the trace of a function depend on time: not at all, piece by piece linearly, or otherwise.
+
+``time_comparisons`` keeps this for each value while it goes through a trace.
+"""
 
 import functools
 import itertools

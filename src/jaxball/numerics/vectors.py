@@ -97,6 +97,7 @@ ROUNDING_SQUARED = 1e-30
 def root(square: Float[Array, "*batch"], rounding: float = 0.0) -> Float[Array, "*batch"]:
     """Returns the square root; 0, with the derivative 0, where ``square`` is not above ``rounding``."""
     positive = square > rounding
+    # The slope of the root at 0 is infinite, also in the branch that `where` does not take.
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
 
 

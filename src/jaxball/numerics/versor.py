@@ -34,6 +34,7 @@ def exponential(rotation: Float[Array, "3"]) -> Float[Array, "4"]:
     """Computes the versor of a rotation vector, whose direction is the axis and whose length the angle, rad."""
     s = dot(rotation, rotation)
     small = s < SMALL_ANGLE
+    # Both branches are differentiated, so each must be finite where the other is taken.
     angle = jnp.sqrt(jnp.where(small, 1.0, s))
     real = jnp.where(small, 1 - s / 8 * (1 - s / 48 * (1 - s / 120)), jnp.cos(angle / 2))
     factor = jnp.where(small, 0.5 - s / 48 * (1 - s / 80 * (1 - s / 168)), jnp.sin(angle / 2) / angle)
@@ -44,6 +45,7 @@ def logarithm(q: Float[Array, "4"]) -> Float[Array, "3"]:
     """Computes the rotation vector of a versor, of a length up to π; it is the same for q and −q, which are one
     rotation.
     """
+    # Of q and −q the one that turns by at most π.
     real, imaginary = jnp.abs(q[0]), jnp.where(q[0] < 0, -q[1:], q[1:])
     s = dot(imaginary, imaginary)
     small = s < SMALL_ANGLE
@@ -69,6 +71,7 @@ def from_rotation_matrix(Lambda: Float[Array, "3 3"]) -> Float[Array, "4"]:
             jnp.stack([a[1, 0] - a[0, 1], a[0, 2] + a[2, 0], a[1, 2] + a[2, 1], 1 - a[0, 0] - a[1, 1] + a[2, 2]]),
         ]
     )
+    # Each column is the versor times one of its components; the largest of these keeps digits, others may be 0.
     return normalize(columns[jnp.argmax(jnp.diagonal(columns))])
 
 

@@ -5,7 +5,8 @@ Every number is the paper's; masses, radii and gravity are scaled so that m = r 
 
 import math
 
-from ..physics.body import Ball, Disk, PointMass
+from ..physics.body import Ball, Disk
+from ..physics.dynamics.parameters import PointMass
 from ..physics.prescribed.frames import SphericalFrame
 from ..physics.prescribed.motion import OnRail
 from ..physics.prescribed.rails import Circle

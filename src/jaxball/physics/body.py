@@ -165,6 +165,7 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
 
         Dry friction is proportional to the normal force, which jumps with prescribed accelerations.
         """
+        # Kinks do not depend on the numbers of a state: any of the right shape will do to trace a user's law.
         count = len(self.coordinates)
         state = self.state_type(theta=jnp.zeros(count), thetadot=jnp.zeros(count))
         times = [] if self.law is None else [self.law.kinks_with(state)]
@@ -454,6 +455,7 @@ def with_integrated_angles(
     free_angles = _free_angles(system, state)
     rates = [schedule.derivatives(to_array(t0)) for schedule in schedules]
     accelerated = driven.accelerated
+    # The values are those of the schedules, then of the free joints; a state has them in the order of coordinates.
     places = [*accelerated, *(slot for slot in range(len(driven.coordinates)) if slot not in accelerated)]
     angles = {}
     for order, name in enumerate(("theta", "thetadot")):

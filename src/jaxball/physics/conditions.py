@@ -18,12 +18,13 @@ UNIT = 1e-6  # how far the square of a unit vector may be from 1
 class Condition(NamedTuple):
     """A condition on one or several numbers: whether it holds, their names, their values, and what they must be.
 
-    ``name`` is that of one number, however many entries it has; a tuple has one for each entry of ``holds``.
+    ``name`` is that of one number, however many entries it has; a tuple has one for each entry of ``holds``. Where the
+    condition is on the kind of a part, ``value`` is that part.
     """
 
     holds: Bool[Array, "*several"]
     name: str | tuple[str, ...]
-    value: AnyArray
+    value: Any
     must: str
 
     def problems(self) -> Iterator["Problem"]:

@@ -1,4 +1,4 @@
-"""The equations of motion as a differential-algebraic equation M ẋ = g(t, x), ``rolling_ball_dae``.
+"""The equations of motion as a differential-algebraic equation M ẋ = g(t, x), ``rolling_ball_dae``, for ``dae=True``.
 
 The paper replaces the equation for q̇₀ by |q|² − 1 = 0. That determines q₀ as long as q₀ ≠ 0, and the problem has index
 1 there and nowhere else; in the paper's own run of the ball q₀ passes 0 at t = 9.2067. Any component can take the role

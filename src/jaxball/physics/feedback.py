@@ -1,4 +1,7 @@
-"""Feedback laws: θ̈ = u(t, state) for the masses and joints whose θ̈ is not given otherwise."""
+"""Feedback laws: θ̈ = u(t, state) for the masses and joints whose θ̈ is not given otherwise.
+
+A body takes one as its ``law``. Sampled feedback along a motion is in :mod:`jaxball.control`.
+"""
 
 import abc
 from collections.abc import Callable, Sequence

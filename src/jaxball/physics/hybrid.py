@@ -1,4 +1,4 @@
-"""What a solve and a system with modes tell each other: steps within a mode, transitions, and the switches of a run.
+"""The interface between a solve and a system with modes: steps within a mode, transitions, and the switches of a run.
 
 In the terms of hybrid systems (R. Goebel, R. G. Sanfelice, A. R. Teel, Hybrid dynamical systems, Princeton University
 Press 2012), the state flows along a field while all guards are positive. Where one of them falls to zero there is an
@@ -25,7 +25,7 @@ NONE = -1  # no event
 START = -2  # the start of a run
 WINDOW = -3  # the end of the time for which a system knew beforehand how it begins to move
 ZERO_GUARD = 1e-6  # a guard below this part of its size in a step is zero
-SOON = 16  # after a kink, in units of rounding of the time: where the shortest of steps may end, and no other does
+SOON = 16  # in units of rounding of the time: only the shortest of steps ends so soon after a kink
 MOST_SWITCHES_SHOWN = 8  # switches in a summary; `lines` of the switches has all
 
 
@@ -131,8 +131,10 @@ def at_zero(
     derivatives of the zero. Where it does not apply or there is no such guard, time and state are unchanged. Just after
     a kink, where the guard has jumped, the time has the derivative of the kink, and the rate is infinite.
     """
+    # The length of the step is zero up to rounding, so derivatives of the rates, which it multiplies, would not matter.
     still, t0, x0 = without_derivatives((system, t, state))
     rates = still.field(t0, x0)
+    # Tangents of integers have the type float0, or JAX refuses them.
     along = jax.tree.map(lambda x, rate: rate if _flows(x) else np.zeros(jnp.shape(x), jax.dtypes.float0), state, rates)
     slopes = jax.jvp(functools.partial(guards, still), (t0, x0), (jnp.ones_like(t), along))[1]
     values, slope = guards(system, t, state), entry(which, slopes)
@@ -140,6 +142,7 @@ def at_zero(
     sloping = applies & (slope != 0)
     shift = jnp.where(sloping, -entry(which, values) / jnp.where(sloping, slope, 1.0), 0.0)
     jumped, late = _after_kink(system.driving_kinks().astype(t.dtype), t0)
+    # One step of Newton's method has first derivatives of the zero and wrong second ones, so these are refused.
     shift = once("runs whose modes change, as with a law of contact", jnp.where(applies & jumped, late, shift))
     moved = jax.tree.map(lambda x, rate: x + shift * rate if _flows(x) else x, state, rates)
     return t + shift, moved, jnp.where(applies & ~jumped, slope, jnp.inf)
@@ -154,6 +157,7 @@ def _after_kink(kinks: Float[Array, " kinks"], t: Float[Array, ""]) -> tuple[Boo
     fixed = jax.lax.stop_gradient(kinks)
     here = (fixed <= t) & (t <= after(fixed) + SOON * float(jnp.finfo(t.dtype).eps) * jnp.abs(t))
     number = jnp.sum(jnp.where(here, 1.0, 0.0))
+    # ``kinks − fixed`` is zero, with the derivatives of the kinks; of several at the same time, the mean is taken.
     return jnp.any(here), jnp.sum(jnp.where(here, kinks - fixed, 0.0)) / jnp.maximum(number, 1.0)
 
 

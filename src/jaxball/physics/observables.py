@@ -149,7 +149,7 @@ class Movement(NamedTuple):
     Omegadot: Float[Array, "3"]
     angles: Rates
     acting: Load
-    at: AbstractMoments
+    body_moments: AbstractMoments
     dry: Float[Array, "3"] | None
     R: Float[Array, "3"]
     slip: "Slip | None"
@@ -183,9 +183,9 @@ def _of_rolling(system: AbstractBody, t: Float[Array, ""], state: Any) -> Moveme
     acting = load(system, t, state)
     solution = accelerations(system, t, state, acting)
     in_space = state.in_space()
-    reaction = reaction_in_body(solution.at, system.radius, acting, in_space.Omega, solution.Omegadot)
+    reaction = reaction_in_body(solution.body_moments, system.radius, acting, in_space.Omega, solution.Omegadot)
     R = apply(in_space.Lambda, reaction)
-    return Movement(in_space, solution.Omegadot, solution.angles, acting, solution.at, solution.dry, R, None)
+    return Movement(in_space, solution.Omegadot, solution.angles, acting, solution.body_moments, solution.dry, R, None)
 
 
 @movement.register
@@ -201,7 +201,7 @@ def _of_hybrid(plane: BodyOnPlane, t: Float[Array, ""], state: Any) -> Movement:
         Omegadot,
         (body.theta, body.thetadot, thetaddot),
         acting,
-        equations(system, t, body).at,
+        equations(system, t, body).body_moments,
         plane.dry_torque(t, state, force, acting),
         in_space(response.axes, force.R),
         Slip(slip, in_space(response.axes, force.slip_acceleration), state.height),
@@ -210,7 +210,7 @@ def _of_hybrid(plane: BodyOnPlane, t: Float[Array, ""], state: Any) -> Movement:
 
 def compute_observables(system: AbstractBody, t: Float[Array, ""], motion: Movement) -> Observables:
     """Computes the observables of a body from its motion."""
-    in_space, body_moments, acting, slip = motion.state, motion.at, motion.acting, motion.slip
+    in_space, body_moments, acting, slip = motion.state, motion.body_moments, motion.acting, motion.slip
     r, g, Omega, Lambda = system.radius, system.gravity, in_space.Omega, in_space.Lambda
     under, omega, Omegadot = acting.footing, apply(Lambda, Omega), motion.Omegadot
     Gamma = Lambda[2] if under is None else acting.Gamma
@@ -236,6 +236,8 @@ def compute_observables(system: AbstractBody, t: Float[Array, ""], motion: Movem
     if slip is not None:
         velocity, lowest = velocity + slip.velocity, slip.velocity if lowest is None else lowest + slip.velocity
         centre = centre.at[2].set(slip.height) if under is None else centre
+    # Momentum and energy are those of rolling on a plane at rest, with the velocity of the lowest point added to every
+    # mass.
     drift, Pi = None, contact_momentum(body_moments, r, Omega, Gamma)
     if lowest is not None:
         drift = apply(Lambda.T, lowest)
@@ -251,6 +253,7 @@ def compute_observables(system: AbstractBody, t: Float[Array, ""], motion: Movem
         power = power + dot(motion.R, under.velocity)
     elif u is not None:
         power = power + jnp.sum(contact.friction * u)
+    # Energy is relative to the axes that move with the plane, in which −m Ẍ acts on each mass.
     if isinstance(system.ground, Ground) and system.ground.motion is not None:
         P = apply(
             Lambda, linear_momentum(body_moments, r, Omega, Gamma) + (0.0 if drift is None else body_moments.M * drift)

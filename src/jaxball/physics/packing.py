@@ -102,6 +102,7 @@ def ravel_state(state: Any) -> tuple[Float[Array, " size"], Callable[[Float[Arra
     numbers = [dtype for dtype in dtypes if jnp.issubdtype(dtype, jnp.inexact)]
     if len(numbers) == len(dtypes):
         return ravel_pytree(state)
+    # A solve advances one vector of floating-point numbers; a mode among them is an integer whose rate is 0.
     number = numbers[0] if numbers else default_dtype()
     cast = (
         x if jnp.issubdtype(k, jnp.inexact) else jnp.asarray(x, number) for x, k in zip(leaves, dtypes, strict=True)

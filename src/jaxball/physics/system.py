@@ -450,7 +450,7 @@ def require_one_state(system: Any, state: Any) -> None:
 def require_one(argument: str, kind: str, given: Any, shapes: Mapping[str, tuple[int, ...]]) -> None:
     """Raises ``ValueError`` where an array has another shape; of a sized field, another number of axes.
 
-    Of that the system has checked the length, and not that it is of one state.
+    The system has checked the length of such a field, but not that it belongs to one state.
     """
     sized, values = getattr(given, "sized", ()), vars(given)  # Equinox looks up attributes more slowly
     for name, shape in shapes.items():

@@ -1,4 +1,7 @@
-"""Which systems are possible, and from which states a solve can start."""
+"""Decides whether a system is possible and whether a solve can start from a state, and says what is wrong.
+
+A solve asks :func:`possible_start` within its program; :func:`problems` tells users in sentences.
+"""
 
 from collections.abc import Iterator
 

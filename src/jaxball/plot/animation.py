@@ -101,6 +101,7 @@ def animate(
             mp4(temporary, pictures(), fps, canvas.size)
         else:
             lines = [line.get_color() for ax in figure.axes for line in ax.lines]
+            # The palette must have all colours before the first frame is drawn.
             faces = (np.atleast_2d(face.get_facecolor()) for ax in figure.axes for face in ax.collections)
             colours = [*lines, *(tuple(colour) for face in faces for colour in face)]
             gif(temporary, pictures(), fps, canvas.size, colours)
@@ -109,6 +110,7 @@ def animate(
 
 def frames(times: Float[np.ndarray, " T"], step: float) -> Int[np.ndarray, " frames"]:
     """Returns the indices of the saved times nearest to the first one, the first one + ``step``, and so on."""
+    # A little more, so that rounding does not leave out the last frame.
     count = int(np.floor((times[-1] - times[0]) / step + 1e-9)) + 1
     return np.searchsorted((times[1:] + times[:-1]) / 2, times[0] + step * np.arange(count))
 
@@ -116,6 +118,7 @@ def frames(times: Float[np.ndarray, " T"], step: float) -> Int[np.ndarray, " fra
 def _widen_figure(figure: Figure, size: tuple[int, int]) -> float:
     """Widens a figure to the proportions of ``size`` without changing its Axes, and returns the dots per inch."""
     before = figure.get_size_inches()
+    # The smaller one, so that all of the scene is in the frame.
     dpi = float(np.min(np.asarray(size) / before))
     after = np.asarray(size) / dpi
     for ax in figure.axes:
@@ -175,6 +178,7 @@ class Canvas:
         figure.set_dpi(dpi)
         self._canvas = FigureCanvasAgg(figure)
         self._canvas.draw()
+        # Drawn once: every frame restores it, and draws only what moves.
         self._still = self._canvas.copy_from_bbox(figure.bbox)
         self._moving: list[Artist] = []
         for ax in figure.axes:
@@ -191,6 +195,7 @@ class Canvas:
         self._canvas.restore_region(self._still)
         renderer = self._canvas.get_renderer()
         for artist in self._moving:
+            # matplotlib computes the projection only when it draws the whole figure.
             if isinstance(artist, Poly3DCollection):
                 artist.do_3d_projection()
             artist.draw(renderer)
@@ -216,6 +221,7 @@ def gif(
     with path.open("wb") as file:
         _write_header(file, size, table)
         for k, picture in enumerate(pictures):
+            # Without dithering, in which still parts would change from frame to frame.
             frame = np.asarray(Image.fromarray(picture).quantize(palette=reference, dither=Image.Dither.NONE))
             corner, part = (0, 0), frame
             if shown is not None:
@@ -263,6 +269,7 @@ def _write_header(file: BinaryIO, size: tuple[int, int], palette: UInt8[np.ndarr
     repeated.
     """
     bits = max(1, len(palette).bit_length())  # for the colours and a transparent one
+    # 0xF0: a table of colours for all frames, of 2^bits entries, with 8 bits to a colour.
     file.write(b"GIF89a" + struct.pack("<HHBBB", *size, 0xF0 | bits - 1, 0, 0))
     file.write(palette.tobytes().ljust(3 * 2**bits, b"\0"))
     file.write(b"!\xff\x0bNETSCAPE2.0" + struct.pack("<BBHB", 3, 1, FOREVER, 0))
@@ -286,7 +293,9 @@ def mp4(path: Path, pictures: Iterable[Picture], fps: float | int, size: tuple[i
     raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}", "-framerate", str(fps), "-i", "pipe:"]
     coded = ["-c:v", "libx264", "-preset", "slow", "-tune", "animation", "-crf", str(QUALITY), "-pix_fmt", PIXELS]
     command = [FFMpegWriter.bin_path(), "-loglevel", "error", "-y", *raw, "-vf", EVEN, *coded]
+    # Messages go to a file: a pipe that nobody reads would fill up, and ffmpeg wait for ever.
     with tempfile.TemporaryFile() as said:
+        # An interrupt in the terminal would go to ffmpeg as well, which would then finish half a film.
         with block_in_children():
             process = subprocess.Popen(
                 [*command, "-movflags", "+faststart", str(path)], stdin=subprocess.PIPE, stdout=said, stderr=said
@@ -306,6 +315,7 @@ def mp4(path: Path, pictures: Iterable[Picture], fps: float | int, size: tuple[i
             finally:
                 process.kill()
                 process.wait()
+                # What is left in the buffer cannot be written any more.
                 with contextlib.suppress(BrokenPipeError):
                     stdin.close()
         if process.returncode or not complete:

@@ -41,6 +41,7 @@ def chaos_chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, largest: f
     exponent, failed = dataset["exponent"].values, dataset["status"].values != 0
     lifted = ~failed & (dataset["least_normal_force"].values <= 0)
     exponents = exponent[np.isfinite(exponent)]
+    # Not 0, so that a chart without any growth has a scale.
     top = largest if largest is not None else max(float(exponents.max(initial=0.0)), 1e-12)
     marks = {"leaves the plane": (lifted, LIFTED), "solve failed": (failed, FAILED)}
     ax, mesh = _chart(dataset["exponent"], ax, marks, cmap="magma_r", vmin=0.0, vmax=top)
@@ -55,6 +56,7 @@ def _chart(
     their own.
     """
     ax, (up, right) = plane_axes(ax, CHART), map(str, values.dims)
+    # As an image also in vector files, where each cell would be a shape.
     mesh = ax.pcolormesh(values[right], values[up], values, rasterized=True, **look)
     keys = []
     for name, (where, colour) in marks.items():
@@ -88,6 +90,7 @@ def stability_chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, larges
     end = largest if largest is not None else max(size, 1e-12)
     marks = {"no periodic motion found": (~has_motion, LIFTED)}
     ax, mesh = _chart(dataset["growth"], ax, marks, cmap="RdBu_r", vmin=-end, vmax=end)
+    # A line needs two points along each axis, and rates on both sides.
     if min(growth.shape) > 1 and np.any(growth > NEUTRAL_GROWTH) and np.any(growth < -NEUTRAL_GROWTH):
         up, right = (dataset[name].values for name in dataset["growth"].dims)
         # Neutral motions count as neither growing nor decaying.

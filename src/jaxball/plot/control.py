@@ -33,6 +33,7 @@ def gains(track: Track, name: str | None = None, ax: Axes | None = None) -> Axes
     if name not in track.inputs:
         raise ValueError(f"Argument `name` must be one of {', '.join(track.inputs)}, but it is {name!r}.")
     K = np.asarray(track.gains)[:, track.inputs.index(name)]
+    # Relative to the largest of all: the others are rounding.
     shown = [k for k in range(K.shape[1]) if np.any(np.abs(K[:, k]) > 1e-9 * np.max(np.abs(K)))]
     series = [Series(K[:, k], track.directions[k], *mass_look(j + 1)) for j, k in enumerate(shown)]
     return over_time(track.sampled.system, np.asarray(track.times), series, f"gain of {name}", ax, most=4)
@@ -61,6 +62,7 @@ def held_paths(loops: Mapping[str, ClosedLoop], ax: Axes | None = None) -> Axes:
             Series(np.asarray(loop.states.z), label, COLOURS[k % len(COLOURS)])
             for k, (label, loop) in enumerate(loops.items())
         ]
+        # The samples of a loop and of its motion need not be equally many.
         motion = Series(_extend(np.asarray(nominal.states.z), len(first.times)), "motion", INK, DASHED)
         return over_time(system, np.asarray(first.times), [*series, motion], "$z$", ax)
     ax = plane_axes(ax, (WIDE_FIGURE[0], 4.0), system)

@@ -166,6 +166,7 @@ def acceleration(source: Trajectory | System, ax: Axes | None = None, *, times: 
     ax.margins(x=0)
     active = [t[size > 0].max() for t, size in curves.values() if np.any(size > 0)]
     if active:
+        # Half as long again as anything moves, so that the end is seen; zeros until the end of the run are cut off.
         start, end = min(t[0] for t, _ in curves.values()), max(t[-1] for t, _ in curves.values())
         ax.set_xlim(start, min(end, start + 1.5 * (max(active) - start)))
     up_to_ticks(ax, low=0.0)
@@ -190,6 +191,7 @@ def accelerations(source: Trajectory | System, times: Numbers | None = None) -> 
             t = np.asarray(source.times)[rows]
             curves |= {index + 1: (t, size[:, slot]) for slot, index in enumerate(system.driven)}
         if times is None:
+            # A schedule is known at all times, however few were saved.
             times = np.linspace(float(source.times[0]), float(source.times[-1]), 2001)
     elif times is None:
         raise ValueError("Argument `times` must be given with a system, because a system has no run to take them from.")

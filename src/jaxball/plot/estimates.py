@@ -1,4 +1,4 @@
-"""What a filter has found: its errors beside what it thinks of them, and its innovations."""
+"""Figures of the estimates of a filter: their errors with bands of their probability, biases and innovations."""
 
 from collections.abc import Sequence
 
@@ -8,8 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import chi2
 
-from ..control.sampled import PlacedState
 from ..estimation.estimate import AbstractEstimate
+from ..physics.state import PlacedState
 from ..simulation.variables import STATE
 from .over_time import Series, over_time
 from .palette import COMPONENTS, DASH_DOTTED, DASHED, INK, SOLID

@@ -28,12 +28,14 @@ def run_mark(trajectory: "Trajectory[Any, Any]") -> str:
     from ..scenario import ScenarioError, write_scenario
 
     digest = ""
+    # A scenario that cannot be written has no text; its states tell the run then.
     if trajectory.scenario is not None:
         with contextlib.suppress(ScenarioError):
             digest = scenario_mark(write_scenario(trajectory.scenario))
     if not digest:
         leaves = (np.asarray(leaf).tobytes() for _, leaf in sorted(vars(trajectory.state).items()))
         digest = _mark(b"".join([np.asarray(trajectory.times).tobytes(), *leaves]))
+    # With the end, because a run that failed early is another run of the same scenario.
     return f"{digest} to {float(trajectory.reached):.9g}"
 
 
@@ -83,6 +85,7 @@ def save_figures(
     **Raises:** :class:`~jaxball.results.OutputError` where there is a figure of another run and ``replace`` is False;
     nothing is written then.
     """
+    # All of them are checked before any is written.
     paths = [[Path(folder) / f"{name}.{suffix}" for suffix in formats] for name, _ in drawings]
     if not replace:
         check_others(itertools.chain(*paths), mark, "replace=True")
@@ -101,6 +104,7 @@ def save_figure(drawn: "Axes | Figure", path: Path, mark: str = "", *, svg_text:
     figure: Any = drawn if not hasattr(drawn, "figure") or drawn.figure is None else drawn.figure
     kind = path.suffix[1:]
     metadata = {METADATA[kind]: mark} if mark and kind in METADATA else {}
+    # Type 42 is TrueType: publishers refuse Type 3, matplotlib's default.
     settings: Any = {"pdf.fonttype": 42, "svg.fonttype": "none" if svg_text else "path"}
     with matplotlib.rc_context(settings), replacing(path) as temporary:
         figure.savefig(temporary, dpi=200, metadata=metadata)

@@ -1,4 +1,6 @@
-"""Where a run is on the page, on which gravity points down: its ground, its bodies and the floor under them.
+"""Places a run in the axes of the page, on which gravity points down: its ground, its bodies and the floor under them.
+
+Animations (``scene``) and views (``view.rolling``) draw in these axes.
 
 A tilted plane is the top of a wedge. A moving plane carries its floor, the body and the trail over the page. What is
 drawn of a surface is in :mod:`.surface`.
@@ -94,6 +96,7 @@ def _on_plane(
     """Returns the setting of a plane, from its displacement in space axes."""
     up = np.array([0.0, 0.0, 1.0]) if plane is None else np.asarray(plane.up())
     tilt = np.array([[0.0, 0.0, -up[0]], [0.0, 0.0, -up[1]], [up[0], up[1], 0.0]])
+    # Rodrigues' formula; a plane is tilted by less than 90°, so 1 + up₃ is not 0.
     page = np.eye(3) + tilt + tilt @ tilt / (1 + up[2])  # turns about a horizontal axis, and takes ``up`` to e3
     displacement = np.zeros((count, 3)) if moved is None else moved @ page.T
     table = None if plane is None else plane.turntable
@@ -125,6 +128,7 @@ class Block(NamedTuple):
     def everywhere(self, moved: Float[np.ndarray, "T 3"]) -> Float[np.ndarray, "points 3"]:
         """Returns the corners at the extremes of the plane's displacement."""
         corners = np.concatenate([self.top, self.base])
+        # Corners of the box of all displacements, instead of a copy for each time.
         ends = np.stack(np.meshgrid(*np.stack([moved.min(axis=0), moved.max(axis=0)], axis=1), indexing="ij"), axis=-1)
         return (corners[:, None] + ends.reshape(-1, 3)).reshape(-1, 3)
 
@@ -150,6 +154,7 @@ def floor_under(path: Float[np.ndarray, "T 3"], r: float, setting: Setting) -> F
     low, high = along.min(axis=0) - ROOM_AROUND * r, along.max(axis=0) + ROOM_AROUND * r
     if setting.turned is not None:
         centre = setting.centre[:2]
+        # The whole table is shown, because it turns.
         table = float(np.max(np.linalg.norm(along - centre, axis=1))) + ROOM_AROUND * r
         low, high = np.minimum(low, centre - table), np.maximum(high, centre + table)
     xs, ys = (low[0], high[0], high[0], low[0]), (low[1], low[1], high[1], high[1])

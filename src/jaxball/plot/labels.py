@@ -1,4 +1,4 @@
-"""Labels of points, placed so that they hide as little as possible."""
+"""Labels of points, such as the names of masses in ``space``, placed so that they hide as little as possible."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -30,6 +30,7 @@ class Names(Artist):
 
     def __init__(self, ax: Axes, points: Float[np.ndarray, "n d"], texts: Sequence[Annotation], room: float):
         super().__init__()
+        # Before all others, because it moves them.
         self.set_zorder(-np.inf)
         self.set_in_layout(False)
         self._ax, self._points, self._texts, self._room = ax, points, texts, room
@@ -78,6 +79,7 @@ def name_points(
     for name, colour in zip(names, colours, strict=True):
         line = {"arrowstyle": "-", "linewidth": 0.5, "color": colour, "shrinkA": 0.0, "shrinkB": room}
         texts.append(ax.annotate(name, start, **(options | look), color=colour, arrowprops=line))
+        # Annotations in the layout would shrink the Axes for names that are to be placed in them.
         texts[-1].set_in_layout(False)
     if texts:
         ax.add_artist(Names(ax, np.asarray(points), texts, room))
@@ -108,17 +110,21 @@ def places(
     halves = sizes[:, None, :] / 2 + PADDING
     low, high = options - halves, options + halves
     out = np.maximum(0.0, -low) + np.maximum(0.0, high - np.asarray(page))
+    # The farther a direction is from the first, the more it costs.
     turned = np.minimum(np.arange(DIRECTIONS), DIRECTIONS - np.arange(DIRECTIONS))  # from the first direction
     costs = OUTSIDE * out.sum(axis=2) + np.add.outer(FAR * np.asarray(DISTANCES), TURNED * turned).ravel()
     for points, weight in ((curves, ON_A_CURVE), (marks, ON_A_MARK), (background, ON_A_BACKGROUND)):
         costs += weight * _counts(low, high, points)
     chosen = np.argmin(costs, axis=1)
+    # Choices can run in a circle, in which two names give way to each other; ten rounds are enough in practice.
     for _ in range(10):
         before = chosen.copy()
+        # The one that stands worst chooses first; a stable order makes the figure the same every time.
         for i in np.argsort(-costs[np.arange(len(chosen)), chosen], kind="stable"):
             others = np.arange(len(chosen)) != i
             k = np.arange(len(chosen))[others], chosen[others]
             overlap = np.minimum(high[i][:, None], high[k][None]) - np.maximum(low[i][:, None], low[k][None])
+            # Both count: any overlap at all, so that names keep off each other, and its area, so that less is better.
             area = np.prod(np.maximum(overlap, 0.0), axis=2)
             chosen[i] = np.argmin(costs[i] + ON_A_NAME * ((area > 0) + area).sum(axis=1))
         if np.array_equal(before, chosen):
@@ -132,6 +138,7 @@ def _candidates(
     """Centres around an anchor, nearest distance first, so that the edge of the name is that far from the mark."""
     angles = FIRST_ANGLE + 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     towards = np.column_stack([np.cos(angles), np.sin(angles)])
+    # The direction leaves the box of the name on its edge: at the middle of a side, and at corners for diagonals.
     beside = np.clip(np.sqrt(2.0) * towards, -1.0, 1.0) * size / 2
     return np.concatenate([anchor + (room + distance) * towards + beside for distance in DISTANCES])
 
@@ -144,6 +151,7 @@ def _counts(
     """Counts the points that lie in each box."""
     counts = np.zeros(low.shape[:2])
     for i in range(len(low)):
+        # Most points are in none of the candidates; this leaves a few for the large comparison.
         near = points[np.all((points >= low[i].min(axis=0)) & (points <= high[i].max(axis=0)), axis=1)]
         inside = np.all((near >= low[i][:, None]) & (near <= high[i][:, None]), axis=2)
         counts[i] = np.sum(inside, axis=1)
@@ -161,7 +169,7 @@ def _on_the_page(ax: Axes, points: Float[np.ndarray, "n d"]) -> Float[np.ndarray
 def _obstacles(ax: Axes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Samples in pixels of the curves of an Axes, of those in its background, and of its marks."""
     kinds: tuple[list[np.ndarray], ...] = ([], [], [])
-    pixel = ax.figure.dpi / 72
+    pixel = ax.figure.dpi / 72  # pixels to a point
     for line in ax.lines:
         if not line.get_visible():
             continue
@@ -193,6 +201,7 @@ def _sample_curve(points: Float[np.ndarray, "n 2"], spacing: float) -> Float[np.
     start, step = start[whole], step[whole]
     counts = np.ceil(np.linalg.norm(step, axis=1) / spacing).astype(int) + 1
     which = np.repeat(np.arange(len(counts)), counts)
+    # The index within each piece: counted from where the piece starts.
     along = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
     return start[which] + step[which] * (along / counts[which])[:, None]
 

@@ -53,6 +53,8 @@ def classical_motion(trajectory: Trajectory[Any, Any], ax: Axes | None = None) -
     if isinstance(state, OrientedState):
         Omega = components(np.asarray(state.Omega)[rows], r"\Omega")
         return over_time(trajectory.system, times, Omega, r"$\Omega_i$", ax)
+    # Coordinates of a particle have the colours of axes; others follow in turn, with one colour for each and its
+    # rate.
     series, colours = [], {(letter, 0): colour for letter, colour in zip("xyz", COMPONENTS, strict=True)}
     for name, leaf in _numbers(trajectory).items():
         for k, values in enumerate(np.asarray(leaf).reshape(len(trajectory.times), -1).T):
@@ -101,6 +103,7 @@ def _panel(ax: Axes, times: Float[np.ndarray, " T"], changes: Float[np.ndarray, 
     """Draws the changes of a quantity, in units of a power of ten."""
     plane_axes(ax)
     largest = float(np.max(np.abs(changes), initial=0.0))
+    # Each in its own power of ten, because laws differ by many.
     power = math.floor(math.log10(largest)) if largest > 0 else 0
     zero_line(ax)
     for k, values in enumerate(changes.T):
@@ -145,6 +148,7 @@ def law_residuals(
     ax = plane_axes(ax)
     for k, (law, values) in enumerate(residuals.items()):
         colour, dashes = mass_look(k + 1)
+        # Not 0, which a logarithmic axis cannot show.
         name, values = law.replace("_", " "), np.maximum(values, LEAST_DRAWN)
         ax.semilogy(times, values, color=colour, linestyle=linestyle(dashes), linewidth=0.9, label=name)
     ax.axhline(1.0, color=INK, linestyle=linestyle(DASHED), linewidth=0.8)

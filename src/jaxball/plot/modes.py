@@ -64,6 +64,7 @@ def modes_of(trajectory: Trajectory[Any, Any]) -> Modes:
     saved, switches = np.asarray(history.mode)[rows], history.switches
     count = min(int(switches.count), history.law.capacity)
     when = np.asarray(switches.times)[:count]
+    # Where nothing switched, the mode of the first time lasts.
     first = np.asarray(switches.source)[0] if count else saved[0]
     begins = [(times[0], first), *zip(when, np.asarray(switches.target)[:count], strict=True)]
     if int(switches.count) > count:  # later modes are known only at the saved times
@@ -77,11 +78,13 @@ NO_MODES = Modes((), np.zeros(0))
 def _spells(begins: list[tuple[Any, Any]], end: float) -> Iterator[Spell]:
     """Spells from the times at which modes begin."""
     starts = [float(t) for t, _ in begins]
+    # A spell without duration, such as an impact, is not drawn; at least one remains.
     lasting = [
         (Mode(int(mode)), start)
         for (_, mode), start, until in zip(begins, starts, [*starts[1:], end], strict=True)
         if start < min(until, end)
     ] or [(Mode(int(begins[-1][1])), starts[0])]
+    # An impact from flight to flight splits flight in two spells that are one for a reader.
     merged = [next(group) for _, group in itertools.groupby(lasting, lambda spell: spell[0])]
     for (mode, start), until in zip(merged, [*(start for _, start in merged[1:]), end], strict=True):
         yield Spell(mode, start, until)
@@ -148,6 +151,7 @@ class Track(NamedTuple):
         """Returns the part of the path in a mode, as one curve with breaks, and the times of its points."""
         times, points, k = [np.zeros(0)], [np.zeros((0, 3))], 0
         for other, group in itertools.groupby(self.modes):
+            # A piece includes the point at which the next one begins, so that the path has no holes.
             end = k + len(list(group))
             if other == mode:
                 times += [self.times[k : end + 1], self.times[end : end + 1]]
@@ -166,7 +170,9 @@ def track_of(trajectory: Trajectory[Any, Any]) -> Track | None:
     after = history.switches.after
     switched = _lowest(np.asarray(after.body.z)[:count], np.asarray(after.height)[:count], r)
     times = np.concatenate([np.asarray(trajectory.times)[rows], modes.switches])
+    # A switch at a saved time is one point.
     times, first = np.unique(times, return_index=True)
+    # The mode of a segment is that of its middle, which is at no switch.
     return Track(times, np.concatenate([saved, switched])[first], modes.at((times[1:] + times[:-1]) / 2))
 
 

@@ -136,6 +136,7 @@ def tell_apart(ax: Axes) -> None:
         dashed = [curves[k].is_dashed() for k in group]
         above = curves[group[dashed.index(True)]] if len(group) == 2 and sum(dashed) == 1 else None
         if above is not None and above.get_color() == INK:
+            # Above the solid one; ties are drawn in the order in which they were made.
             above.set_zorder(2.1)
             continue
         for k, j in enumerate(group):
@@ -146,8 +147,10 @@ def tell_apart(ax: Axes) -> None:
 def _near(ax: Axes, curves: Sequence[Line2D]) -> Bool[np.ndarray, "lines lines"]:
     """Returns which lines hide each other."""
     points = [line.get_transform().transform(np.asarray(line.get_xydata(), dtype=float)) for line in curves]
+    # On paper, so that it holds for any scale of the axes.
     close = NEAR_LINES * ax.figure.dpi / 72
     near = np.eye(len(curves), dtype=bool)
+    # Only where they have the same times, between which nothing needs to be interpolated.
     for (i, a), (j, b) in itertools.combinations(enumerate(points), 2):
         if len(a) == len(b) and np.array_equal(a[:, 0], b[:, 0], equal_nan=True):
             apart = np.abs(a[:, 1] - b[:, 1])

@@ -1,4 +1,4 @@
-"""The parts of a trajectory that figures draw, as NumPy arrays."""
+"""Takes from a trajectory the parts that figures draw, as NumPy arrays."""
 
 from typing import Any, NamedTuple
 
@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from ..interface.arguments import a
 from ..physics.body import AbstractBody
-from ..simulation.limits import with_limits
+from ..simulation.one_sided import with_one_sided_limits
 from ..simulation.trajectory import Trajectory
 
 
@@ -36,7 +36,7 @@ def with_jumps(trajectory: Trajectory) -> Trajectory:
     **Raises:** ``ValueError`` for a batch of trajectories.
     """
     require_one(trajectory)
-    return with_limits(trajectory)
+    return with_one_sided_limits(trajectory)
 
 
 def require_finite_rows(trajectory: Trajectory) -> np.ndarray:

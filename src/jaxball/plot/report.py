@@ -87,6 +87,7 @@ def figures(
     a file that is not a figure of this run; nothing is written then.
     """
     if isinstance(trajectory.system, AbstractBody):
+        # Raises for what cannot be drawn, before a folder is made.
         record(trajectory)
     begin = plain_name(name, trajectory.system.title.lower().replace(" ", "_"))
     named = [(draw.__name__, functools.partial(draw, trajectory)) for draw in standard_figures(trajectory)]

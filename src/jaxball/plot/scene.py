@@ -74,6 +74,7 @@ def draw_trail(
 
     def show(k: int) -> None:
         for (times, points), artist in pieces:
+            # A piece may have points after the time, at which it has not come yet.
             until = np.searchsorted(times, placed.times[k], side="right")
             move(artist, points[:until] @ setting.page.T + setting.moved[k])
 
@@ -119,6 +120,7 @@ def _ball_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
     azimuth = AZIMUTH_3D + setting.downhill
     viewer = towards(ELEVATION_3D, azimuth)
     wire, silhouette = wireframe(r), outline(r, viewer)
+    # Every eighth point of the silhouette is enough to find its extent.
     visited = (placed.centre[:, None] + silhouette[::8]).reshape(-1, 3)
     mesh = None
     surface = trajectory.system.ground
@@ -148,6 +150,7 @@ def _ball_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
         shade.set_verts([placed.centre[k] + silhouette])
         if shadow is not None:
             rim = r * parallel(0.0)
+            # On a surface the shadow lies in the tangent plane.
             under = placed.path[k] + setting.moved[k] + rim @ setting.page.T
             shadow.set_verts([under if setting.contacts is None else setting.contacts.lay(rim, k)])
         show_trail(k)
@@ -168,6 +171,7 @@ def _stage(content: Float[np.ndarray, "points 3"], azimuth: float) -> tuple[Figu
     ax.set_axis_off()
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     ax.set_box_aspect(tuple(high - low))
+    # Drawn at a first scale, only to measure; the projection is parallel, so a larger one has the same proportions.
     x, y, _ = proj3d.proj_transform(*content.T, ax.get_proj())  # pyright: ignore[reportCallIssue]
     inches = ax.transData.transform(np.column_stack([x, y])) / figure.dpi
     (left, bottom), (width, height) = inches.min(axis=0), np.ptp(inches, axis=0)
@@ -193,6 +197,7 @@ def _disk_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
     content = np.concatenate([under, *around])
     (left, _, low), (right, _, high) = content.min(axis=0), content.max(axis=0)
     bottom, top = low - 0.25 * r, high + (1.55 * r if curve is None else 0.45 * r)
+    # A disk that hardly moves, or goes far, would have a figure that is a tower or a line.
     height = np.clip(SCENE_WIDTH * (top - bottom) / (right - left), 2.0, 6.0)
     figure = Figure(figsize=(SCENE_WIDTH, round(10 * float(height)) / 10))
     ax = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(left, right), ylim=(bottom, top), aspect="equal")
@@ -289,6 +294,7 @@ def draw_floor(
     moves = setting.moves
     faces = [(top, face(ax, facecolor=TOP, zorder=0, animated=moves))]
     if setting.tilted:
+        # Only the sides that face the viewer: matplotlib does not hide what is behind something else.
         around = zip(top, np.roll(top, -1, axis=0), np.roll(base, -1, axis=0), base, strict=True)
         seen = (side for side in map(np.stack, around) if np.cross(side[1] - side[0], [0.0, 0.0, 1.0]) @ viewer > 0)
         faces += [(side, face(ax, facecolor=SIDE, zorder=0, animated=moves)) for side in seen]
@@ -328,11 +334,13 @@ def draw_surface(ax: Axes3D, mesh: Mesh, viewer: Float[np.ndarray, "3"]) -> Call
     above = face(ax, zorder=8, animated=moves, **SHEER)
 
     def show(k: int) -> None:
+        # A surface at rest stays as it is drawn first.
         if k and not moves:
             return
         nodes = mesh.at(k)
         corners = np.stack([nodes[:-1, :-1], nodes[1:, :-1], nodes[1:, 1:], nodes[:-1, 1:]], axis=2).reshape(-1, 4, 3)
         normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+        # A cell at an edge can have no area, and no normal.
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
         seen = normals @ viewer > 0
         greys = DARKEST + (BRIGHTEST - DARKEST) * np.clip(normals[seen] @ LIGHT, 0.0, 1.0)

@@ -30,8 +30,9 @@ def rail_points(motion: AbstractMotion, radius: float) -> Float[np.ndarray, "poi
         return None
     if isinstance(rail, Tube):
         centre, direction = np.asarray(rail.centre), np.asarray(rail.direction)
+        # Where the tube comes out of the shell: |centre + θ direction| = r, for a direction of length 1.
         along = centre @ direction / np.linalg.norm(direction)
-        inside = along**2 - centre @ centre + radius**2
+        inside = along**2 - centre @ centre + radius**2  # the square of half the chord
         if not inside > 0:
             return None
         theta = -along + np.sqrt(inside) * np.array([-1.0, 1.0])

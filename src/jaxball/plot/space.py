@@ -121,8 +121,10 @@ def _draw(ax: Axes, system: System, positions: Positions, columns: list[int]) ->
     for (j, arm), (k, n) in zip(rods, _count_coincident([arm for _, arm in rods], system), strict=True):
         ax.plot(*arm[:, columns].T, color=mass_colour(j), linewidth=1.6, zorder=3.8, **sharing(k, n))
     for i, (k, n) in zip(finite, _count_coincident([positions.masses[i] for i in finite], system), strict=True):
+        # Smaller and smaller, so that each of the masses in one place is seen around the next.
         mark(positions.masses[i], "o", DOT * (n - k) / n, shown[i].colour, mew=0.8 if k == 0 else 0.0, **EDGE)
     mark(positions.system, "*", 8, INK, mew=0.6, markeredgecolor="white", zorder=5, label="CM")
+    # The masses of a mechanism have one name, which is written once.
     first = [i for i in finite if i == 0 or shown[i] != shown[i - 1]]
     names, colours = [shown[i].name for i in first], [shown[i].colour for i in first]
     name_points(ax, positions.masses[first][:, columns], names, colours, DOT / 2, path_effects=HALO, zorder=6)
@@ -247,6 +249,7 @@ def _draw_downhill(ax: Axes, system: System, points: Float[np.ndarray, "T 2"]) -
     falls = _downhill(system)
     if falls is None:
         return
+    # The limits must be known, because places are compared on the page.
     ax.autoscale_view()
     shares = ax.transAxes.inverted().transform(ax.transData.transform(points))
     corners = [np.array([x, y]) for y in (0.92, 0.14) for x in (0.88, 0.12)]
@@ -285,6 +288,7 @@ def _paths(
     curves, shown = [], looks(system)
     for i, look in enumerate(shown, start=1):
         label = {} if look in shown[: i - 1] else {"label": look.name}
+        # Masses on one rail have one path in the body, but not in space.
         shared = dashes.get(i, {}) if frame == "E" else {}
         curves.append((masses[:, i - 1], mass_line(look.number, **label, **shared)))
     curves.append((centre, {"color": INK, "linestyle": "-", "linewidth": 1.6, "label": "CM"}))
@@ -309,6 +313,7 @@ def _paths(
         points = np.column_stack([times, path[:, columns]]) if over_time else path[:, columns]
         ax.plot(*points.T, **line, zorder=3, **UNCUT)
         mark_ends(ax, points, line["color"], zorder=4, **UNCUT)
+    # A point that is not there, for the entries of the legend.
     mark_ends(ax, np.full_like(points[:1], np.nan), INK, labelled=True)
     legend_above(ax)
     return ax

@@ -59,6 +59,7 @@ def caption(figure: Any, system: "AbstractSystem | None" = None, title: str = ""
 
 def subject(system: "AbstractSystem | None", title: str = "", units: str = "") -> str:
     """Says which system a figure shows, and in what units."""
+    # A $ of a title would begin a formula.
     shown = title.replace("$", r"\$") or ("" if system is None else describe(system))
     units = units or _units(system, title)
     return f"{shown}; {units}" if shown else units
@@ -247,6 +248,7 @@ def legend_above(ax: Axes, most: int = 5) -> None:
     """
     handles, labels = ax.get_legend_handles_labels()
     if labels:
+        # At most four rows, however long these become.
         rows = math.ceil(len(labels) / max(most, math.ceil(len(labels) / 4)))
         columns = math.ceil(len(labels) / rows)
         # matplotlib fills columns, but readers read rows.

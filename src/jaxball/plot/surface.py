@@ -1,4 +1,4 @@
-"""A ground that is a surface, on the page: its motion, the contact points on it, and a mesh of the part near them.
+"""A ground that is a surface, for animations and views: its motion, the contact points, and a mesh near them.
 
 The page has the axes of space. A mesh and the contact points are in axes that the surface's motion carries; the mesh of
 a ground that also changes its form differs from one time to the next.
@@ -89,6 +89,7 @@ class Mesh(NamedTuple):
         if len(self.points) == 1:
             return self.contacts.carry(self.contacts.points[: k + 1], k)
         place, points = nodes(self.grid, self.contacts.coordinates[: k + 1]), self.at(k)
+        # Bilinear within the cell; the last node belongs to the cell before it.
         i, j = (
             np.minimum(np.floor(share).astype(int), size - 2)
             for share, size in zip(place.T, points.shape, strict=False)
@@ -172,6 +173,7 @@ def _compute_contacts(surface: AbstractSurface, times: Any, coordinates: Any, th
         if not u.ndim:
             _, first = rates(lambda x: surface.point(t, *surface.section(x)), u)
             second = cross(normal, first)
+        # The motion of the frame takes points to points: its origin and three unit points give the rotation.
         corners = jnp.concatenate([jnp.zeros((1, 3), t.dtype), jnp.eye(3, dtype=t.dtype)])
         corners = jax.vmap(lambda x: frame.place(t, x))(corners)
         turn = (corners[1:] - corners[:1]).T
@@ -201,6 +203,7 @@ def mesh_grid(
     It is as coarse as keeps its lines within ``CLOSE`` of the surface.
     """
     fine = _part(surface, every, r)
+    # A form that changes is looked at five times for the size of its cells.
     some = np.unique(np.linspace(0, len(times) - 1, 5 if every[0].deforms else 1).astype(int))
     points = mesh_points(surface, times[some], fine)
     rows, columns = (_step(np.moveaxis(points, axis, 1).reshape(len(some), FINEST + 1, -1, 3), r) for axis in (1, 2))
@@ -223,6 +226,7 @@ def _close_gaps(points: Float[np.ndarray, "rows columns 3"]) -> Float[np.ndarray
     missing = ~np.all(np.isfinite(points), axis=-1)
     if not np.any(missing) or np.all(missing):
         return points
+    # Cells then have corners on the edge, and end there.
     nearest = np.asarray(distance_transform_edt(missing, return_distances=False, return_indices=True))
     return points[nearest[0], nearest[1]]
 
@@ -242,9 +246,11 @@ def curve_under(
     surface: AbstractSurface, times: Float[np.ndarray, " T"], z: Float[np.ndarray, " T"], contacts: Contacts, r: float
 ) -> Curve:
     """Builds the curve under the path of a disk of radius ``r``."""
+    # A length as a difference of coordinates: where |∂p/∂u| is least it is largest, which leaves room everywhere.
     room = ROOM * r / contacts.lengths[:, 0].min()
     low, high = float(np.min(z)) - room, float(np.max(z)) + room
     if isinstance(surface, Cylinder):
+        # Not more than once around.
         middle, half = (low + high) / 2, np.pi * float(surface.radius)
         low, high = max(low, middle - half), min(high, middle + half)
     along = np.linspace(low, high, POINTS_OF_CURVE)
@@ -259,7 +265,9 @@ def _part(surface: AbstractSurface, every: Sequence[Contacts], r: float) -> Floa
     shares = np.linspace(0.0, 1.0, FINEST + 1)
     R = _radius_of_coordinates(surface)
     if R is not None:
+        # Stereographic coordinates are 2 R tan(angle / 2).
         angle = 2 * np.arctan(np.max(np.linalg.norm(coordinates, axis=1)) / (2 * R)) + ROOM * r / R
+        # At least a part of the sphere that is seen as one, at most short of the pole, where they are infinite.
         rho = 2 * R * np.tan(min(max(angle, min(BEND, 20 * r / R)), TOP) * shares / 2)
         around = 2 * np.pi * shares
         return rho[:, None, None] * np.stack([np.cos(around), np.sin(around)], axis=-1)
@@ -284,6 +292,7 @@ def _radius_of_coordinates(surface: AbstractSurface) -> float | None:
 
 def _step(points: Float[np.ndarray, "S nodes lines 3"], r: float) -> int:
     """Finds the largest step along lines of nodes that leaves the nodes between within ``CLOSE`` of its chords."""
+    # Only steps that divide the number of cells, so that the last line is kept.
     for step in range(FINEST // COARSEST, 1, -1):
         if FINEST % step == 0 and _farthest(points, step) <= CLOSE * r:
             return step

@@ -106,6 +106,7 @@ def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     if trajectory.interpolant is not None and always_rolls(trajectory):
         extremes = _extremes(trajectory)
         time, least = float(extremes.least_normal_force_time), float(extremes.least_normal_force)
+        # A least value within rounding of all others has no time of its own.
         constant = bool(len(times)) and bool(np.max(N) - least <= CONSTANT * abs(least))
         time, when = _moment(time, times, constant)
         _mark(ax, time, least, rf"least $N = {least:.4g}$ {when}", COMPONENTS[0])
@@ -123,6 +124,7 @@ def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """
     run = with_jumps(trajectory)
     times, observables = record(run)
+    # Where the forces are rounding, their ratio is, too.
     ratio = without_rounding(observables.friction_ratio, 1.0)
     if run.history.coefficients:
         return _within_the_cone(run, times, ratio, ax)
@@ -138,6 +140,7 @@ def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
         mu = float(without_rounding(np.asarray(mu), 1.0))
         time, when = _moment(time, times, bool(mu - np.min(ratio) <= CONSTANT * mu))
         _mark(ax, time, mu, rf"$\mu_{{\min}} = {mu:.4g}$ {when}", COMPONENTS[1])
+        # Once more, for the mark that has been added.
         up_to_ticks(ax, low=0.0)
     return ax
 
@@ -194,6 +197,7 @@ def _moment(t: float, times: Float[np.ndarray, " T"], constant: bool = False) ->
     if constant:
         return float(times[0]), "throughout"
     span = float(times[-1] - times[0])
+    # Five digits of the duration, which is as exact as a reader can use.
     return t, rf"at $t = {round(t, 4 - math.floor(math.log10(span))) if span > 0 else t:g}$"
 
 
@@ -310,6 +314,7 @@ def of_contact(trajectory: Trajectory[Any, Any]) -> list[Callable[..., Axes]]:
     moves = {"height": (height, 1, sizes.length), "slip": (slip_speed, 2, sizes.speed)}
     of_run = {name: np.asarray(quantities[name])[rows].reshape(len(rows), -1) for name in moves if name in quantities}
     drawn = (moves[name] + (values,) for name, values in of_run.items())
+    # A disk slips along its line only.
     return [draw for draw, along, size, values in drawn if np.any(without_rounding(values[:, :along], size))]
 
 

@@ -1,7 +1,7 @@
-"""Functions of many rows: side by side, or in batches of a fixed size, for which a program is compiled once.
+"""Maps functions over many rows: side by side, or in batches of a fixed size, for which a program is compiled once.
 
-A program for batches can be called for any number of rows. The last batch is padded by repeating the last row, and the
-results of the padding are cut off.
+Charts, studies, designs and solvers map their rows so. A program for batches can be called for any number of rows. The
+last batch is padded by repeating the last row, and the results of the padding are cut off.
 """
 
 import functools

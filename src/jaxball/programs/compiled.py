@@ -51,24 +51,26 @@ class Rest(NamedTuple):
 class Compiled(NamedTuple):
     """A compiled program, of arrays of numbers, with the parts of its result that are not arrays."""
 
-    made: Any
+    executable: Any
     result: Rest
 
-    def numbers(self, arrays: list[Any]) -> list[Any]:
+    def run(self, arrays: list[Any]) -> list[Any]:
         """Returns the arrays of the result, as numbers."""
-        if not isinstance(self.made, native.Program):
+        if not isinstance(self.executable, native.Executable):
             arrays = list(map(_as_converted, arrays))
-        return self.made(arrays)
+        return self.executable(arrays)
 
     @property
     def target(self) -> str | None:
         """The name by which XLA calls it, if it can."""
-        return self.made.target if isinstance(self.made, native.Program | native.GridProgram) else None
+        can_be_called = isinstance(self.executable, native.Executable | native.GridExecutable)
+        return self.executable.target if can_be_called else None
 
     @property
     def gives(self) -> list[jax.ShapeDtypeStruct]:
         """The types of the arrays of the result of a native program."""
-        return [jax.ShapeDtypeStruct(shape, dtype, weak_type=is_weak) for shape, dtype, is_weak in self.made.form.gives]
+        described = self.executable.form.gives
+        return [jax.ShapeDtypeStruct(shape, dtype, weak_type=is_weak) for shape, dtype, is_weak in described]
 
 
 class Place(NamedTuple):

@@ -1,7 +1,7 @@
-"""Functions of arrays of certain types: traced once, with their compiled programs and the functions that follow.
+"""A function for arrays of certain types: traced once, with its compiled programs, its derivatives, and its batches.
 
-What follows from a function is its derivative along tangents, the cotangents of its arguments, and the function of many
-rows or directions at once. Each of these is such a function again, compiled where it is first needed.
+Its derivative along tangents, the cotangents of its arguments, and the function of many rows or directions at once are
+such functions again, each compiled where it is first needed. ``program`` makes one for each kind of arguments.
 """
 
 import contextlib
@@ -24,11 +24,6 @@ from .store.current import Store
 
 ROWS_OF_BLOCK = native.FEWEST * native.LANES  # rows that a program computes at once
 ROWS_OF_XLA = 64  # rows that are one solve by XLA on a CPU, where 512 were no faster
-
-
-def within_a_computation() -> bool:
-    """Returns whether a computation of jaxball's own is being traced, all of which is compiled as one program."""
-    return traces.within_a_computation.value
 
 
 class Result(NamedTuple):
@@ -133,7 +128,7 @@ class Computation:
         if self._in_store:
             return self._in_store.result
         if not self._results:
-            _ = self.traced.traced
+            _ = self.traced.trace
         return self._results[-1]
 
     def is_pure(self) -> bool:
@@ -142,14 +137,14 @@ class Computation:
             return False
         if self._in_store:
             return self._in_store.target is not None
-        return not self.traced.traced.jaxpr.effects and not self.captures
+        return not self.traced.trace.jaxpr.effects and not self.captures
 
     @property
     def captures(self) -> list[Any]:
         """Arrays that are traced around the function, which uses them besides its arguments."""
         if self._in_store:
             return []
-        traced = self.traced.traced
+        traced = self.traced.trace
         return captures(traced) if len(traced.jaxpr.in_avals) > len(self.takes) else []
 
     def of_captures(self, arrays: list[Any]) -> tuple["Computation", list[Any]]:
@@ -158,7 +153,7 @@ class Computation:
         It is traced here in both forms, because captures cannot be used when the trace around it has ended.
         """
         with differentiate_forward(), self.traced.as_traced():
-            forms = [self.traced.traced, self.traced.function.trace(self.takes)]
+            forms = [self.traced.trace, self.traced.function.trace(self.takes)]
         captured = {id(array): array for traced in forms for array in captures(traced)}
         functions = [_OfCaptures(traced, list(captured), self.opaque) for traced in forms]
         passed = [*captured.values(), *arrays]
@@ -187,13 +182,13 @@ class Computation:
 
     def __call__(self, arrays: Sequence[Any]) -> list[Any]:
         """Returns the arrays of the result, for arrays that are not traced."""
-        runs = self.runs(current.store)
-        if runs is not None:
+        program = self.obtain(current.store)
+        if program is not None:
             with contextlib.suppress(native.CallbackReachedError):
-                return runs.numbers(list(arrays))
+                return program.run(list(arrays))
         return self.here(arrays)
 
-    def runs(self, store: Store | None) -> Compiled | None:
+    def obtain(self, store: Store | None) -> Compiled | None:
         """Returns the program, from the store or compiled: natively, or by XLA if that is chosen or necessary.
 
         None if JAX compiles it as usual.
@@ -230,7 +225,7 @@ class Computation:
             stored_program, place = place.find(), place.of_quick_code()
         if not compiles:
             return stored_program or (place and place.find())
-        program = stored_program or self._obtain(place, lambda: self.traced.natively(large, quickly, self.rows))
+        program = stored_program or self._obtain(place, lambda: self.traced.compile_natively(large, quickly, self.rows))
         if isinstance(program, native.Refusal):
             native.warn_if_chosen_by_name(program, self.name)
         return program
@@ -239,7 +234,7 @@ class Computation:
         place = None if is_kept_by_jax() else place_in(store, self._describe(), "xla", settings()[QUICKLY])
         if place is None and natively is None:
             return None
-        program = self._obtain(place, self.traced.by_xla)
+        program = self._obtain(place, self.traced.compile_by_xla)
         return program if isinstance(program, Compiled) else None
 
     def _describe(self) -> list[Any]:
@@ -257,7 +252,7 @@ class Computation:
 
         return compile_now() if place is None else place.obtain(compile_now, len(self.takes))
 
-    def program_of_rows(self, rows: tuple[bool, ...], count: int) -> native.Program | None:
+    def program_of_rows(self, rows: tuple[bool, ...], count: int) -> native.Executable | None:
         """Returns the natively compiled program of this many rows, which XLA may call too, if there is one.
 
         - ``rows``: which arrays have rows as leading axis.
@@ -268,7 +263,7 @@ class Computation:
         for computation in (*((self.block(rows),) if several else ()), self):
             natively = computation.natively(current.store)
             if isinstance(natively, Compiled) and natively.target is not None:
-                return natively.made
+                return natively.executable
         return None
 
     def on_gpu(self, store: Store | None, compiles: bool = True) -> Compiled | native.Refusal | None:
@@ -283,7 +278,7 @@ class Computation:
         if not compiles:
             return place and place.find()
         try:
-            program = self._obtain(place, lambda: self.traced.for_gpu(large))
+            program = self._obtain(place, lambda: self.traced.compile_for_gpu(large))
         except native.CudaError as error:  # which need not come again, so that no store keeps it
             program = native.Refusal(str(error))
         if isinstance(program, native.Refusal):

@@ -134,7 +134,7 @@ def _target(platform: str, context: Any, types: Sequence[Any], computation: Comp
         if not is_for_one_device(context) or count == 0 or not (computation.opaque or rows):
             return None
         on_gpu = computation.on_gpu(current.store)
-        if not isinstance(on_gpu, Compiled) or (not rows and on_gpu.made.form.longest_map > MOST_BY_ONE_THREAD):
+        if not isinstance(on_gpu, Compiled) or (not rows and on_gpu.executable.form.longest_map > MOST_BY_ONE_THREAD):
             return None
         return on_gpu.target
     program = computation.program_of_rows(rows, count) if native.is_allowed() else None

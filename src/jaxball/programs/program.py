@@ -1,4 +1,4 @@
-"""Compiled functions, like those of ``jax.jit`` and ``equinox.filter_jit``, and a store for them.
+"""``jit`` and ``filter_jit``, by which jaxball compiles its functions: like those of JAX and equinox, with a store.
 
 If the native compiler is chosen (:mod:`jaxball.programs.native`), XLA compiles only programs that it does not support
 and, unless it was chosen by name, programs whose loops are over large arrays, as for many runs side by side. Each is
@@ -17,8 +17,9 @@ import jax
 import jax.numpy as jnp
 
 from ..compat import is_within_trace, settings
-from . import native
-from .computation import QUICKLY, ROWS_OF_XLA, Compiled, Computation, Rest, call_with, take_arrays, within_a_computation
+from . import native, traces
+from .compiled import QUICKLY, Compiled, Rest
+from .computation import ROWS_OF_XLA, Computation, call_with, take_arrays
 from .identity.closures import put_captures, take_captures
 from .operation import may_be_an_operation, operation
 from .store import current
@@ -108,7 +109,7 @@ class Program:
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         leaves, structure = jax.tree.flatten((args, kwargs))
         rest, arrays = take_arrays(leaves, structure, self._is_dynamic)
-        if self._how["opaque"] and not within_a_computation() and not self._is_closed(rest):
+        if self._how["opaque"] and not traces.within_a_computation.value and not self._is_closed(rest):
             call = self._function, args, kwargs
             opened, captures = take_captures(call, local=True)
             if opened is not call:
@@ -164,7 +165,7 @@ class Program:
         """Returns the result of the call as one operation of the traced program; None where it has to be
         written out.
         """
-        if within_a_computation() or not may_be_an_operation():
+        if traces.within_a_computation.value or not may_be_an_operation():
             return None
         self._follow_store()
         numbers = [native.numbers(array) if isinstance(array, jax.Array) else jnp.asarray(array) for array in arrays]
@@ -213,7 +214,7 @@ class Program:
             return None
         if is_within_trace() and computation.captures:
             return _PART_OF_TRACE
-        return computation.runs(self._store)
+        return computation.obtain(self._store)
 
     def _follow_store(self) -> None:
         """Drops what is not of the current store."""
@@ -244,4 +245,4 @@ def _with_captures(function: Any, captures: list[Any], args: Any, kwargs: Any) -
 
 def _run(program: Compiled, rest: Rest, arrays: list[Any]) -> Any:
     """Returns the result of arguments that may be random keys."""
-    return program.result.with_keys(program.numbers(list(map(native.numbers, arrays)) if rest.keys else arrays))
+    return program.result.with_keys(program.run(list(map(native.numbers, arrays)) if rest.keys else arrays))

@@ -1,4 +1,4 @@
-"""What a trace is made for: settings that jaxball gives JAX, whose caches tell traces of one function apart by them.
+"""Settings by which JAX's caches keep traces of one function for different purposes apart, such as for our compiler.
 
 JAX traces all functions anew when a setting is added. So ``import jaxball`` adds them at once if JAX is there already:
 the first use of jaxball may be within a user's trace.

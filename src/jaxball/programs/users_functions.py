@@ -1,4 +1,4 @@
-"""Users' functions, compiled when they are called."""
+"""``jaxball.jit``, by which users compile functions of their own."""
 
 from collections.abc import Callable
 from typing import ParamSpec, TypeVar

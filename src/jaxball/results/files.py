@@ -1,4 +1,4 @@
-"""The files of saved runs; nothing here needs JAX."""
+"""The files of saved runs: checks of their paths, and their arrays and attributes as read. Nothing here needs JAX."""
 
 import contextlib
 import importlib.util
@@ -128,8 +128,10 @@ def _of_netcdf(path: Path, arrays: bool) -> Mapping[str, Any]:
 def _of_npz(path: Path, arrays: bool) -> Mapping[str, Any]:
     import numpy as np
 
+    # A pickle in a file would be a program that runs.
     with np.load(path, allow_pickle=False) as data:
         saved = {name: data[name] for name in data.files}
+    # Attributes have no axis, and arrays over time have one.
     return saved if arrays else {name: array.item() for name, array in saved.items() if array.ndim == 0}
 
 

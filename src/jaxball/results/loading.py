@@ -61,6 +61,7 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
         arrays = load_arrays(path)
     state = _state(arrays, system, path)
     under_feedback = INPUTS in about
+    # The robot of the loop: the inputs that acted are held, as in the run itself.
     if scenario is not None and scenario.feedback is not None and under_feedback:
         from ..scenario.closed_loop import system_of_run  # here, because other runs are read without solvers
 

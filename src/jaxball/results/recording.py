@@ -1,4 +1,4 @@
-"""A run as an MCAP file (https://mcap.dev), a recording of a robot: messages in JSON, each topic with its schema.
+"""Writes a run as an MCAP file (https://mcap.dev), a recording of a robot: messages in JSON, with a schema per topic.
 
 Frames and shapes have the schemas of Foxglove (https://docs.foxglove.dev/docs/sdk/schemas); joints, the contact force
 and all other numbers have schemas of jaxball.
@@ -47,6 +47,7 @@ def write_mcap(
     """Writes the rows of a run that the solve reached; ``variables`` are what a ``.nc`` has over time."""
     mcap = importlib.import_module("mcap.writer")  # here, because it is of an extra
     times = np.asarray(trajectory.times)
+    # From 0, because a recording has unsigned times, and a run may begin at a negative one.
     since = [round(float(t - times[0]) * NANO) for t in times]
     rows = np.flatnonzero(np.all([_is_known(leaf) for leaf in jax.tree.leaves(trajectory.state)], axis=0))
     with path.open("wb") as file:
@@ -110,6 +111,7 @@ def _shapes(trajectory: Trajectory[Any, Any], rows: np.ndarray) -> Iterator[tupl
     size = {"x": 2 * r, "y": 2 * r, "z": 2 * r}
     shell = {"pose": STILL, "size": size, "color": SHELL_COLOUR}
     if system.planar:  # a cylinder along z, which is turned to E2
+        # A quarter turn about x takes z to −y, along the axis of the disk.
         quarter = {"x": float(np.sqrt(0.5)), "y": 0.0, "z": 0.0, "w": float(np.sqrt(0.5))}
         pose = {**STILL, "orientation": quarter}
         cylinder = {**shell, "pose": pose, "size": {**size, "z": THIN * r}, "bottom_scale": 1.0, "top_scale": 1.0}
@@ -119,11 +121,13 @@ def _shapes(trajectory: Trajectory[Any, Any], rows: np.ndarray) -> Iterator[tupl
     small = dict.fromkeys("xyz", 2 * MASS * r)
     for k in range(trajectory.observables.mass_positions_body.shape[1]):
         entities.append(_entity(f"mass[{k}]", "spheres", {"pose": STILL, "size": small, "color": MASS_COLOUR}))
-    yield int(rows[0]), {"deletions": [], "entities": entities}
+    for row in rows[:1]:  # none where the solve did not start
+        yield int(row), {"deletions": [], "entities": entities}
 
 
 def _entity(frame: str, kind: str, primitive: dict[str, Any]) -> dict[str, Any]:
     of_no_kind: dict[str, Any] = {name: [] for name in PRIMITIVES}
+    # A lifetime of 0 is for ever, and a locked shape moves with its frame.
     shown = {"timestamp": _stamp(0), "frame_id": frame, "id": frame, "lifetime": _stamp(0), "frame_locked": True}
     return {**shown, "metadata": [], **of_no_kind, kind: [primitive]}
 

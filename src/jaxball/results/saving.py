@@ -22,7 +22,7 @@ from ..simulation.extremes import contact_extremes
 from ..simulation.trajectory import Trajectory, always_rolls
 from ..simulation.variables import Variable
 from .feedback import feedback_labels
-from .files import FORMAT, SUFFIXES, UNKNOWN_SOLVER, check_format
+from .files import FORMAT, UNKNOWN_SOLVER, check_format
 from .recording import write_mcap
 from .variables import (
     Variables,
@@ -110,6 +110,7 @@ def _text(scenario: Scenario | None) -> str:
         return ""
     try:
         text = write_scenario(scenario)
+        # Read back, because a file holds a scenario only if it can be read again.
         read_scenario(text)
     except ScenarioError:
         return ""
@@ -137,9 +138,9 @@ def to_dataset(
 ) -> "xarray.Dataset":
     """Converts the trajectory and all its observables, or the laws of a classical system, to an ``xarray.Dataset``.
 
-    Dimensions are ``time``, ``mass``, ``joint`` (by name, ``mechanisms[0].joints[1]``), ``driven`` (the masses whose
-    angles belong to the state, by their numbers, or, with joints among them, all by name) and those of vectors:
-    ``axis``, ``direction`` in the plane, ``component`` of a versor. All are counted from 0. Attributes say how the
+    Dimensions are ``time``; ``mass``; ``joint``, by name, as in ``mechanisms[0].joints[1]``; ``driven``, the masses
+    whose angles belong to the state, by their numbers, or by name where joints are among them; and of vectors ``axis``,
+    ``direction`` in the plane and ``component`` of a versor. All are counted from 0. Attributes say how the
     solve ended, and hold the scenario's file. A run with a law of contact has its modes too, and its switches between
     them along ``switch``. The times of an event are ``event_…_times``, with its name. One under feedback has the motion
     that it holds (``nominal_…``), its ``inputs`` and ``deviation``, and what was estimated (``estimate_…``).
@@ -171,6 +172,7 @@ def to_dataset(
         for name, (variable, array) in saved.items():
             variables[name] = ((leading, *variable.dimensions), array, notes_in(units, variable))
             sizes |= zip((leading, *variable.dimensions), array.shape, strict=True)
+    # The times themselves are its coordinate.
     sizes.pop("time")
     times = ("time", np.asarray(trajectory.times), notes_in(units, TIME))
     coordinates = {"time": times, **labels(trajectory.system, sizes), **feedback_labels(trajectory.history)}
@@ -278,6 +280,9 @@ def _write_mcap(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario
     write_mcap(trajectory, path, _over_time(trajectory, sensors), attributes(trajectory, scenario, sensors))
 
 
-WRITERS: dict[str, Callable[[Trajectory[Any, Any], Path, Scenario | None, Sensors], None]] = dict(
-    zip(SUFFIXES, (_write_netcdf, _write_npz, _write_csv, _write_mcap), strict=True)
-)
+WRITERS: dict[str, Callable[[Trajectory[Any, Any], Path, Scenario | None, Sensors], None]] = {
+    ".nc": _write_netcdf,
+    ".npz": _write_npz,
+    ".csv": _write_csv,
+    ".mcap": _write_mcap,
+}

@@ -64,6 +64,8 @@ def values(trajectory: Trajectory[Any, Any]) -> Variables:
     if isinstance(trajectory.state, ReducedState):
         return variables
     observables = trajectory.observables
+    # What schedules alone determine is known also where the solve did not come, and would look like a part of the
+    # run.
     missing = np.isnan(np.asarray(observables.normal_force))
     for name, variable in OBSERVABLES.items():
         array = np.array(getattr(observables, name))

@@ -5,27 +5,17 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from ..interface.wording import all_of, number_of
-from ..physics.body import PointMass, System
+from ..physics.body import System
+from ..physics.dynamics.parameters import PointMass
 from ..physics.feedback import AbstractLaw, FollowSchedules, LinearLaw, Servo
 from ..physics.prescribed.motion import Driven
 from ..physics.prescribed.schedules import AbstractSchedule
 from ..physics.prescribed.signals import AbstractSignal
-from .errors import each_of
+from .errors import ScenarioError, describe, each_of, key_error
 from .mechanisms import JointInState, ReadMechanism, joints_in_state
 from .motions import SIGNALS, read_signal, write_signal
 from .table import Family, Key, Module, join, keys_of, read_family
-from .values import (
-    ACCELERATION,
-    NOT_NEGATIVE,
-    PER_TIME,
-    Dimension,
-    Indices,
-    Nested,
-    Numbers,
-    ScenarioError,
-    describe,
-    key_error,
-)
+from .values import ACCELERATION, NOT_NEGATIVE, PER_TIME, Dimension, Indices, Nested, Numbers
 
 _SIGNALS_WORDS = "a list of numbers, and tables of signals or schedules"
 
@@ -153,6 +143,7 @@ def apply_actuation(
     check = check_factors if linear else _check_targets
     check(values, path, names, joints=joints, kind=kind)
     changed, schedules = list(masses), [None if linear else masses[index].schedule for index in driven]
+    # Their schedules become those that the law follows, and θ becomes part of the state.
     for index in driven:
         changed[index] = masses[index].follow_law()
     followed = (*schedules, *(joint.target for joint in accelerated))
@@ -227,6 +218,7 @@ def write_actuation(system: System) -> dict[str, Any]:
     table: dict[str, Any] = {"form": form}
     if isinstance(law, Servo):
         table |= {name: key.kind.write(getattr(law, name), name) for name, key in _GAINS.items()}
+    # All masses on rails is the default.
     if system.driven != system.on_rails:
         table["masses"] = list(system.driven)
     return table

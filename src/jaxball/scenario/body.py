@@ -24,7 +24,7 @@ from ..physics.forces.resistance import SMOOTHING, AbstractResistance, Resistanc
 from ..physics.grounds.ground import Ground
 from ..physics.system import AbstractState
 from ..sensors import AbstractSensor, Accelerometer, Encoder, Gyroscope, Position, SensorErrors, Tachometer
-from .errors import each_of
+from .errors import ScenarioError, each_of
 from .grounds import GROUNDS, read_ground
 from .motions import FRAME, HARMONIC_FORCE
 from .own import FUNCTION, Open, names_own, read_own, trying, trying_class
@@ -59,7 +59,6 @@ from .values import (
     Nested,
     Numbers,
     Rule,
-    ScenarioError,
     Text,
     WholeNumber,
     namespace,
@@ -151,6 +150,7 @@ def _law(friction: Any, static_friction: Any = None, *, capacity: int, **others:
     static = at_rest if static_friction is None else static_friction
     values = {"friction": at_rest, "static_friction": static, **others}
     arrays = [to_array(values[name], name) for name in COEFFICIENTS]
+    # The constructor checks numbers in words of Python; what it is given here is valid, and replaced below.
     law = Contact(friction if is_law else 0.0, capacity=capacity)
     return eqx.tree_at(lambda law: [getattr(law, name) for name in COEFFICIENTS], law, arrays)
 
@@ -241,6 +241,7 @@ def read_shell(values: Any, path: str, kind: str) -> dict[str, Any]:
     """Reads the arguments of a ball or a disk for its shell. An impossible shell raises."""
     make, keys = BODIES[kind]
     shell = read_table(values, path, keys)
+    # Built for its conditions alone: the shell is an argument of the body with its masses later.
     system = make(**shell)
     require_conditions(system, under=f"{path}.")
     return shell
@@ -277,6 +278,7 @@ def read_surroundings(document: dict[str, Any], kind: str) -> dict[str, Any]:
     parts = dict(zip(present, each_of(*present.values()), strict=True))
     ground, resistance = parts.get("ground"), parts.get("resistance")
     has_table = isinstance(ground, Ground) and ground.turntable is not None
+    # Friction against spinning is relative to the ground, which a turntable turns.
     if has_table and getattr(resistance, "dry_spinning", None) is not None:
         raise ScenarioError(
             "Key `ground.turntable` must be left out where dry friction against spinning acts, which would be relative "
@@ -320,7 +322,7 @@ def write_surroundings(parts: Mapping[str, Any]) -> dict[str, Any]:
         first, key = next(iter(family[kind].keys.items()))
         tables[name] = table or {
             first: key.kind.write(key.default, name)
-        }  # because an empty table would be taken for none
+        }  # an empty table would be left out like one that is missing
     return tables
 
 

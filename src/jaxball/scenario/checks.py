@@ -1,4 +1,4 @@
-"""What is impossible about a scenario, in the words of its file."""
+"""Checks whether a scenario that was read is possible, with errors in the words of its file."""
 
 import re
 from collections.abc import Iterator
@@ -21,9 +21,9 @@ from ..physics.limits.breaches import breaches
 from ..physics.limits.confinement import is_confined, surely_stay
 from ..physics.state import BallState, DiskState
 from ..physics.validity import beyond_arithmetic
-from .errors import raise_first
+from .errors import ScenarioError, raise_first
 from .table import join
-from .values import ScenarioError, any_traced, leave_open
+from .values import any_traced, leave_open
 
 if TYPE_CHECKING:
     from ..simulation.trajectory import Trajectory
@@ -66,6 +66,7 @@ def check_start(system: System, start: Any, state: BallState | DiskState) -> Non
     finite. Checks that depend on traced numbers become conditions; whether numbers are too far from 1 is left undecided
     for those that may be.
     """
+    # Whether extreme numbers are too extreme is found by computing with them, which leaves traced ones undecided.
     if any_traced((system, start, state)):
         leave_open("body", lambda: jnp.asarray(True), lambda: jnp.asarray(~_has_extremes((system, state))))
     elif _has_extremes((system, state)):
@@ -83,6 +84,8 @@ def check_start(system: System, start: Any, state: BallState | DiskState) -> Non
             leave_open(path, lambda rule=rule: all_hold(rule(system.prepare(), to_array(start), state)))
     if not rules or any_traced((system, start, state)):
         return
+    # One program for the whole answer, as a scenario is usually possible; conditions one by one only for its
+    # sentences.
     if not bool(_can_start(system, to_array(start), state)):
         conditions = system.start_conditions(to_array(start), state)
         raise_first([_in_keys(problem) for condition in conditions for problem in condition.problems()][:1])
@@ -105,6 +108,7 @@ def _has_extremes(tree: Any) -> Bool[Array, ""] | np.bool_:
     """Returns whether a number is so large or so small that products of a few may overflow or underflow."""
     xp = jnp if any_traced(tree) else np
     sizes = xp.concatenate([xp.abs(xp.ravel(leaf)).astype(float) for leaf in jax.tree.leaves(tree) if is_array(leaf)])
+    # Squares and fourth powers of such numbers leave the range of float64.
     return xp.any((sizes > EXTREME) | (sizes < 1 / EXTREME) & (sizes > 0))
 
 

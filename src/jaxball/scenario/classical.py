@@ -27,11 +27,12 @@ from ..classical import (
     VakonomicParticle,
     VakonomicState,
 )
-from ..numerics.arrays import is_traced, to_array
+from ..compat import is_traced
+from ..numerics.arrays import to_array
 from ..physics.conditions import Condition
 from ..physics.system import AbstractState, AbstractSystem
 from .body import read_resistance, write_surroundings
-from .errors import ScenarioError
+from .errors import ScenarioError, key_error
 from .initial import read_orientation
 from .motions import SERIES, WAVES, check_lengths, wave_arguments
 from .own import Open, module_of, trying_class
@@ -49,7 +50,6 @@ from .values import (
     VELOCITY,
     Nested,
     Numbers,
-    key_error,
     require_condition,
 )
 
@@ -203,6 +203,7 @@ def read_classical(
         system.require_state(state)
     except ValueError as error:
         raise ScenarioError(str(error).replace("Argument `state.", "Key `initial.")) from None
+    # Here, because it evaluates the equations, which a state of another shape would break.
     _refuse(system.start_conditions(to_array(start), state), kind in CLASSICAL)
     if kind not in CLASSICAL:
         _require_rates(kind, system, to_array(start), state)

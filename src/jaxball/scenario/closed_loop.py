@@ -1,4 +1,4 @@
-"""Closed loops of scenarios: the motion of the model, the loop along it, and the robot of a saved run.
+"""Builds the closed loop of a scenario with feedback: the model's motion, the loop along it, the robot of a saved run.
 
 The numbers of a loop that a study may change from row to row are all arrays.
 """
@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ..compat import is_traced
 from ..control.feedback import AbstractFeedback, Feedforward, nominal_from
 from ..control.inputs import replay_inputs
 from ..control.loop import ClosedLoop, closed_loop, limits_of, plant_of
@@ -21,7 +22,7 @@ from ..control.track import build_track, factors_of
 from ..control.weights import by_name, weight_matrix
 from ..estimation import ErrorStateFilter, OutputFeedback
 from ..estimation.filter import samples_late, wanders
-from ..numerics.arrays import is_traced, to_array
+from ..numerics.arrays import to_array
 from ..physics.body import System
 from ..physics.forces.force import Push, Wrenches
 from ..physics.state import PlacedState
@@ -52,6 +53,7 @@ def model_of(scenario: Scenario) -> Scenario:
     what is written.
     """
     settings = settings_of(scenario)
+    # Sensors and feedback of the file belong to the real robot, and its model is simulated without them.
     alone = dataclasses.replace(scenario, feedback=None, estimator=None, sensors={})
     if not settings.model:
         return alone
@@ -132,6 +134,7 @@ def simulate_loop(scenario: Scenario, asks_for_more: bool) -> Trajectory[Any, An
         )
     run = nominal_run(scenario)
     if not run.ok:
+        # Its message says why there is no motion to hold.
         return run.set_scenario(scenario)
     feedback = feedback_along(scenario, run)
     return loop_along(scenario, with_estimator(scenario, feedback)).run.set_scenario(scenario)
@@ -188,6 +191,7 @@ class EstimatorNumbers(eqx.Module):
 
     def around(self, feedback: AbstractFeedback, plant: SampledSystem) -> OutputFeedback:
         """Builds the feedback from the readings of a robot's sensors; traceable."""
+        # As JAX orders dictionaries, and as the errors of readings are ordered.
         sensors = Measurement(dict(sorted(self.sensors.items())))
         estimator = ErrorStateFilter(feedback.sampled, sensors, self.process, dict(sorted(self.biases.items())))
         return OutputFeedback.of_parts(feedback, estimator, plant, self.spread, dict(self.late))
@@ -231,6 +235,7 @@ class LoopNumbers(eqx.Module):
     @property
     def of_feedback(self) -> tuple[Any, ...]:
         """The numbers on which the motion, and the feedback from its state, depend."""
+        # A regulator is clipped by the robot itself; only a predictive one depends on limits.
         of_limits = None if self.horizon is None else self.limits
         return self.model, self.state, self.rtol, self.atol, of_limits, self.W, self.S, self.friction, self.penalty
 
@@ -264,6 +269,7 @@ def loop_numbers(contents: Contents, document: Mapping[str, Any], sample: float)
     assert feedback is not None
     model_contents = contents
     if feedback.model:
+        # The whole document is read again, because angles in balance and the like follow from the model's numbers.
         model_contents = read_contents(document_of_model(feedback.model, document))
     model: Any = model_contents.system
     sampled = SampledSystem.of(model, sample, feedback.inputs)
@@ -286,6 +292,7 @@ def loop_numbers(contents: Contents, document: Mapping[str, Any], sample: float)
         estimator=None if contents.estimator is None else _of_estimator(contents.estimator, contents.sensors, sampled),
         inputs=feedback.inputs,
         horizon=feedback.horizon if predictive_control else None,
+        # Which inputs have limits decides how many rows the program has, and cannot change from row to row.
         limited=inputs_with_limits(sampled.limits if limits is None else limits) if predictive_control else (),
     )
 
@@ -302,6 +309,7 @@ def _weights(feedback: AbstractFeedbackSettings, sampled: SampledSystem, sample:
     ):
         matrix = None if weight is None else weight_matrix(name, weight, names)
         if is_traced(matrix):
+            # The least eigenvalue stands for all, as for known weights.
             least = jnp.linalg.eigvalsh(matrix)[0]
             require(holds(least), f"feedback.{name}", "weights that are not negative", lambda: "")
     return factors_of(sample, sampled, feedback.Q, feedback.R, feedback.Qf)

@@ -1,17 +1,18 @@
-"""The dimension of a number in a file, by its path: that which its key declares, and of a joint's by its kind.
+"""Finds the dimension of a number in a file by its path, from its key and, where that leaves it open, from its joint.
 
-Hinges have angles where sliders have lengths, and so have masses on rails and in tubes.
+A hinge has an angle where a slider has a length; so do masses on rails and in tubes. Studies and designs state the
+units of their numbers by it, and the units of logs are checked.
 """
 
 import re
 from collections.abc import Mapping
 from typing import Any
 
-from .errors import ScenarioError
+from .errors import ScenarioError, describe
 from .logs import KIND as LOG
 from .paths import key_of, steps, value_at
 from .units import Units, parse_unit
-from .values import ACCELERATION, EFFORT, Dimension, Numbers, describe
+from .values import ACCELERATION, EFFORT, Dimension, Numbers
 
 _PLACE = re.compile(r"mechanisms\[\d+\]\.joints\[\d+\]|masses\[\d+\]|ground\.(?:motion|displacement)")
 # Angles of frames and of sinusoids, in joints of any kind.
@@ -47,6 +48,7 @@ def dimension_of(path: str, kinds: Mapping[str, Numbers], document: Mapping[str,
     names = [step for step in steps(path) if isinstance(step, str)]
     if kind is None or kind.dimension is None:
         return ""
+    # A state lists coordinates of all kinds, some of which are angles and some lengths.
     if names[-1] in ("theta", "thetadot") and path.startswith("initial."):
         return ""
     dimension = _of_coefficient(kind.dimension, path, names[-1])

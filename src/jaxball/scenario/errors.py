@@ -68,6 +68,7 @@ def try_readers(*readers: Callable[[], Any]) -> tuple[list[Any], list[ScenarioEr
     **Raises:** the first error, but within :func:`all_problems`.
     """
     more = _PROBLEMS.get()
+    # Outside of `all_problems` one sentence is raised, and nothing else is read for it.
     if more is None:
         return [reader() for reader in readers], []
     results, errors, before = [], [], len(more)

@@ -11,22 +11,11 @@ from ..numerics.arrays import to_array
 from ..physics.contact.law import Contact
 from ..physics.system import AbstractSystem
 from ..simulation.events import DOWN, EITHER, UP, AbstractEvent, Detachment, Event, Slip, check_events
-from .errors import each_of
+from .errors import ScenarioError, describe, each_of, key_error
 from .imports import is_python_name
 from .own import Function, Open, names_own, read_own, trying, trying_class
 from .table import Family, Key, Module, join, keys_of, read_by_name, read_family, write_member
-from .values import (
-    POSITIVE,
-    Choice,
-    Flag,
-    Integer,
-    Numbers,
-    ScenarioError,
-    describe,
-    is_traced_document,
-    key_error,
-    unread,
-)
+from .values import POSITIVE, Choice, Flag, Integer, Numbers, is_traced_document, unread
 
 DIRECTIONS = {"rising": UP, "falling": DOWN, "both": EITHER}
 MOST_KEPT = 10**6
@@ -128,6 +117,7 @@ def _evaluate(event: AbstractEvent, path: str, system: AbstractSystem, t: Any, s
 
     crossing = isinstance(event, Event)
     with trying(join(path, "of"), "of") if crossing else trying_class(join(path, "kind"), type(event).__name__):
+        # Traced for shapes only: an error appears, and nothing is computed.
         eqx.filter_eval_shape(value, system, t, state)
 
 

@@ -118,6 +118,7 @@ class RegulatorSettings(AbstractFeedbackSettings):
             require_positive("R", weight_matrix("R", self.R, sampled.inputs), strictly=True)
 
         each_of(
+            # Independent, so that all wrong weights are named at once.
             lambda: _in_keys(super(RegulatorSettings, self).check, sampled),
             lambda: _in_keys(weight_matrix, "Q", self.Q, sampled.directions),
             lambda: _in_keys(of_inputs),
@@ -200,7 +201,7 @@ class _ByName:
             number = Numbers(rule=self.rule)
             return {name: number.read(item, join(path, name)) for name, item in value.items()}
         for shape in self.shapes:
-            if np.ndim(value) == len(shape):
+            if _depth(value) == len(shape):
                 return Numbers(shape, self.rule).read(value, path)
         raise key_error(path, self.words, describe(value))
 
@@ -208,6 +209,11 @@ class _ByName:
         if isinstance(value, Mapping):
             return {name: float(item) for name, item in value.items()} or None
         return np.asarray(value, dtype=float).tolist()
+
+
+def _depth(value: Any) -> int:
+    """Returns how deeply the lists of a value are nested; NumPy refuses rows of different lengths."""
+    return 1 + _depth(value[0]) if isinstance(value, list) and value else np.ndim(value)
 
 
 _PUSH = Module(
@@ -262,8 +268,8 @@ KEYS = {
 }
 
 
-class Fixed(NamedTuple):
-    """The parts of a scenario that feedback must fit."""
+class HeldRun(NamedTuple):
+    """The run that feedback holds, by the parts of a scenario that determine it."""
 
     system: System
     times: SaveTimes
@@ -287,7 +293,7 @@ def check_feedback(
     feedback: AbstractFeedbackSettings | None,
     estimator: EstimatorSettings | None,
     sensors: Mapping[str, AbstractSensor],
-    fixed: Fixed,
+    held: HeldRun,
     document: Mapping[str, Any],
     read: Callable[[dict[str, Any]], object],
 ) -> None:
@@ -299,13 +305,14 @@ def check_feedback(
                 'kind = "feedforward" }` for a motion without feedback.'
             )
         return
+    # A study has read the document with known numbers before, where a model and weights can be judged.
     if is_traced_document():
         return
     each_of(
-        lambda: _check_solve(document, fixed.solve),
-        lambda: sample_of(fixed.times.array(fixed.times.count)),
+        lambda: _check_solve(document, held.solve),
+        lambda: sample_of(held.times.array(held.times.count)),
         lambda: check_model(feedback.model, document, read),
-        lambda: _check_fit(feedback, estimator, fixed, sensors),
+        lambda: _check_fit(feedback, estimator, held, sensors),
     )
 
 
@@ -335,6 +342,7 @@ def check_solver(solver: str) -> None:
 def sample_of(times: np.ndarray) -> float:
     """Returns the time between samples: the save times of a scenario with feedback, which must be equally spaced."""
     even = np.linspace(times[0], times[-1], times.size)
+    # Written decimals of a step are rounded.
     if np.any(np.abs(times - even) > 1e-9 * (times[-1] - times[0])):
         raise ScenarioError(
             "Key `time.at` must have equally spaced times with `feedback`, because they are its samples, but it has "
@@ -367,6 +375,7 @@ def check_model(model: Named, document: Mapping[str, Any], read: Callable[[dict[
 
 def document_of_model(model: Named, document: Mapping[str, Any]) -> dict[str, Any]:
     """Returns the document of the robot that feedback knows, with the numbers of the model and without feedback."""
+    # Without feedback, or the model would have a model.
     others = {name: table for name, table in document.items() if name not in KEYS}
     return with_numbers(others, model)
 
@@ -374,14 +383,14 @@ def document_of_model(model: Named, document: Mapping[str, Any]) -> dict[str, An
 def _check_fit(
     feedback: AbstractFeedbackSettings,
     estimator: EstimatorSettings | None,
-    fixed: Fixed,
+    held: HeldRun,
     sensors: Mapping[str, AbstractSensor],
 ) -> None:
     from ..control.sampled import SampledSystem
 
-    times = fixed.times
+    times = held.times
     sample = (times.end - times.start) / (times.count - 1)
-    sampled = _in_keys(SampledSystem.of, fixed.system, sample, feedback.inputs)
+    sampled = _in_keys(SampledSystem.of, held.system, sample, feedback.inputs)
     each_of(
         lambda: _in_keys(feedback.check, sampled),
         lambda: estimator is None or _check_estimator(estimator, sampled, sensors),

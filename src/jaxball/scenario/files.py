@@ -1,10 +1,10 @@
-"""Scenario files: text to scenario and back, and documents as functions of their numbers."""
+"""Scenario files: text to scenario and back."""
 
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import numpy as np
@@ -12,6 +12,7 @@ import tomli_w
 
 from ..physics.body import System
 from ..physics.contact.law import Contact
+from ..physics.dynamics.parameters import PointMass
 from ..physics.prescribed.motion import Driven
 from ..physics.system import AbstractSystem
 from ..sensors import AbstractSensor
@@ -35,14 +36,14 @@ from .body import (
 from .checks import check_confinement, check_run, check_start
 from .classical import CLASSICAL, INITIAL as CLASSICAL_INITIAL, RESISTED, read_classical, write_classical
 from .dimensions import check_units_of_logs
-from .errors import all_problems, each_of, raise_first, try_readers
+from .errors import ScenarioError, all_problems, each_of, raise_first, try_readers
 from .events import KEYS as EVENT_KEYS, check_events_of, read_events, write_events
 from .feedback import (
     ESTIMATOR,
     KEYS as FEEDBACK_KEYS,
     AbstractFeedbackSettings,
     EstimatorSettings,
-    Fixed,
+    HeldRun,
     check_feedback,
     read_feedback,
     write_settings,
@@ -51,25 +52,15 @@ from .grounds import ReadPlate, write_targets
 from .imports import is_python_name
 from .initial import INITIAL, balance_schedules, initial_state, read_initial, release, write_initial
 from .logs import with_logs
-from .mechanisms import (
-    CHOICES as MASSES,
-    MECHANISM,
-    joints_in_state,
-    read_masses,
-    read_mechanisms,
-    write_masses,
-    write_mechanisms,
-)
+from .mechanisms import MECHANISM, ReadMechanism, joints_in_state, read_mechanisms, write_mechanisms
+from .motions import MASSES, read_masses, write_masses
 from .paths import has_path, key_of, numbers_of, value_at, with_values
 from .scenario import Scenario
 from .solve import SOLVE, TIMES, SaveTimes, check_dae, read_times, write_times
 from .sources import document_of, naming, scenario_text
 from .table import Key, keeping_defaults, keys_of, read_table, write_table
 from .units import UNITS_KEY, Units, write_units
-from .values import Choice, Integer, ScenarioError, Text, namespace, unread
-
-if TYPE_CHECKING:
-    pass
+from .values import Choice, Integer, Text, namespace, unread
 
 FORMAT = 1
 
@@ -188,6 +179,38 @@ class Contents(NamedTuple):
         return Scenario(self.title, self.system, self.state, times, **self.solve, **others)
 
 
+_OfBody = tuple[dict[str, Any], dict[str, Any], SaveTimes, list[PointMass], list[ReadMechanism], dict[str, Any]]
+
+
+class _Tables(NamedTuple):
+    """The tables of a file about a body, each read by itself; None where one is missing or cannot be read.
+
+    - ``top``: the keys that are in no table; ``shell``: the arguments of the body for its shell.
+    """
+
+    top: dict[str, Any] | None
+    shell: dict[str, Any] | None
+    surroundings: dict[str, Any] | None
+    contact: Contact | None
+    times: SaveTimes | None
+    solve: dict[str, Any] | None
+    masses: list[PointMass] | None
+    mechanisms: list[ReadMechanism] | None
+    initial: dict[str, Any] | None
+    sensors: dict[str, AbstractSensor] | None
+    events: dict[str, AbstractEvent] | None
+    feedback: AbstractFeedbackSettings | None
+    estimator: EstimatorSettings | None
+
+    @property
+    def of_body(self) -> _OfBody | None:
+        """Those without which there is no body: top, shell, times, masses, mechanisms and initial; None if one is
+        missing.
+        """
+        needed = self.top, self.shell, self.times, self.masses, self.mechanisms, self.initial
+        return None if any(table is None for table in needed) else cast(Any, needed)
+
+
 def read_contents(document: dict[str, Any]) -> Contents:
     """Reads the contents of a file; raises as :func:`read_document`.
 
@@ -196,10 +219,11 @@ def read_contents(document: dict[str, Any]) -> Contents:
     if document.get("kind") in tuple(CLASSICAL) or is_python_name(document.get("kind")):
         return _read_classical(document)
     kind = str(document.get("kind"))
+    # An unknown kind has no keys of its own; this raises for the kind, and for all other keys that are wrong.
     if kind not in BODIES:
         read_table(document, "", KEYS)
     readers = {
-        "table": lambda: read_table(document, "", KEYS),
+        "top": lambda: read_table(document, "", KEYS),
         "shell": lambda: read_shell(document["body"], "body", kind) if "body" in document else None,
         "surroundings": lambda: read_surroundings(document, kind),
         "contact": lambda: read_contact(document["contact"], "contact") if "contact" in document else None,
@@ -214,10 +238,11 @@ def read_contents(document: dict[str, Any]) -> Contents:
         "estimator": lambda: ESTIMATOR.read(document["estimator"], "estimator") if "estimator" in document else None,
     }
     read, errors = try_readers(*readers.values())
-    parts = dict(zip(readers, read, strict=True))
-    if all(parts[name] is not None for name in ("table", "shell", "times", "masses", "mechanisms", "initial")):
+    tables = _Tables(**dict(zip(readers, read, strict=True)))
+    of_body = tables.of_body
+    if of_body is not None:
         # Errors elsewhere must not hide errors in the body.
-        contents, later = try_readers(lambda: _contents(kind, document, **parts))
+        contents, later = try_readers(lambda: _join_tables(kind, document, of_body, tables))
         if not errors and not later:
             return contents[0]
         errors += later
@@ -225,36 +250,20 @@ def read_contents(document: dict[str, Any]) -> Contents:
     raise AssertionError("A part that could not be read has an error.")
 
 
-def _contents(
-    kind: str,
-    document: Mapping[str, Any],
-    *,
-    table: Any,
-    shell: Any,
-    surroundings: Any,
-    contact: Contact | None,
-    times: SaveTimes,
-    solve: Any,
-    masses: Any,
-    mechanisms: Any,
-    initial: Any,
-    sensors: Any,
-    events: Any,
-    feedback: Any,
-    estimator: Any,
-) -> Contents:
-    """Returns the contents of a file whose parts fit together; None stands for a part that cannot be read or is
-    missing.
-    """
-    check_units_of_logs(document, table["units"])
-    start, surroundings, angles = times.start, dict(surroundings or {}), []
+def _join_tables(kind: str, document: Mapping[str, Any], of_body: _OfBody, tables: _Tables) -> Contents:
+    """Makes the contents of tables, which must fit each other."""
+    top, shell, times, masses, mechanisms, initial = of_body
+    check_units_of_logs(document, top["units"])
+    start, surroundings, angles = times.start, dict(tables.surroundings or {}), []
     ground = surroundings.get("ground")
     if isinstance(ground, ReadPlate):
         surroundings["ground"], angles = ground.ground, ground.angles
+        # A balance is found at rest, where angles that a law drives are level.
         ground = ground.without_law()
-    shell_and_ground = {**shell, "ground": ground}
-    masses = balance_schedules(masses, mechanisms, shell_and_ground, initial, "initial", kind, start)
-    actuation = {"form": "prescribed"} if table["actuation"] is None else table["actuation"]
+    if initial["balance"] is not None:
+        shell_and_ground = {**shell, "ground": ground}
+        masses = balance_schedules(masses, mechanisms, shell_and_ground, initial, "initial", kind, start)
+    actuation = {"form": "prescribed"} if top["actuation"] is None else top["actuation"]
     actuated = apply_actuation(actuation, "actuation", masses, mechanisms, angles, kind)
     driven = sum(isinstance(item.motion, Driven) for item in actuated.masses)
     check_force(surroundings.get("force"), "force", driven + len(joints_in_state(mechanisms)) + len(angles))
@@ -265,26 +274,32 @@ def _contents(
         law=actuated.law,
         mechanisms=[item.mechanism for item in mechanisms],
     )
+    # Only now: the angles of masses may have been shifted into balance.
     state = initial_state(initial, "initial", kind, system.coordinates, actuated.targets, start)
     span = namespace(times.start, times.end).stack([times.start, times.end])
-    fixed = Fixed(system, times, solve or {})
-    *_, first_state, _, _ = each_of(
-        lambda: check_modes(system, contact),
-        lambda: solve and check_dae(system, contact, solve["solver"], solve["dae"]),
-        lambda: check_run(system, span),
-        lambda: check_confinement(system, span, state),
-        lambda: check_start(system, start, state),
-        lambda: sensors is None or check_sensors(sensors, "sensors", system),
-        lambda: release(initial, "initial", state, "contact" in document),
-        lambda: (
-            solve
-            and sensors is not None
-            and check_feedback(feedback, estimator, sensors, fixed, document, read_contents)
+    solve, sensors, events, contact = tables.solve or {}, tables.sensors, tables.events or {}, tables.contact
+    feedback, estimator, held = tables.feedback, tables.estimator, HeldRun(system, times, solve)
+    _, first_state, _ = each_of(
+        lambda: each_of(
+            lambda: check_modes(system, contact),
+            lambda: solve and check_dae(system, contact, solve["solver"], solve["dae"]),
+            lambda: check_run(system, span),
+            lambda: check_confinement(system, span, state),
+            lambda: check_start(system, start, state),
+            lambda: sensors is None or check_sensors(sensors, "sensors", system),
         ),
-        lambda: events and check_events_of(events, "events", system, contact, start, state),
+        lambda: release(initial, "initial", state, "contact" in document),
+        lambda: each_of(
+            lambda: (
+                solve
+                and sensors is not None
+                and check_feedback(feedback, estimator, sensors, held, document, read_contents)
+            ),
+            lambda: events and check_events_of(events, "events", system, contact, start, state),
+        ),
     )
-    settings = sensors, events, feedback, estimator, table["units"]
-    return Contents(table["title"], system, first_state, contact, times, solve, *settings)
+    settings = sensors or {}, events, feedback, estimator, top["units"]
+    return Contents(top["title"], system, first_state, contact, times, solve, *settings)
 
 
 def _read_classical(document: dict[str, Any]) -> Contents:
@@ -344,9 +359,10 @@ def document_with_defaults(scenario: Scenario) -> dict[str, Any]:
 
 
 def with_defaults(document: Mapping[str, Any], scenario: Scenario, paths: Iterable[str]) -> dict[str, Any]:
-    """Returns the document of ``scenario`` in which the keys of these paths are written if they have their defaults.
+    """Returns the document of ``scenario``, in which the keys at these paths are also written if they have their
+    defaults.
 
-    Where there is no such key, or where it does not go with those that are there, it is left out.
+    A key that does not exist, or that does not go with those that are there, is left out.
     """
     written = dict(document)
     absent = dict.fromkeys(key_of(path) for path in paths if not has_path(document, key_of(path)))
@@ -361,6 +377,7 @@ def with_defaults(document: Mapping[str, Any], scenario: Scenario, paths: Iterab
         longer = with_values(written, [f"{key}={value_at(whole, key)!r}"])
         same = False
         with all_problems() as problems:
+            # The scenario must be the same in all its other keys too, or the default stands for something else there.
             same = document_with_defaults(read_document(longer)) == whole
         written = longer if same and not problems else written
     return written

@@ -20,9 +20,9 @@ from ..physics.grounds import (
 from ..physics.grounds.ground import AbstractGround, Ground, Turntable
 from ..physics.mechanisms import Accelerated
 from ..physics.prescribed.schedules import AbstractSchedule
-from .errors import describe, key_error
-from .mechanisms import MOTIONS, JointInState, read_motion, write_motion
-from .motions import SCHEDULE, SCHEDULES
+from .errors import ScenarioError, describe, key_error
+from .mechanisms import JointInState
+from .motions import MOTIONS, SCHEDULE, SCHEDULES, read_motion, write_motion
 from .own import FUNCTION, Open, names_own, read_own, trying
 from .table import Key, Keys, Module, join, keys_of, read_family, read_list, read_one_of
 from .values import (
@@ -37,7 +37,6 @@ from .values import (
     Nested,
     Numbers,
     Radians,
-    ScenarioError,
     require_conditions,
 )
 

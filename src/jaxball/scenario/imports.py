@@ -52,8 +52,10 @@ def import_name(path: str, named: str, what: str = "function") -> Any:
 def name_of(value: Any, path: str) -> str | None:
     """Returns the "module:name" by which a function or a class can be imported; None where there is none."""
     name = f"{getattr(value, '__module__', '')}:{getattr(value, '__qualname__', '')}"
+    # What a script defines has another name where the file is read.
     if not name.startswith("__main__:"):
         with contextlib.suppress(ScenarioError):
+            # The name may stand for another object by now.
             if import_name(path, name) is value:
                 return name
     return None
@@ -76,6 +78,7 @@ def _current_folder() -> Iterator[None]:
     """Searches the current folder last for modules within the block, as Python does for a script."""
     added = "" not in sys.path
     if added:
+        # Last, so that no file in it hides a module of Python.
         sys.path.append("")
     try:
         yield

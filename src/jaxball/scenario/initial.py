@@ -1,4 +1,4 @@
-"""The initial state of a scenario file."""
+"""Reads and writes the initial state of a scenario file."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -8,15 +8,17 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .. import programs
+from ..compat import is_traced
 from ..interface.wording import all_of, number_of
-from ..numerics.arrays import is_traced, to_array
+from ..numerics.arrays import to_array
 from ..numerics.vectors import length
-from ..physics.body import Ball, Disk, PointMass, System
+from ..physics.body import Ball, Disk, System
 from ..physics.contact.released import ReleasedState
+from ..physics.dynamics.parameters import PointMass
 from ..physics.grounds.ground import Ground
 from ..physics.prescribed.schedules import AbstractSchedule
 from ..physics.state import BallState, DiskState, State
-from .errors import UntraceableError
+from .errors import ScenarioError, UntraceableError, key_error
 from .mechanisms import ReadMechanism, joints_in_state
 from .table import Key, join, read_one_of, read_table, write_table
 from .values import (
@@ -30,8 +32,6 @@ from .values import (
     Nested,
     Numbers,
     Rule,
-    ScenarioError,
-    key_error,
     namespace,
     outside_of_traces,
     require,
@@ -106,7 +106,7 @@ def _unit(q: Any, path: str) -> Any:
     size = _length(q)
     must = "a versor, whose four numbers have squares that add up to 1"
     require(abs(size - 1) <= UNIT_SQUARE, path, must, lambda: str(q.tolist()))
-    # A traced one always is, because it has the derivatives of a unit vector.
+    # A traced one is always normalised, because its derivatives are to be those of a unit vector.
     return q / size if is_traced(size) or abs(size - 1) >= 1e-15 else q
 
 
@@ -114,6 +114,7 @@ def _length(x: Any) -> Any:
     """Computes |x|, also where the squares overflow."""
     if not is_traced(x):
         return length(x)
+    # The scale cancels, so that its derivative must not count.
     largest = jax.lax.stop_gradient(jnp.max(jnp.abs(x)))
     return largest * jnp.sqrt(jnp.sum((x / largest) ** 2))
 
@@ -191,13 +192,11 @@ def balance_schedules(
     kind: str,
     start: Any,
 ) -> list[PointMass]:
-    """Shifts the schedules of masses so that the body starts in balance.
+    """Shifts the schedules of masses so that the body starts in balance, as the ``fields`` of the state ask for.
 
     ``shell_and_ground`` has the numbers of the shell, and the ground.
     """
     request = fields["balance"]
-    if request is None:
-        return masses
     # Imported here, because few files need it, and its imports take long.
     from ..simulation.equilibrium import balance, with_angles
 
@@ -217,10 +216,12 @@ def balance_schedules(
         if item.rail is not None and item.schedule is None:
             must = f"masses with schedules, but `masses[{index}]` has none; give `initial.theta` instead"
             raise ScenarioError(f"Key `{path}` must name {must}.")
+    # Without a law: balance needs positions only, and a law would need the state that is still to be found.
     still = [item.without_law() for item in mechanisms]
     system = (Disk if kind == "disk" else Ball)(**shell_and_ground, masses=masses, mechanisms=still)
     targets = [joint.target for joint in joints_in_state(mechanisms)]
     state = initial_state({**fields, "thetadot": None}, path, kind, system.coordinates, targets, start)
+    # A search for a balance is not traced: the numbers on which it depends must be known.
     try:
         answer = outside_of_traces(
             lambda: balance(system, request["masses"], above=request["above"], state=state, t=start)
@@ -247,6 +248,7 @@ def write_initial(system: System, state: State | ReleasedState) -> dict[str, Any
             "Key `initial` must be a BallState or a DiskState to be written to a file, but it is a "
             f"{type(state).__name__}."
         )
+    # A file has no key for an empty list.
     driven = {name: getattr(state, name) if system.coordinates else None for name in ("theta", "thetadot")}
     if isinstance(state, DiskState):
         fields = {name: getattr(state, name) for name in ("phi", "phidot", "z")}

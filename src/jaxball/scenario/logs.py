@@ -70,6 +70,7 @@ def with_stop(clause: object) -> str:
 
 def text_of_file(path: Path) -> str:
     try:
+        # Spreadsheets begin files with a byte-order mark.
         return path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise LogError(f'"{path}" cannot be read: {error.strerror}') from None
@@ -86,6 +87,7 @@ def columns_of(text: str, name: str, time: str, column: str) -> RecordedColumn:
     import numpy as np  # here, because it takes as long as Python itself to start, and few scenarios have logs
 
     first = text[: text.find("\n")] if "\n" in text else text
+    # By the names of the columns, which have no decimal commas.
     delimiter = next((mark for mark in DELIMITERS if mark in first), ",")
     reader = csv.reader(io.StringIO(text), delimiter=delimiter, skipinitialspace=True)
     names = [entry.strip() for entry in next(reader, [])]
@@ -142,12 +144,14 @@ def with_logs(document: Any, folder: Path) -> Any:
         return [with_logs(item, folder) for item in document]
     if not isinstance(document, Mapping):
         return document
+    # A saved scenario has the numbers already.
     if document.get("kind") != KIND or not isinstance(document.get("file"), str) or "csv" in document:
         return {name: with_logs(item, folder) for name, item in document.items()}
     path = folder / document["file"]
     time, column = document.get("time"), document.get("column")
     try:
         log = columns_of(text_of_file(path), "", str(time), str(column))
+    # The reader of the table finds the same error, and names its key.
     except LogError:
         return {**document, "file": str(path)}
     rest = {name: item for name, item in document.items() if name != "file"}

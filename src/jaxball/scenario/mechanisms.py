@@ -1,11 +1,11 @@
-"""The point masses and the mechanisms of a scenario file: joints, their forces, and the masses that they carry."""
+"""The mechanisms of a scenario file: joints, their forces, and the masses that they carry."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
 
-from ..physics.body import PointMass, System
+from ..physics.body import System
 from ..physics.mechanisms import (
     AbstractJoint,
     AbstractJointForce,
@@ -26,9 +26,9 @@ from ..physics.mechanisms import (
     SpeedLimitedMotor,
     Spring,
 )
-from ..physics.prescribed.motion import AbstractMotion, Driven, Fixed, OnRail, Oscillating, rail_of, schedule_of
 from ..physics.prescribed.schedules import AbstractSchedule
-from .motions import OSCILLATING, RAILS, SCHEDULE, SIGNAL
+from .errors import ScenarioError, describe, key_error
+from .motions import MASS, RAILS, SCHEDULE, SIGNAL
 from .own import Open
 from .table import (
     Family,
@@ -40,7 +40,6 @@ from .table import (
     member_of,
     read_family,
     read_list,
-    read_one_of,
     read_table,
     write_family,
     write_member,
@@ -52,8 +51,6 @@ from .values import (
     EFFORT,
     LENGTH,
     NOT_ALL_ZERO,
-    OF_MASS,
-    POSITIVE,
     RATE,
     STIFFNESS,
     Dimension,
@@ -61,76 +58,8 @@ from .values import (
     Integer,
     Nested,
     Numbers,
-    ScenarioError,
-    describe,
-    key_error,
     require_conditions,
 )
-
-MASS = Key(Numbers(rule=POSITIVE, dimension=OF_MASS))
-RAIL = Key(member_of(RAILS))
-POSITION = Key(Numbers((3,), dimension=LENGTH))
-FREE = Key(OSCILLATING.nested)
-
-MOTIONS = {
-    "rail": {"rail": RAIL, "schedule": SCHEDULE},
-    "position": {"position": POSITION},
-    "free": {"free": FREE},
-}
-_MASSES = {name: {"mass": MASS, **keys} for name, keys in MOTIONS.items()}
-# With a linear law, masses on rails without a schedule are driven.
-CHOICES = {**_MASSES, "rail": {**_MASSES["rail"], "schedule": Key(SCHEDULE.kind, None)}}
-
-
-def read_masses(values: Any, path: str, scheduled: bool) -> list[PointMass]:
-    """Reads the masses, those on rails with the motion that their schedules prescribe.
-
-    Unless they must be ``scheduled``, those without a schedule are driven.
-    """
-    choices = _MASSES if scheduled else CHOICES
-    return read_list(values, path, lambda item, path: _read_mass(*read_one_of(item, path, choices)), empty=True)
-
-
-def _read_mass(kind: str, table: dict[str, Any]) -> PointMass:
-    driven = kind == "rail" and table["schedule"] is None
-    return PointMass(table["mass"], Driven(table["rail"]) if driven else read_motion(kind, table))
-
-
-def read_motion(kind: str, table: dict[str, Any]) -> AbstractMotion:
-    """Makes a prescribed motion, from the key that determines its kind and the values of its keys."""
-    if kind == "rail":
-        return OnRail(table["rail"], table["schedule"])
-    return Fixed(table["position"]) if kind == "position" else table["free"]
-
-
-def write_masses(system: System, targets: Mapping[str, AbstractSchedule | None], path: str) -> list[dict[str, Any]]:
-    """Returns the tables of the masses; ``targets`` has the schedules that a law follows, by the path of the mass."""
-    return [
-        {
-            "mass": MASS.kind.write(item.mass, path),
-            **write_motion(item.motion, f"{path}[{index}]", targets.get(f"{path}[{index}]")),
-        }
-        for index, item in enumerate(system.point_masses)
-    ]
-
-
-def write_motion(motion: AbstractMotion, path: str, target: AbstractSchedule | None = None) -> dict[str, Any]:
-    """Returns the keys of a motion; a driven mass has the ``target`` of its law as its schedule, if there is one."""
-    if isinstance(motion, Fixed):
-        return {"position": POSITION.kind.write(motion.position, path)}
-    if isinstance(motion, Oscillating):
-        return {"free": FREE.kind.write(motion, join(path, "free"))}
-    if (rail := rail_of(motion)) is not None:
-        schedule = target if isinstance(motion, Driven) else schedule_of(motion)
-        rail = {"rail": RAIL.kind.write(rail, join(path, "rail"))}
-        if schedule is None:
-            return rail
-        return {**rail, "schedule": SCHEDULE.kind.write(schedule, join(path, "schedule"))}
-    raise ScenarioError(
-        f"Key `{path}` must be on a rail, at a position or oscillating to be written to a file, but its "
-        f"motion is a {type(motion).__name__}; keep a scenario that has Python functions as a Python script."
-    )
-
 
 _EFFORT, _LIMIT = Key(Numbers(dimension=EFFORT)), Key(Numbers(dimension=EFFORT), None)
 _STIFFNESS, _DAMPING = Key(Numbers(dimension=STIFFNESS)), Key(Numbers(dimension=DAMPING))
@@ -269,7 +198,7 @@ def _write_drive(drive: Drive, target: AbstractSchedule | None, path: str) -> di
 _CARRIED = Module(
     CarriedMass,
     {
-        "mass": Key(Numbers(rule=POSITIVE, dimension=OF_MASS)),
+        "mass": MASS,
         "place": Key(Numbers((3,), dimension=LENGTH), (0.0, 0.0, 0.0)),
         "joint": Key(Integer(0, MOST_JOINTS), None),
     },
@@ -366,5 +295,6 @@ def _write_mechanism(item: Any, targets: Mapping[str, AbstractSchedule | None], 
 
 
 def _write_carried_mass(mass: CarriedMass, last: int, path: str) -> dict[str, Any]:
+    # The last joint is the default.
     joint = None if mass.joint == last else mass.joint
     return write_table({"mass": mass.mass, "place": mass.place, "joint": joint}, path, _CARRIED.keys)

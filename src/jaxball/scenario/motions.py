@@ -1,6 +1,6 @@
-"""Rails and their frames, schedules, harmonic series and signals in a scenario file."""
+"""The point masses of a scenario file and their motions: rails, frames, schedules, harmonic series and signals."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,9 +10,11 @@ from ..interface.arguments import require_function
 from ..interface.wording import number_of
 from ..numerics.arrays import a_number
 from ..numerics.functions import HarmonicSeries
+from ..physics.body import System
+from ..physics.dynamics.parameters import PointMass
 from ..physics.forces.force import HarmonicForce
 from ..physics.prescribed.frames import AbstractFrame, MatrixFrame, SphericalFrame, VersorFrame
-from ..physics.prescribed.motion import Oscillating
+from ..physics.prescribed.motion import AbstractMotion, Driven, Fixed, OnRail, Oscillating, rail_of, schedule_of
 from ..physics.prescribed.rails import (
     AbstractRail,
     BernoulliEight,
@@ -33,6 +35,7 @@ from ..physics.prescribed.schedules import (
     Waypoints,
 )
 from ..physics.prescribed.signals import AbstractSignal, ConstantSignal, PiecewiseSignal
+from .errors import ScenarioError, key_error
 from .logs import KIND as LOG
 from .own import Open
 from .recorded import SCHEDULE_FROM_LOG, SIGNAL_OR_SCHEDULE_FROM_LOG
@@ -45,6 +48,7 @@ from .table import (
     keys_of,
     member_of,
     read_family,
+    read_list,
     read_one_of,
     write_family,
     write_member,
@@ -58,6 +62,7 @@ from .values import (
     LENGTH,
     NOT_ALL_ZERO,
     OF_FORCE,
+    OF_MASS,
     POSITIVE,
     QUARTER_TURN,
     RATE,
@@ -66,7 +71,6 @@ from .values import (
     Nested,
     Numbers,
     Radians,
-    key_error,
     namespace,
     require,
 )
@@ -88,6 +92,7 @@ def read_frame(values: Any, path: str) -> AbstractFrame:
     if name == "matrix":
         B = table["matrix"]
         xp = namespace(B)
+        # The determinant tells a rotation from a reflection, whose columns are orthonormal, too.
         require(
             xp.allclose(B.T @ B, np.eye(3), rtol=0, atol=ORTHONORMAL) & (xp.linalg.det(B) > 0),
             join(path, "matrix"),
@@ -100,6 +105,7 @@ def read_frame(values: Any, path: str) -> AbstractFrame:
 def write_frame(frame: AbstractFrame, path: str) -> dict[str, Any] | None:
     """Returns the table of a frame, or None for the identity, which is the default."""
     _, table = write_member(frame, path, _FRAMES)
+    # By digits, which tell 0.0 from −0.0: what is read back must be the same.
     return None if repr(table) == repr({"matrix": np.eye(3).tolist()}) else table
 
 
@@ -293,7 +299,8 @@ class _Constant(Numbers):
         return "a finite number, or the table of a signal or a schedule"
 
 
-# Of signals, an angle stands for what they are of.
+# A signal's value has the dimension of the quantity that it drives, for which an angle stands here;
+# `dimension_of` replaces it.
 _NUMBER = _Constant(dimension=ANGLE, by_size=True)
 _STEPS = Module(
     PiecewiseSignal,
@@ -306,6 +313,7 @@ _PIECES = Module(
     check=row_for_each_interval("values"),
 )
 SIGNALS: Family = {"steps": _STEPS, "piecewise": _PIECES, **SCHEDULES, LOG: SIGNAL_OR_SCHEDULE_FROM_LOG}
+# Without "steps", whose class is that of "piecewise"; `write_signal` chooses between them.
 _WRITTEN: Family = {"piecewise": _PIECES, **SCHEDULES, LOG: SIGNAL_OR_SCHEDULE_FROM_LOG}
 
 
@@ -327,3 +335,68 @@ def write_signal(signal: AbstractSignal | AbstractSchedule, path: str) -> Any:
 
 
 SIGNAL = Nested(read_signal, write_signal, _NUMBER.words, keys_of(SIGNALS))
+
+
+MASS = Key(Numbers(rule=POSITIVE, dimension=OF_MASS))
+RAIL = Key(member_of(RAILS))
+POSITION = Key(Numbers((3,), dimension=LENGTH))
+FREE = Key(OSCILLATING.nested)
+
+MOTIONS = {
+    "rail": {"rail": RAIL, "schedule": SCHEDULE},
+    "position": {"position": POSITION},
+    "free": {"free": FREE},
+}
+_SCHEDULED_MASSES = {name: {"mass": MASS, **keys} for name, keys in MOTIONS.items()}
+# With a linear law, masses on rails without a schedule are driven.
+MASSES = {**_SCHEDULED_MASSES, "rail": {**_SCHEDULED_MASSES["rail"], "schedule": Key(SCHEDULE.kind, None)}}
+
+
+def read_masses(values: Any, path: str, scheduled: bool) -> list[PointMass]:
+    """Reads the masses, those on rails with the motion that their schedules prescribe.
+
+    Unless they must be ``scheduled``, those without a schedule are driven.
+    """
+    choices = _SCHEDULED_MASSES if scheduled else MASSES
+    return read_list(values, path, lambda item, path: _read_mass(*read_one_of(item, path, choices)), empty=True)
+
+
+def _read_mass(kind: str, table: dict[str, Any]) -> PointMass:
+    driven = kind == "rail" and table["schedule"] is None
+    return PointMass(table["mass"], Driven(table["rail"]) if driven else read_motion(kind, table))
+
+
+def read_motion(kind: str, table: dict[str, Any]) -> AbstractMotion:
+    """Makes a prescribed motion, from the key that determines its kind and the values of its keys."""
+    if kind == "rail":
+        return OnRail(table["rail"], table["schedule"])
+    return Fixed(table["position"]) if kind == "position" else table["free"]
+
+
+def write_masses(system: System, targets: Mapping[str, AbstractSchedule | None], path: str) -> list[dict[str, Any]]:
+    """Returns the tables of the masses; ``targets`` has the schedules that a law follows, by the path of the mass."""
+    return [
+        {
+            "mass": MASS.kind.write(item.mass, path),
+            **write_motion(item.motion, f"{path}[{index}]", targets.get(f"{path}[{index}]")),
+        }
+        for index, item in enumerate(system.point_masses)
+    ]
+
+
+def write_motion(motion: AbstractMotion, path: str, target: AbstractSchedule | None = None) -> dict[str, Any]:
+    """Returns the keys of a motion; a driven mass has the ``target`` of its law as its schedule, if there is one."""
+    if isinstance(motion, Fixed):
+        return {"position": POSITION.kind.write(motion.position, path)}
+    if isinstance(motion, Oscillating):
+        return {"free": FREE.kind.write(motion, join(path, "free"))}
+    if (rail := rail_of(motion)) is not None:
+        schedule = target if isinstance(motion, Driven) else schedule_of(motion)
+        rail = {"rail": RAIL.kind.write(rail, join(path, "rail"))}
+        if schedule is None:
+            return rail
+        return {**rail, "schedule": SCHEDULE.kind.write(schedule, join(path, "schedule"))}
+    raise ScenarioError(
+        f"Key `{path}` must be on a rail, at a position or oscillating to be written to a file, but its "
+        f"motion is a {type(motion).__name__}; keep a scenario that has Python functions as a Python script."
+    )

@@ -35,6 +35,7 @@ def trying(path: str, argument: str = "function") -> Iterator[None]:
         raise
     except Exception as error:
         sentence, prefix = " ".join(str(error).split()), f"Argument `{argument}` "
+        # Such a sentence is about the argument; to the user of a file, that is the key.
         if sentence.startswith(prefix):
             end = "" if sentence.endswith((".", "?")) else "."
             raise ScenarioError(f"Key `{path}` {sentence.removeprefix(prefix)}{end}") from None
@@ -145,6 +146,7 @@ class Open(OpenFamily):
         self.contract, self.check, self.keys_of_fields = contract, check, keys
 
     def own(self, named: str, path: str) -> Module:
+        # From its own arguments: a class of users needs no list of keys.
         module = self._module_of(own_class(named, path, self.contract))
 
         def build(**arguments: Any) -> Any:
@@ -157,6 +159,7 @@ class Open(OpenFamily):
 
     def own_name(self, item: Any, path: str) -> tuple[str, Module] | None:
         kind = type(item)
+        # Classes of jaxball that are not in the family are refused by the caller, with the names of those that are.
         if not isinstance(item, self.contract) or kind.__module__.partition(".")[0] == "jaxball":
             return None
         name = name_of(kind, path)
@@ -209,6 +212,7 @@ def _value_of(field: dataclasses.Field | None) -> Kind:
     if field is not None and field.metadata.get("static", False):
         return Setting()
     axes = str(getattr(None if field is None else field.type, "dim_str", "...")).split()
+    # Three axes or more, and sizes that are expressions, are not what a list in a file can be checked for.
     if len(axes) > 2 or not all(axis.isidentifier() or axis.isdecimal() for axis in axes):
         return Parameters()
     return _Array(tuple(int(axis) if axis.isdecimal() else None for axis in axes))

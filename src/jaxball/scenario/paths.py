@@ -48,6 +48,7 @@ def numbers_of(document: Any, path: str = "", measured: bool = False) -> Iterato
     fixed = _FIXED_BESIDES if measured else _FIXED
     if isinstance(document, Mapping):
         for name, value in document.items():
+            # A key with dots or brackets would read as several steps.
             step = name if re.fullmatch(_NAME, name) or not path else f"'{name}'"
             yield from numbers_of(value, f"{path}.{step}" if path else step, measured)
     elif isinstance(document, list):
@@ -110,10 +111,12 @@ def with_numbers(document: Mapping[str, Any], values: Mapping[str, Any]) -> dict
 
     What is a whole number in the document stays one, where float64 holds it exactly.
     """
+    # A deep copy, because tables within are changed.
     changed = copy.deepcopy(dict(document))
     for path, value in values.items():
         *above, last = steps(path)
         place = _at(changed, above)
+        # Keys for whole numbers refuse 2.0, which is what a variable or an axis has for 2.
         stays_whole = isinstance(place[last], int) and isinstance(value, float) and value.is_integer()
         place[last] = int(value) if stays_whole and abs(value) <= EXACT else value
     return changed
@@ -172,6 +175,7 @@ def with_values(document: Mapping[str, Any], changes: Sequence[str]) -> dict[str
         place: Any = changed
         for depth, after in enumerate(way[1:], start=1):
             place = _entry(place, way[:depth], path, {} if isinstance(after, str) else None)
+        # A value in the place, so that an index or a table that is not there is refused before the value is read.
         _entry(place, way, path, 0)
         place[way[-1]] = _value(text, path)
     return changed
@@ -224,6 +228,7 @@ def _path(way: Sequence[str | int]) -> str:
 def _value(text: str, path: str) -> Any:
     try:
         number = float(text)
+        # `int` alone would refuse 1e3, and `float` alone would make whole numbers into numbers that keys refuse.
         return int(text) if re.fullmatch(r"[+-]?\d+", text) else number
     except ValueError:
         pass

@@ -42,6 +42,7 @@ def _rename(value: Any, path: str) -> Any:
     table = {}
     for old, item in value.items():
         name = _new_name(value, f"{path}.{old}" if path else old, old)
+        # A scenario within a study has the same keys as one alone.
         inside = "" if not path and name == "scenario" else f"{path}.{name}" if path else name
         table[name] = _with_new_steps(item) if name == "path" and isinstance(item, str) else _rename(item, inside)
     return table

@@ -162,6 +162,7 @@ class Scenario:
 
     def _with(self, events: "Mapping[str, AbstractEvent] | None") -> "Mapping[str, AbstractEvent] | None":
         """Returns the events of the scenario and others, which must have other names."""
+        # What is no mapping of events is refused by `simulate`.
         if not self.events or not isinstance(events, Mapping):
             return self.events if events is None else events
         for name in events:

@@ -10,23 +10,11 @@ from ..physics.body import Disk
 from ..physics.contact.law import Contact
 from ..physics.system import AbstractSystem
 from ..simulation import DEFAULT_TOLERANCE
+from .errors import ScenarioError, key_error
 from .imports import is_python_name
 from .solvers import KNOW_MASS_MATRICES, SOLVERS, own_solver
 from .table import Key, read_one_of
-from .values import (
-    INCREASING,
-    POSITIVE,
-    TIME,
-    Choice,
-    Flag,
-    Integer,
-    Numbers,
-    ScenarioError,
-    key_error,
-    namespace,
-    number,
-    require,
-)
+from .values import INCREASING, POSITIVE, TIME, Choice, Flag, Integer, Numbers, namespace, number, require
 
 MOST_SAVES = 10_000_000
 ROUNDINGS_APART = 4 * float(np.finfo(float).eps)  # times further apart than this share of the later differ when rounded
@@ -72,6 +60,7 @@ def read_times(values: Any, path: str) -> SaveTimes:
     _check_span(start, end, f"{path}.end")
     if choice == "saves":
         saves, xp = table["saves"], namespace(start, end)
+        # Times that differ by less are equal when they are computed from their number.
         apart = end - start > (saves - 1) * ROUNDINGS_APART * xp.maximum(abs(start), abs(end))
         require(apart, f"{path}.saves", "few enough for the times to differ", lambda: repr(saves))
         return SaveTimes(start, end, saves)
@@ -83,6 +72,7 @@ def _intervals(start: Any, end: Any, step: Any, path: str) -> Any:
     xp = namespace(start, end, step)
     intervals = (end - start) / step
     whole = xp.rint(intervals)
+    # A step such as 0.1 is rounded, and does not divide the span exactly.
     require(
         (intervals <= MOST_SAVES) & (whole >= 1) & (abs(intervals - whole) <= 1e-9 * intervals),
         path,
@@ -100,6 +90,7 @@ def _check_span(start: Any, end: Any, path: str) -> None:
 def write_times(times: np.ndarray) -> dict[str, Any]:
     """Returns the table [time]: the number of equally spaced times, or else every time."""
     even = np.linspace(times[0], times[-1], times.size)
+    # Only if the reader computes these very times from their number.
     if np.array_equal(times, even):
         return {"start": float(times[0]), "end": float(times[-1]), "saves": int(times.size)}
     return {"at": times.tolist()}

@@ -10,9 +10,9 @@ from operator import attrgetter
 from typing import Any
 
 from ..interface.wording import did_you_mean
-from .errors import each_of
+from .errors import ScenarioError, describe, each_of, key_error
 from .imports import is_python_name
-from .values import Choice, Kind, Nested, ScenarioError, describe, key_error
+from .values import Choice, Kind, Nested
 
 REQUIRED = object()
 
@@ -57,6 +57,7 @@ class Module:
 
     def make(self, table: Mapping[str, Any]) -> Any:
         """Makes the object from the values of its keys."""
+        # A default None is an argument that is left out, so that the class has its own.
         arguments = {name: value for name, value in table.items() if value is not None}
         if self.build is not None:
             return self.build(**arguments)
@@ -109,6 +110,8 @@ def read_table(values: Any, path: str, keys: Keys) -> dict[str, Any]:
         return key.default
 
     readers = [functools.partial(value, name, key) for name, key in keys.items()]
+    # Together with what is missing or wrong, so that one message names a misspelt key and the one that is missing for
+    # it.
     _, *read = each_of(lambda: refuse_unknown(values, path, keys), *readers)
     return dict(zip(keys, read, strict=True))
 
@@ -165,6 +168,7 @@ def read_family(values: Any, path: str, family: Family, key: str = "kind") -> An
         return family[chosen].read(rest, path)
     if isinstance(chosen, str) and is_python_name(chosen) and isinstance(family, OpenFamily):
         return family.own(chosen, join(path, key)).read(rest, path)
+    # Without a known kind, a key is wrong only if no kind has it.
     every = {key, *(name for member in family.values() for name in member.keys)}
     kinds = {key: Key(Choice(tuple(family)))}
     each_of(

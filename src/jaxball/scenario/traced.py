@@ -110,6 +110,7 @@ class Outline:
     @classmethod
     def of(cls, document: Mapping[str, Any], paths: tuple[str, ...]) -> "Outline":
         """Returns the outline of a document with numbers at these paths."""
+        # The numbers are arguments, and a title changes nothing: documents that differ in these are one program.
         rest = with_numbers(document, dict.fromkeys(paths, 0.0))
         rest.pop("title", None)
         return cls(json.dumps(rest, default=lambda array: array.tolist()), paths)

@@ -7,8 +7,9 @@ import re
 from dataclasses import dataclass
 from typing import Any
 
+from .errors import describe, key_error
 from .table import Key, read_table, write_table
-from .values import Nested, describe, key_error
+from .values import Nested
 
 DIMENSIONLESS = "dimensionless"
 # Exponents of mass, length and time.

@@ -16,8 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from ..compat import is_traced
 from ..interface.wording import did_you_mean, nearest, one_of
-from ..numerics.arrays import is_traced
 from ..physics.conditions import Condition
 from .errors import ScenarioError as ScenarioError, describe as describe, key_error
 from .paths import key_of
@@ -61,6 +61,7 @@ def collect_conditions() -> Iterator[Conditions]:
     conditions = Conditions()
     token = _CONDITIONS.set(conditions)
     try:
+        # Inside a trace JAX would trace operations on known numbers, too; a reader needs their values.
         with jax.ensure_compile_time_eval():
             yield conditions
     finally:
@@ -91,6 +92,7 @@ def require_conditions(item: Any, under: str = "", *name: str) -> None:
     What they name stands ``under`` a path; an item that must be told its own ``name`` is given it. Of known numbers
     they are NumPy's conditions, for which nothing is compiled.
     """
+    # NumPy compiles nothing for what a file with known numbers must be checked for.
     item = item if any_traced(item) else jax.tree.map(np.asarray, item)
     with np.errstate(all="ignore"):  # what overflows is infinite, as JAX has it
         for condition in item.conditions(*name):
@@ -232,9 +234,11 @@ class Numbers:
         array = _as_floats(value)
         if array is None or not self._fits(array.shape):
             raise key_error(path, self.words, describe(value))
+        # Both together: an infinite number might fulfil the rule.
         holds = namespace(array).isfinite(array).all() & self.rule.holds(array.reshape(-1))
         require(holds, path, self.words, lambda: describe(value))
         kinds_read = _KINDS_READ.get()
+        # Also where the number is traced, since its kind depends on the key alone.
         if kinds_read is not None:
             kinds_read[key_of(path)] = self
         return array if self.shape else number(array)
@@ -399,12 +403,14 @@ def unread(words: str = "a table", tables: Mapping[str, Mapping[str, Any]] | Non
 
 
 def _is_integer(value: Any) -> bool:
+    # In Python true and false are integers.
     return isinstance(value, int) and not isinstance(value, bool)
 
 
 def _as_floats(value: Any) -> Any:
     """Returns ``value`` as an array, or None where it is not made of numbers alone or its rows differ in length."""
     numbers = list(_numbers_in(value))
+    # NumPy would convert texts and truth values silently.
     if not all(is_traced(x) or (isinstance(x, int | float) and not isinstance(x, bool)) for x in numbers):
         return None
     try:

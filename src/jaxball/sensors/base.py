@@ -17,10 +17,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..compat import is_traced
 from ..interface.arguments import refusal, require
 from ..interface.printing import Printed
 from ..interface.wording import did_you_mean
-from ..numerics.arrays import is_traced
 from ..numerics.calculus import two_derivatives
 from ..physics.body import AbstractBody, System
 from ..physics.dynamics.moments import kinematics
@@ -158,6 +158,7 @@ def mount(system: AbstractBody, t: Float[Array, ""], angles: Rates, on: str | No
     if not isinstance(mechanism, Mechanism):
         before = sum(predecessor.mass.shape[-1] for predecessor in system.mechanisms[:index])
         return Mount(upright, still, _beside(system, t, angles, system.n_masses + before + number, at))
+    # A mass of a mechanism is on the link that carries it.
     link = number if part == "joints" else mechanism.carrier[number]
     return _on_link(
         mechanism, joint_rates(system, t, angles, index), link, at if part == "joints" else at + mechanism.place[number]
@@ -190,6 +191,7 @@ def _beside(
 def _on_link(mechanism: Mechanism, rates: EachJoint, link: int, point: Float[Array, "3"]) -> Mount:
     theta, thetadot, thetaddot = rates
 
+    # A curve with these derivatives at s = 0 gives velocity and acceleration without writing out the chain of joints.
     def place_link(s: Float[Array, ""]) -> Float[Array, "4 3"]:
         """Places the link and the point, along a motion with these rates: a rotation and a position."""
         placement = mechanism.links(theta + s * thetadot + s**2 / 2 * thetaddot)[link].placement

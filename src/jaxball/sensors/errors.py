@@ -1,4 +1,4 @@
-"""What distinguishes the readings of a real sensor from exact ones."""
+"""The errors of sensors: noise, biases, delays and losses, which turn exact readings into those of a real sensor."""
 
 import zlib
 from collections.abc import Mapping
@@ -11,9 +11,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .. import programs
+from ..compat import is_traced
 from ..interface.arguments import refusal, require
 from ..interface.printing import Printed
-from ..numerics.arrays import is_traced, numbers
+from ..numerics.arrays import numbers
 
 # Times that differ by less, in spans of the run, are the same: more than rounding, less than any interval.
 SAME_TIME = 1e-9
@@ -75,6 +76,7 @@ class SensorErrors(Printed):
     ) -> Float[Array, "T *components"]:
         """Applies the errors to exact readings at ``times``: what has arrived at each time, NaN where nothing has."""
         of_walk, of_noise, of_losses = jax.random.split(key, 3)
+        # A walk spreads by the root of time, whatever the steps between saved times.
         roots = jnp.concatenate([jnp.zeros((1,), times.dtype), jnp.sqrt(jnp.diff(times))])
         roots = roots.reshape(-1, *(1,) * (exact.ndim - 1))
         wandered = self.random_walk * jnp.cumsum(roots * jax.random.normal(of_walk, exact.shape, exact.dtype), axis=0)
@@ -87,12 +89,15 @@ class SensorErrors(Printed):
 
     def arrivals(self, times: Float[Array, " T"]) -> tuple[Int[Array, " T"], Bool[Array, " T"]]:
         """Returns for each time whether a reading arrives then, and the place of the time at which it was taken."""
+        # Relative to the run, for any unit of time.
         close = SAME_TIME * (times[-1] - times[0])
         reading_times = times - self.delay
+        # `close` earlier, so that a time that rounding has put just below the reading's still counts.
         place = jnp.clip(jnp.searchsorted(times, reading_times - close), 0, times.size - 1)
         arrives = jnp.abs(times[place] - reading_times) <= close
         if self.rate is not None:
             turns = (times[place] - times[0]) * self.rate
+            # Taken at multiples of 1/rate only: a whole number of turns since the start.
             arrives &= jnp.abs(turns - jnp.round(turns)) <= close * self.rate
         return place, arrives
 
@@ -101,8 +106,10 @@ class SensorErrors(Printed):
         close = SAME_TIME * (times[-1] - times[0])
         reading_times = times
         if self.rate is not None:
+            # Up to the last one within the run, in spite of rounding.
             reading_times = times[0] + np.arange(int((times[-1] - times[0] + close) * self.rate) + 1) / self.rate
         for what, needed in (("is taken", reading_times), ("arrives", reading_times + self.delay)):
+            # Those after the end never come.
             needed = needed[needed <= times[-1] + close]
             gaps = np.min(np.abs(times[:, None] - needed[None]), axis=0, initial=np.inf)
             if needed.size and np.max(gaps) > close:
@@ -138,6 +145,7 @@ def with_errors(
     applied = _apply_all
     keys = random_key(key)
     if times.ndim > 1:
+        # Each run of a batch has errors of its own.
         keys, applied = jax.random.split(keys, times.shape[:-1]), eqx.filter_vmap(_apply_all, in_axes=(None, 0, 0, 0))
     return exact | applied(wrong, times, {name: exact[name] for name in wrong}, keys)
 
@@ -152,6 +160,8 @@ def _apply_all(errors: dict[str, SensorErrors], times: Array, exact: dict[str, A
 
 def key_of(name: str, errors: SensorErrors, key: Any) -> Any:
     """Returns the random key of the sensor with this name, made from one key for all sensors."""
+    # By name, so that a further sensor changes no other's errors; crc32, because Python's hash differs in each
+    # process.
     return jax.random.fold_in(jax.random.fold_in(key, errors.seed), zlib.crc32(name.encode()))
 
 
@@ -160,6 +170,7 @@ def random_key(key: Any) -> Any:
         return jax.random.key(0)
     if isinstance(key, jax.Array) and jnp.issubdtype(key.dtype, jax.dtypes.prng_key) and key.shape == ():
         return key
+    # The keys of `jax.random.PRNGKey`.
     if isinstance(key, jax.Array) and key.dtype == jnp.uint32 and key.ndim == 1:
         return jax.random.wrap_key_data(key)
     raise refusal("key", "a random key, such as jax.random.key(0), or None", key)
@@ -174,4 +185,5 @@ def _whole(name: str, x: Any) -> Int[Array, ""]:
 
 
 def _in_list(x: Any) -> Float[Array, " components"]:
+    # A number for all components has the same shape as one for each.
     return numbers("bias", ("n",))(x if np.ndim(x) else [x])

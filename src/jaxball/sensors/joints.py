@@ -23,6 +23,7 @@ class _OfJoint(AbstractSensor):
     @classmethod
     def places(cls, system: AbstractBody) -> tuple[str, ...]:
         joints = [(j, a) for j, mechanism in enumerate(system.mechanisms) for a in range(mechanism.n_joints)]
+        # Masses that are not on rails have no θ.
         return (*(f"masses[{i}]" for i in system.on_rails), *(f"mechanisms[{j}].joints[{a}]" for j, a in joints))
 
     def _rates(self, system: AbstractBody, t: Float[Array, ""], movement: Movement) -> tuple[Float[Array, ""], ...]:

@@ -33,6 +33,7 @@ def _require_mount(on: str | None, *frames: AbstractFrame) -> None:
 
 def _in_axes(frame: AbstractFrame, on: Mount, vector: Float[Array, "3"]) -> Float[Array, "3"]:
     """Converts a vector from the body's axes to those of a sensor."""
+    # First out of the link's axes, then out of the sensor's own.
     return apply(frame.matrix().T, apply(on.turn.T, vector))
 
 
@@ -76,6 +77,7 @@ class Accelerometer(_OnMount):
         point = Kinematics(*(x[None] for x in on.point))
         state = movement.state
         a = accelerations_of_masses(system.radius, point, state.Omega, movement.Omegadot, movement.acting.Gamma)[0]
+        # `weight` is −g: a sensor at rest reads what holds it up.
         return _in_axes(self.frame, on, a + movement.weight)
 
 
@@ -108,6 +110,7 @@ class Gyroscope(_OnMount):
 
     def reading(self, system: AbstractBody, t: Float[Array, ""], movement: Movement) -> Float[Array, "3"]:
         Omega = movement.state.Omega
+        # A point at the centre, of the type of the state; any other would do on a rigid part.
         on = mount(system, t, movement.angles, self.on, 0.0 * Omega)
         return _in_axes(self.frame, on, Omega + on.rate)
 
@@ -146,5 +149,6 @@ class Position(_OnMount):
         height = jnp.zeros_like(t) if movement.slip is None else movement.slip.height
         state = movement.state
         under = movement.acting.footing
+        # On a surface the coordinates z are not a place in space.
         centre = jnp.append(state.z, height) if under is None else under.centre
         return centre + apply(state.Lambda, chi)

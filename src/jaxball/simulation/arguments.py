@@ -1,4 +1,7 @@
-"""What the arguments of a solve must be, their defaults, and the system that is solved: a body with its modes."""
+"""Checks the arguments of a solve, has their defaults, and chooses the system to solve, such as a body with modes.
+
+``simulate``, ensembles, chaos and stability call these functions before they compile anything.
+"""
 
 import functools
 import math
@@ -11,17 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from ..compat import is_traced
 from ..interface.arguments import describe, refusal, require
 from ..interface.wording import UserError, all_of
-from ..numerics.arrays import (
-    Numbers,
-    default_dtype,
-    has_shape,
-    is_traced,
-    require_numbers,
-    shapes_of_fields,
-    to_array,
-)
+from ..numerics.arrays import Numbers, default_dtype, has_shape, require_numbers, shapes_of_fields, to_array
 from ..physics.body import AbstractBody
 from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.law import COEFFICIENTS, Contact

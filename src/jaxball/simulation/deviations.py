@@ -190,6 +190,8 @@ def advance_deviations(
     @jax.jit
     def moving(t, rows, args):
         alive, inner = args
+        # Rates of 0 let the steps of a row that has ended grow, so that rows that are computed together do not wait for
+        # it.
         return jnp.where(alive, rates_of(t, rows, inner), 0.0)
 
     controller = to_kinks(by_tolerances(steps.rtol, steps.atol, steps.solver, largest_row), flow.kinks)

@@ -273,6 +273,7 @@ def _others(system, free, state, t):
 def _starts(rails, radius, guess):
     """Returns the guess and an even cover of the box of all angles (the R-sequence of Roberts)."""
     k = len(rails)
+    # The root of xᵏ⁺¹ = x + 1, the golden ratio for one angle, by which the points are spread.
     ratio = 2.0
     for _ in range(60):
         ratio = (1 + ratio) ** (1 / (k + 1))
@@ -296,6 +297,8 @@ def _search(rails, masses, offset, total, Lambda, over_contact, up, starts):
         return cross(over_contact + centre(theta), up)
 
     def one(start):
+        # Least squares, because there are as many angles as there are masses, more or fewer than conditions, and there
+        # need not be a solution.
         solution = optimistix.least_squares(
             lambda theta, _: aside(theta),
             optimistix.LevenbergMarquardt(rtol=1e-14, atol=1e-14),
@@ -320,9 +323,11 @@ class _Candidates(NamedTuple):
 
 
 def _choose(end: _Candidates, rails, guess, above, radius, sloping) -> Balance:
+    # On an open rail, the search may leave the shell.
     theta, miss = end.theta, np.where(end.farthest < radius, end.miss, np.inf)
     for j, rail in enumerate(rails):
         if rail.period is not None:
+            # Of angles that differ by full turns, the one nearest to the guess.
             theta[:, j] = guess[j] + (theta[:, j] - guess[j] + rail.period / 2) % rail.period - rail.period / 2
     rounding = float(np.finfo(end.miss.dtype).eps)
     good = miss < max(BALANCED, ROUNDING_OF_BALANCE * rounding) * radius
@@ -379,6 +384,7 @@ class Imbalance(NamedTuple):
     @property
     def beside(self) -> Float[Array, "2"]:
         """The horizontal distance of the centre of mass from where it could rest; on a level plane, from the centre."""
+        # The torque of the weight is γ × Σ m s: with γ upwards, the horizontal lever turned by a right angle.
         turned = jnp.stack([self.torque[1], -self.torque[0]])
         return turned / (self.M * self.weight[2])
 

@@ -1,4 +1,7 @@
-"""What may happen along a motion, such as that the ball slips, or a function crosses zero, and when it happened."""
+"""The events that a run looks for, such as that the ball slips or a function crosses zero, and their occurrences.
+
+``watch`` finds them in the loop of a solve.
+"""
 
 import abc
 import inspect
@@ -10,10 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ..compat import is_traced
 from ..interface.arguments import require, require_callable, require_flags, traceable
 from ..interface.printing import Printed, format_value, is_single
 from ..interface.status import Status
-from ..numerics.arrays import Numbers, is_traced, numbers
+from ..numerics.arrays import Numbers, numbers
 from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.modes import Mode
 from ..physics.rolling import AbstractRollingSystem, Reaction
@@ -213,7 +217,7 @@ class Detachment(AbstractEvent):
     def value_in_solve(self, system, t, state):
         if not isinstance(system, BodyOnPlane):
             return super().value_in_solve(system, t, state)
-        # What N is below 0 is the error of the time at which a mode ends: the event is the switch to flight itself.
+        # N is below 0 by the error of the time at which a mode ends: the event is to be the switch to flight itself.
         N = jnp.maximum(system.plane_reaction(t, state).normal, 0.0)
         return jnp.where(state.is_in(Mode.FLIGHT), -1.0, N)
 
@@ -263,7 +267,7 @@ class Slip(AbstractEvent):
         if not isinstance(system, BodyOnPlane):
             return super().value_in_solve(system, t, state)
         spare, static = self._spare(system.plane_reaction(t, state)), system.contact.static_friction
-        # As with the error of the normal force: what is below 0 is that of the time at which rolling ends.
+        # Likewise it is below 0 by the error of the time at which rolling ends.
         held = jnp.where(self.friction < static, spare, jnp.maximum(spare, 0.0))
         slides, flies = state.is_in(Mode.SLIDING), state.is_in(Mode.FLIGHT)
         return jnp.where(flies, 1.0, jnp.where(slides & (self.friction <= static), -1.0, held))

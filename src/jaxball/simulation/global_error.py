@@ -1,4 +1,4 @@
-"""The global error of a run, from the errors between its saved times and how each of them grows until later ones."""
+"""Estimates the global error of a run, from the errors between its saved times and how each grows until later ones."""
 
 import dataclasses
 from collections.abc import Callable
@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .. import programs
+from ..compat import is_traced
 from ..interface.arguments import describe, require, require_callable
 from ..interface.status import SUCCESSES, SolveError, Status
-from ..numerics.arrays import is_traced
 from ..physics.body import AbstractBody
 from ..physics.contact.law import Contact
 from ..physics.contact.modes import Mode
@@ -142,6 +142,7 @@ def _carry_errors(run: Trajectory[Any, Any]) -> Any:
                 f"status {Status(int(status)).name}; leave out saved times at which the body strikes the ground, from "
                 "which no solve can start as the run did, or compare the run with one at tighter tolerances."
             )
+        # εₖ₊₁ = Jₖ εₖ + eₖ.
         errors[k + 1] = np.asarray(carried) + saved[k + 1] - np.asarray(end)
     return jax.vmap(unravel)(jnp.asarray(errors))
 
@@ -174,6 +175,7 @@ def _solve_between(
         )
         return ravel_state(_row(_take_given(run), -1))[0], run.status
 
+    # One solve gives both its end and what the error before has become.
     end, carried, status = jax.jvp(end_of, (vector,), (deviation,), has_aux=True)
     return (end, carried), status
 
@@ -188,6 +190,7 @@ def _on_constraints(system: AbstractSystem, t: Float[Array, ""], state: Any, mod
     touching = ReleasedState(state.body.projected(), state.V, height)
     rolling, _ = rolling_contact(prepared, t, touching.body)
     sliding = with_rise(prepared, t, touching, jnp.zeros_like(height))
+    # A saved state is in its mode up to rounding: a slip of 1e-16 would start a body that rolls as one that slides.
     rolls = (mode == int(Mode.ROLLING)) | (mode == int(Mode.REST))
     V = jnp.where(rolls, rolling, jnp.where(mode == int(Mode.SLIDING), sliding, state.V))
     return ReleasedState(touching.body, V.at[1].set(0.0) if prepared.planar else V, height)

@@ -1,5 +1,7 @@
 """The time-stepping loop of a solve: how long its steps are, where they end, what is saved of them, and when to stop.
 
+``simulate`` runs it within its program.
+
 diffrax prepares what the loop needs, and its solvers and controllers take the steps. Its own loop is not used, because
 the program of that is twice as large, and because diffrax checks the times at which to save by calling back to Python,
 which took a third of a solve.
@@ -109,7 +111,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
                 infos = {"pause": Pause.empty(init_state.y, max_steps), "info": infos}
             init_state = dataclasses.replace(init_state, dense_ts=init_state.dense_ts.at[0].set(t0), dense_infos=infos)
         reverse, of_stages, of_resets = self.kind == "checkpointed", Recorded("stages"), Recorded("reset")
-        by_stages = reverse and depends_on_arguments_alone(terms, t0, init_state.y, args)
+        by_stages = reverse and depends_on_arguments_alone(terms, t0, init_state.y, args)  # or derivatives get lost
 
         def stepper_of(recorded: Recorded) -> Any:
             return with_stages_pulled_back(solver, recorded) if by_stages else solver
@@ -162,7 +164,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
         )
         statistics = {"switching": hybrid, "watched": watched, "end": state.y}
         if observers is not None:
-            solve = solve._replace(stepper=stepper_of(Recorded("stages")))
+            solve = solve._replace(stepper=stepper_of(Recorded("stages")))  # its steps are none of the loop's
             statistics["found"] = observers.results(seen, t0, first, functools.partial(solve.again, output))
         return state, statistics
 
@@ -250,6 +252,7 @@ class _Recorder(NamedTuple):
             if loop.switching.jumps:
                 shown = AfterPauses(output.interpolation)(t0=t0, t1=state.tnext, pause=pause, info=info)
                 info = {"pause": pause, "info": info}
+            # Of a rejected step nothing is due.
             saved = loop.save_states(saved, shown, jnp.where(keep, state.tnext, -jnp.inf))
         if self.dense:
             new = _keep_for_dense_output(new, info, keep)
@@ -294,6 +297,7 @@ class _Solve(NamedTuple):
         """Takes a step: the state after it, what its interpolation is made of, and whether it was accepted."""
         smooth = isinstance(self.controller, diffrax.PIDController | AbstractMultistepController)
         jumps = self.switching.jumps or not smooth
+        # A plain False, where nothing jumps, keeps the evaluation after a jump out of the program.
         solver_state, jumped = state.solver_state, state.made_jump if jumps else False
         if self.stepper is self.solver and has_one_tableau(self.solver):
             first, slope = solver_state
@@ -308,6 +312,8 @@ class _Solve(NamedTuple):
             state.y,
             y,
             self.args,
+            # Of an error that is NaN the next length would be NaN, too; for an infinite one, the step is tried again,
+            # shorter.
             jax.tree.map(lambda leaf: jnp.where(jnp.isnan(leaf), jnp.inf, leaf), error),
             self.solver.error_order(self.terms),
             state.controller_state,
@@ -320,6 +326,8 @@ class _Solve(NamedTuple):
         hybrid, following = self.switching.detect(hybrid, attempt, proposed, self.args)
         keep, tprev, tnext, controller_state, exact = following
         tprev = jnp.minimum(tprev, self.t1)
+        # A step that would almost reach the end goes there, because the last one would have no length; after a
+        # rejection only half way, or the same step would be tried again.
         almost = self.t1 - CLOSE_TO_END * float(jnp.finfo(self.t1.dtype).eps) * jnp.abs(self.t1)
         end = jnp.where(keep, self.t1, tprev + 0.5 * (self.t1 - tprev))
         y, solver_state = select_tree(keep, (y, solver_state), (state.y, state.solver_state))

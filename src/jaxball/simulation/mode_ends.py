@@ -85,6 +85,7 @@ def bracket_zero(
     at_target = bracket.on & (end == bracket.target)
     samples = entry(bracket.which, guards)
     value, length = samples[-1], end - start
+    # Where the guard falls to zero: by the secant through the last two ends, or else by the slope of the quartic here.
     adjacent = (bracket.tries > 0) & (end != bracket.x) & (jnp.abs(end - bracket.x) < ADJACENT * length)
     secant = (value - bracket.f) / jnp.where(adjacent, end - bracket.x, 1.0)
     tangent = sum(part * sample for part, sample in zip(END_SLOPE, samples, strict=True)) / length
@@ -92,9 +93,14 @@ def bracket_zero(
     next_end = end - value / jnp.where(slope == 0, 1.0, slope)
     width = jnp.maximum(NEAR_ZERO * length, 4 * float(jnp.finfo(end.dtype).eps) * jnp.abs(end))
     met = (jnp.abs(next_end - end) <= width) & (slope != 0) | (value == 0)
+    # Still positive behind the presumed zero, and never seen below it: the zero was one of the polynomial alone. The
+    # search ends, with a guard that has not fallen.
     met |= (value > 0) & (end >= bracket.high) & jnp.isinf(bracket.below)
+    # The guard may have fallen below zero and risen again before the end of the step.
     earlier = jnp.any(samples[1:-1] < 0)
     met = met & ~earlier | (bracket.tries >= MOST_TRIES) | (end <= bracket.earliest)
+    # A step that ends far behind the zero holds it: the quartic in that step, which is shorter than the first, is a
+    # better guide than a tangent from behind. Close to it the secant is.
     behind = at_target & ~met & (earlier | ~adjacent & (value < 0))
     first = _first_zero(start, end, guards, jnp.where(at_target & ~behind, bracket.which, NONE))
     # Two guards may fall to zero together; then either will do.
@@ -122,6 +128,7 @@ def _first_zero(
     index = jnp.arange(last + 1)
     fine = sum(column * values[:, None] for column, values in zip(_columns(guards.dtype), guards.T, strict=True))
     other = jnp.arange(count) != but
+    # At the start of a step a guard may be zero by rounding, as after a reset.
     over = (fine <= 0) & other[:, None] & (index > 0)[None]
     places = jnp.min(jnp.where(over, index[None], last + 1), axis=1)
     place = jnp.min(places)
@@ -139,6 +146,7 @@ def _first_zero(
         on=place <= last,
         which=which,
         low=start,
+        # One point further, because the quartic's zero may lie a little before the function's.
         high=jnp.minimum(start + fraction(place + 1) * length, end),
         below=jnp.where(samples[-1] <= 0, end, jnp.inf),
         target=jnp.minimum(jnp.maximum(start + root * length, earliest), end),

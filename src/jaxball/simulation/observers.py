@@ -1,4 +1,7 @@
-"""What is observed in the steps of a run while it is computed, so that only a few numbers of it are kept."""
+"""Finds extreme values and integrals in the steps of a run while it is computed, so that only a few numbers are kept.
+
+The loop of a solve passes each step on to it; the reductions of an ensemble are made from its results.
+"""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -122,15 +125,18 @@ class Observers:
             t = jnp.minimum(step.start + fraction * (step.end - step.start), last)
             return self._sign(t, step.between(t))
 
+        # They only decide which steps are looked at again when the run has ended, with derivatives.
         samples = jax.lax.stop_gradient(jax.lax.map(sample, nodes))
         fine = jnp.sum(jnp.asarray(sampling().matrix, samples.dtype)[..., None] * samples[None], axis=1)
         finite = jnp.all(jnp.isfinite(samples), axis=0)
         most = jnp.maximum(jnp.max(samples, axis=0), jnp.where(finite, jnp.max(fine, axis=0), -jnp.inf))
-        first, second = keep & (most > seen.value[0]), keep & (most > seen.value[1])
+        # A quantity that is not a number in some step has no largest value, and the result says so.
+        first, second = keep & ((most > seen.value[0]) | jnp.isnan(most)), keep & (most > seen.value[1])
 
         def place(old: Array, new: Array) -> Array:
             shape = (-1, *(1,) * (old.ndim - 2))
             is_first, is_second = first.reshape(shape), second.reshape(shape)
+            # What was best before is now the second.
             runner_up = jnp.where(is_first, old[0], jnp.where(is_second, new, old[1]))
             return jnp.stack([jnp.where(is_first, new, old[0]), runner_up])
 
@@ -170,7 +176,8 @@ class Observers:
             return at(t), t
 
         values, times = (x.reshape(2, count) for x in jax.lax.map(search, jnp.arange(2 * count)))
-        values = jnp.where(best.value > -jnp.inf, values, -jnp.inf)
+        unseen = jnp.where(jnp.isnan(best.value), jnp.nan, -jnp.inf)
+        values = jnp.where(best.value > -jnp.inf, values, unseen)
         second = values[1] > values[0]
         value, time = jnp.where(second, values[1], values[0]), jnp.where(second, times[1], times[0])
         seen, signs = value > -jnp.inf, jnp.asarray(self._signs, value.dtype)

@@ -1,4 +1,4 @@
-"""Numbers of a run by their names, such as ``z[0]`` or ``normal_force``: what events and others ask for by name."""
+"""Evaluates numbers of a run by their names, such as ``z[0]`` or ``normal_force``, for events that are given a name."""
 
 import re
 from collections.abc import Callable

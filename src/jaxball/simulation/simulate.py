@@ -1,4 +1,4 @@
-"""The entry point: from a system, times and a state to a trajectory."""
+"""``simulate``, the entry point: from a system, times and a state to a trajectory."""
 
 import functools
 from collections.abc import Callable, Mapping
@@ -12,9 +12,10 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
 from .. import programs
+from ..compat import is_traced
 from ..interface.arguments import require_flags
 from ..interface.status import Status
-from ..numerics.arrays import Numbers, is_traced
+from ..numerics.arrays import Numbers
 from ..physics.body import System
 from ..physics.contact.law import Contact
 from ..physics.contact.modes import ContactState, Mode
@@ -34,11 +35,11 @@ from ..programs.derivatives.differentiation import (
     with_unknown_derivatives,
 )
 from ..programs.identity.closures import change_with_captures, put_captures, take_captures
+from ..simulation import DEFAULT_TOLERANCE
 from ..solvers import ProjectedSteps, SwitchingMassMatrixTerm
 from ..solvers.base import approach_of
 from ..solvers.collocation import fills_vectors
 from .arguments import (
-    DEFAULT_TOLERANCE,
     adjoint_in_mode,
     check_adjoint,
     check_progress,
@@ -59,7 +60,7 @@ from .trajectory import Interpolant, Trajectory
 from .watch import Watch, end_by_events, occurrences_of, values_of
 
 FEW_STEPS = (256, 2048)
-# Where steps are tried into what the equations are not for.
+# Runs with these have tried steps to where the equations do not hold.
 BROKEN = (int(Status.NOT_FINITE), int(Status.LEFT_SURFACE), int(Status.WEDGED))
 LEAVING = "(something leaves)"  # the name of an event among those of a solve, and not of its result
 
@@ -238,6 +239,7 @@ def solve(
         )
     state = system.start(times[0], state)
     startable, arguments = _startable(system, times, state, method.inside), (system, times, state)
+    # Impossible numbers have no derivatives: theirs may be NaN, which masks on results do not stop.
     where_startable = functools.partial(differentiate_where, startable)
     system, times, state, events = change_with_captures(where_startable, (system, times, state, events))
     packing, initial = _pack(system, times[0], state)
@@ -252,9 +254,9 @@ def solve(
         functions.terms(initial),
         solver,
         times[0],
-        jnp.where(startable, times[-1], times[0]),
+        jnp.where(startable, times[-1], times[0]),  # of no length, where it cannot start
         None,
-        jnp.where(startable, initial, 0.0),
+        jnp.where(startable, initial, 0.0),  # not NaN, which the loop would differentiate
         args=functions.parameters,
         saveat=diffrax.SaveAt(t1=True, dense=method.dense),
         stepsize_controller=_controller(method, system, times, rtol, atol),
@@ -388,6 +390,8 @@ def _unpack(packing: Packing[Any, Any], mask: Array, times: Array, states: Array
 
     - ``projects``: whether steps end on the constraints; so do then states within steps.
     """
+    # Some known vector stands in for each unknown one: what is unpacked from NaN has derivatives of NaN, and a
+    # mask on its result would not stop them.
     times, states = jnp.where(mask, times, times[0]), jnp.where(mask[:, None], states, states[0])
 
     def unpack(sample: tuple[Array, Array]) -> Any:

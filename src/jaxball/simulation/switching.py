@@ -1,4 +1,4 @@
-"""Where in a solve the mode of a system ends, and how the solve continues.
+"""Finds where in a solve the mode of a system ends, and continues the solve in the next mode, for the ``loop``.
 
 Each step is checked as soon as it is taken. Where one of the guards, which are positive while the mode lasts, falls to
 zero within it, the step is rejected, and the search of :mod:`mode_ends` begins. The next step begins with the state
@@ -30,7 +30,7 @@ TOO_MANY = 64  # crowded switches
 
 
 class Rows(NamedTuple):
-    """The switches that are kept, as vectors; unused rows have the time NaN. Or one of them."""
+    """The switches that are kept, as vectors, or one of them; unused rows have the time NaN."""
 
     times: Float[Array, "*capacity"]
     event: Int[Array, "*capacity"]
@@ -227,6 +227,7 @@ class Switching(AbstractSwitching):
         return carry._replace(event=jnp.where(counts, carry.event, NONE))
 
     def apply_reset(self, carry, step, y, run, args, carry_out):
+        # Its searches are loops of any length, which only have forward mode: reverse mode pulls it back by that.
         happened, transition = carry.event != NONE, functools.partial(_transition, self.unpack)
         operands = step.start, y, args, carry.event, self.accuracy
         done = Transition(*carry_out(transition, pull_by_forward_mode(transition), operands))
@@ -239,6 +240,7 @@ class Switching(AbstractSwitching):
             return _AfterReset(carry, step.start, y, step.start, jnp.asarray(self.capacity), nothing)
 
         bare = carry._replace(rows=None)
+        # The rows stay outside of the branch, which would copy all of them to write one.
         carry_after, t, y, earliest, row, switch = jax.lax.cond(happened, reset, go_on, bare)
         carry = carry_after._replace(rows=carry.rows.with_row(row, switch), due=self._due(t, y, args))
         end = jnp.minimum(jnp.maximum(step.end, earliest), jnp.minimum(carry.due, run[1]))
@@ -253,13 +255,17 @@ class Switching(AbstractSwitching):
         """Returns the carry and the next step after an event that has been ``done``, in a run of the length ``run``."""
         t, after, switches, starts = done.t, done.after, done.switches, carry.event == START
         fixed = jax.lax.stop_gradient(t)
+        # A mode that ends again and again in almost no time would take all steps of the run.
         crowded = switches & done.crowds & (fixed - carry.last <= CLOSE_SWITCHES * run)
         crowd = jnp.where(crowded, carry.crowd + 1, jnp.where(switches, 0, carry.crowd))
         status = jnp.where(crowd > TOO_MANY, int(Status.CHATTERED), carry.status)
         status = jnp.where(done.status == int(Status.SUCCESS), status, done.status)
+        # The row behind the last one stands for none.
         row = jnp.where(switches, carry.switches, self.capacity)
         grazing = jnp.abs(done.slope) * carry.length <= GRAZING * carry.size
         switch = Rows(t, done.event, done.before, after, grazing)
+        # The least length of the next step. After a pause it is that of the longest step before, because those just
+        # before the pause were short only because of it.
         least = LEAST_LENGTH * float(jnp.finfo(fixed.dtype).eps) * jnp.abs(fixed)
         length = jnp.where(done.pauses, carry.length, least)
         kinks = jax.lax.stop_gradient(self._packing(args).system.driving_kinks())
@@ -284,6 +290,7 @@ class Switching(AbstractSwitching):
             return _Detection(carry._replace(bracket=RootBracket.none(end)), no, end, jnp.full_like(end, jnp.inf))
 
         bare = carry._replace(rows=None)
+        # Guards cost several evaluations of the field, and those of a step that the controller rejects tell nothing.
         detection, rejected, target, longest = jax.lax.cond(proposed.keep, look, pass_by, bare)
         start = jnp.where(rejected, taken.start, proposed.start)
         end = jnp.where(longest < proposed.end - start, start + longest, proposed.end)
@@ -298,6 +305,7 @@ class Switching(AbstractSwitching):
 
     def _detect(self, carry: HybridCarry, attempt: Taken, args: Any) -> "_Detection":
         """Detects whether the step ends too late for an event, and else whether there is one at its end."""
+        # Where a step ends is only looked for here: the transition gives the time of the event its derivatives.
         start, end, y, args, accuracy = jax.lax.stop_gradient(
             (attempt.start, attempt.end, attempt.y, args, self.accuracy)
         )
@@ -323,6 +331,7 @@ class Switching(AbstractSwitching):
             bracket=bracket,
             event=jnp.where(rejected, NONE, event),
             size=carry.bracket.size,
+            # A step that an event cut short says nothing about the scale of the motion.
             length=jnp.where(rejected | at_target, carry.length, jnp.maximum(carry.length, end - start)),
         )
         return _Detection(carry, rejected, bracket.target, jnp.where(rejected, jnp.inf, longest))

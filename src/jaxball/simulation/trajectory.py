@@ -1,4 +1,4 @@
-"""The result of a simulation."""
+"""``Trajectory``, the result of a simulation."""
 
 import dataclasses
 import functools
@@ -14,12 +14,13 @@ from jaxtyping import Array, Float, Int
 from typing_extensions import TypeVar
 
 from .. import programs
+from ..compat import is_traced
 from ..interface.html import as_html, sketch_of
 from ..interface.printing import Printed
 from ..interface.provided import leave_to_above
 from ..interface.status import SUCCESSES, SolveError, Status
 from ..interface.wording import no_attribute, number_of
-from ..numerics.arrays import Numbers, is_traced, to_array
+from ..numerics.arrays import Numbers, to_array
 from ..numerics.kinks import just_before
 from ..physics.body import AbstractBody, System
 from ..physics.conditions import Problem
@@ -477,6 +478,7 @@ def times_looked_at(system: AbstractSystem, times: Float[Array, " T"], reached: 
 @programs.filter_jit
 def _evaluate(interpolant, t, start, reached, status, parameters) -> Any:
     def one(t):
+        # Dense output is evaluated within the run alone: beyond it there is room without steps, and NaN in derivatives.
         inside = jnp.clip(t, start, reached)
         x = interpolant.vector(inside)
         valid = (t == inside) & jnp.all(jnp.isfinite(x)) & (status != Status.IMPOSSIBLE)

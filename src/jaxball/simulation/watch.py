@@ -1,4 +1,4 @@
-"""Events in the loop of a solve: what is seen of them in each step, where they end a run, and when they happened."""
+"""Looks for events in each step of a solve, ends the run at those that end it, and gathers when they happened."""
 
 import functools
 from collections.abc import Callable, Mapping
@@ -176,6 +176,7 @@ def end_by_events(
     status: Int[Array, ""],
 ) -> tuple[Float[Array, ""], Int[Array, ""]]:
     """Tells when a run ended, and its status, in view of its events: at the first of all that end it."""
+    # Of events at the same time, the first in the dictionary gives its status.
     first = jnp.full_like(reached, jnp.inf)
     for name, event in events.items():
         if event.terminal:

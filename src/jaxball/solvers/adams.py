@@ -247,6 +247,7 @@ def _attempt(
     x0, k = problem.x0, state.order
     h, g, factors = (a.astype(x0.dtype) for a in (problem.control, points.integrals(), points.factors()))
     rows = jnp.arange(g.size)
+    # With the factors β these are the differences at the end of the step if the slope there is the extrapolated one.
     starred = factors[None, None] * state.differences
     totals = sums(starred)
     extrapolations = _around(k, totals)
@@ -256,6 +257,7 @@ def _attempt(
     def evaluate(point, _):
         slope = problem.field(*point)
         x = jnp.where(first, x0 + h * slope, predicted + correction * (slope - extrapolated))
+        # Both evaluations are turns of one loop, so that a field is compiled once.
         return (times[1], x), (x, slope)
 
     start = jnp.where(first, times[0], times[1]), jnp.where(first, x0, predicted)
@@ -307,5 +309,6 @@ def _after(
     moved = AdamsState(attempt.differences, points.advance(), following.order, equal, rising)
     # Differences of two points so close to each other would be rounding errors only, so the end is not added.
     stayed = state._replace(past=state.past + h)
+    # Only once: after that ``past[0]`` is not 0, and the next end is added, however short its step.
     tiny = ~first & (h < SHORT_ADAMS_STEP * spacing) & (state.past[0] == 0)
     return select_tree(tiny, stayed, moved), following

@@ -1,4 +1,4 @@
-"""Backward differences of states at equal distances, and the differentiation formulas made of them.
+"""Backward differences of states at equal distances, and the differentiation formulas made of them, for ``ndf``.
 
 ∇⁰x_n = x_n and ∇ʲ⁺¹x_n = ∇ʲx_n − ∇ʲx_{n−1}. The polynomial of degree k through x_n, x_{n−1}, …, x_{n−k} is
 

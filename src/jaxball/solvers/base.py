@@ -1,4 +1,4 @@
-"""Common to all solvers: the problem of a step over a flat state, what a step reports, and what a run must know."""
+"""What all solvers here share: the problem of a step as flat vectors, the outcome of a step, and base classes."""
 
 import functools
 from collections.abc import Callable
@@ -16,7 +16,7 @@ from .tableau import Tableau
 
 
 class Slope(eqx.Module):
-    """h g(t, x)."""
+    """The slope h g(t, x) of a step, as a function of t and x."""
 
     field: Callable[[Float[Array, ""], Float[Array, " n"]], Float[Array, " n"]]
     control: Float[Array, ""]
@@ -26,7 +26,7 @@ class Slope(eqx.Module):
 
 
 class FlatProblem(NamedTuple):
-    """g(t, x), h g(t, x) and M for one step, with x of one axis."""
+    """The problem of one step: g(t, x), h g(t, x) and M, with x as one flat vector."""
 
     field: Callable[[Float[Array, ""], Float[Array, " n"]], Float[Array, " n"]]
     slope: Slope
@@ -180,6 +180,7 @@ def outcome(
     solve ends with a result that says why. A fault of the problem ends it at once.
     """
     at_end = at_limit(t0, t1) | (fault != NO_FAULT)
+    # An infinite error is rejected by every controller, and asks for a shorter step.
     y_error = jnp.where(stages.converged, error, jnp.inf)
     finite = jnp.all(jnp.isfinite(stages.K))
     why = RESULTS.where(finite, RESULTS.nonlinear_divergence, RESULTS.nonfinite)
@@ -188,6 +189,7 @@ def outcome(
     result = RESULTS.where(fault == INCONSISTENT, RESULTS.nonlinear_max_steps_reached, result)
     result = RESULTS.where(fault == NOT_INDEX_ONE, RESULTS.singular, result)
     failed = ~stages.converged | (fault != NO_FAULT)
+    # diffrax ends a solve by the result of a step only if that is accepted: so one that cannot be shortened is.
     return jnp.where(failed & at_end, 0.0, y_error), result
 
 

@@ -1,4 +1,4 @@
-"""Collocation, at the nodes of Gauss and at those of Radau, and estimates of the error of its steps."""
+"""The collocation methods, at the nodes of Gauss and at those of Radau, and estimates of the error of their steps."""
 
 import abc
 from typing import Any, ClassVar, NamedTuple
@@ -46,6 +46,7 @@ class EmbeddedError(AbstractErrorEstimate):
 
     def estimate(self, equations, stages, coefficients):
         f0 = equations.slope(equations.t0, equations.x0) if stages.f0 is None else stages.f0
+        # P̃ₖ at the start of the step is (−1)ᵏ.
         at_start = (-1.0) ** np.arange(len(coefficients))
         defect = f0 - equations.mass_times(combine(at_start[None], coefficients))[0]
         return smooth(equations, stages, defect / float(equations.tableau.eigenvalues[0].real))
@@ -145,6 +146,8 @@ class AbstractCollocation(AbstractStageSolver):
         times = jnp.minimum(t0 + (t1 - t0) * jnp.asarray(tableau.c, jnp.result_type(t0)), t1)
         f0 = None
         if tableau.c[-1] == 1:
+            # The last stage of the step before ended here. In a first step and after a jump it did not, but there the
+            # matrices of Newton's iteration are new, and f₀ with them.
             slope = solver_state.slope * (problem.control / solver_state.control).astype(x0.dtype)
             f0 = slope if mass is None else mass.times(slope[None])[0]
         equations = problem.equations(tableau, t0, times, x0, f0=f0)
@@ -158,6 +161,8 @@ class AbstractCollocation(AbstractStageSolver):
         y_error, result = outcome(stages, error, t0, t1, NO_FAULT if fault is None else fault)
         dense = {"y0": unravel(x0), "coefficients": jax.vmap(unravel)(coefficients)}
         state = CollocationState(coefficients, problem.control, stages.K[-1], stages.memory, fault)
+        # The next step uses the state for guesses and estimates only, which do not change what its iteration converges
+        # to.
         return unravel(x0 + increment), unravel(y_error), dense, jax.lax.stop_gradient(state), result
 
 
@@ -181,6 +186,7 @@ def _predict(tableau: Tableau, state: CollocationState, control: Float[Array, ""
     dtype, ratio = coefficients.dtype, control / state.control
     beyond = jnp.stack(legendre(1 + ratio * jnp.asarray(tableau.c, control.dtype), s), axis=1).astype(dtype)
     sizes = jnp.max(jnp.abs(coefficients), axis=1) * jnp.abs(beyond[-1])
+    # Beyond the smallest term they grow again: a coefficient of rounding times a large P̃ₖ.
     last = jnp.argmin(jnp.where(sizes > 0, sizes, jnp.inf))
     terms = jnp.where((jnp.arange(s) <= last)[:, None], coefficients, 0.0)
     return ratio.astype(dtype) * jnp.sum(beyond[:, :, None] * terms[None], axis=1)

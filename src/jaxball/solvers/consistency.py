@@ -1,4 +1,4 @@
-"""Consistent initial values of problems with a mass matrix."""
+"""Consistent initial values of problems with a mass matrix, for users and for the starts of the implicit methods."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -116,6 +116,7 @@ def solve_algebraic(g: Callable, mass: Mass, x0: Float[Array, " n"], needed: Boo
 
     def improve(iterate: Solved) -> Solved:
         change, index_one = _correction(g, mass, iterate.x)
+        # Down to rounding, not to the tolerance, because steps do not estimate the errors of algebraic variables.
         small = jnp.all(jnp.abs(change) <= 16 * eps * (jnp.abs(iterate.x) + jnp.max(jnp.abs(iterate.x))))
         lacking = jnp.where(iterate.passes == 0, change, iterate.lacking)
         return Solved(iterate.x + change, lacking, small & index_one, index_one, iterate.passes + 1)
@@ -133,6 +134,7 @@ def _correction(g: Callable, mass: Mass, x: Float[Array, " n"]) -> tuple[Float[A
     """
     value, J = value_and_jacobian(g, x)
     matrix = mass.matrix + product(product(mass.residuals, J), mass.variables)
+    # Equations of different units would look nearly singular: rows are scaled to the same size.
     scale = jnp.max(jnp.abs(matrix), axis=1, keepdims=True)
     scale = jnp.where(scale == 0, 1.0, scale)
     inverse = inverses((matrix / scale)[None])[0]

@@ -1,5 +1,7 @@
 """Modified divided differences of slopes at the last points, and integrals of the polynomial through them.
 
+``adams`` advances a solve by them.
+
 Slopes f_n, f_{n−1}, … at the points t_n, t_{n−1}, … have the differences
 
     Φ_j(n) = (t_n − t_{n−1}) (t_n − t_{n−2}) ⋯ (t_n − t_{n−j}) δʲf[t_n, …, t_{n−j}],

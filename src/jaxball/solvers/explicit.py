@@ -1,4 +1,7 @@
-"""The derivatives of a step of an explicit Runge–Kutta method in reverse mode, from its last stage to its first."""
+"""The derivatives of a step of an explicit Runge–Kutta method in reverse mode, from its last stage to its first.
+
+The loop of a solve wraps such a method in it, where it is to have reverse mode.
+"""
 
 import functools
 from typing import Any, NamedTuple
@@ -70,6 +73,8 @@ class StagesPulledBack(AbstractWrappingSolver):
             input_cotangents = jax.tree.map(
                 lambda x: jnp.where(counts, x, jnp.zeros_like(x)), stages.pull_back(*cotangents)
             )
+            # Numbers in the terms have no cotangents: ``depends_on_arguments_alone`` has made sure that the field does
+            # not need them.
             return jax.tree.map(lambda _: None, arrays), *input_cotangents, None
 
         y1, error, k, *last = self.carry_out(step, pull, (arrays, t0, t1, y0, args, slope, fresh))
@@ -149,6 +154,7 @@ class _Stages(NamedTuple):
         """Computes cotangents of the state at a stage; those of its time, times its node, of the control, of args."""
         leaves, structure = jax.tree.flatten(self.args)
         y = self.y0 + jnp.sum(row[:, None] * self.k, axis=0)
+        # As in the step itself: rounding must not lead past its end, which may be a kink.
         t = jnp.where(node == 1, self.t1, self.t0 + node * (self.t1 - self.t0))
 
         def slope_and_increment(y: Array, of_args: list[Array], t: Array = t, control: Any = control) -> Any:

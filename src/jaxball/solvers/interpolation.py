@@ -1,4 +1,4 @@
-"""The polynomials of the methods as dense output."""
+"""The dense output of the solvers here: the polynomial of each method within a step."""
 
 import abc
 from typing import Any

@@ -1,4 +1,4 @@
-"""Stepping to the kinks of a vector field."""
+"""A step-size controller that ends steps at the kinks of a vector field; the loop of a solve wraps its own in it."""
 
 from collections.abc import Sequence
 from operator import attrgetter

@@ -12,7 +12,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
-from ..numerics.arrays import is_traced
+from ..compat import is_traced
 from ..numerics.linear import inverses, product
 
 VectorField = Callable[[Any, Any, Any], Any]
@@ -35,6 +35,7 @@ class Mass(eqx.Module):
 
     def rates(self, g: Float[Array, " n"]) -> Float[Array, " n"]:
         """Solves M v = g for the v without an algebraic part, or does so for the nearest g for which there is one."""
+        # MᵀM is regular except on the algebraic variables, where the projection makes it so and gives the rate 0.
         matrix = product(self.matrix.T, self.matrix) + self.variables
         return product(inverses(matrix[None])[0], _each(self.matrix.T, g[None])[0][:, None])[:, 0]
 

@@ -1,4 +1,4 @@
-"""Common to multistep methods, which choose their order together with the step: their step-size controllers."""
+"""What ``adams`` and ``ndf`` share: step-size controllers of methods that choose their order together with the step."""
 
 from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple
@@ -100,6 +100,7 @@ class AbstractMultistepController(diffrax.AbstractAdaptiveStepSizeController):
             )
         target_length, failed = controller_state
         keep = y_error.size <= 1
+        # Only the start of a step carries derivatives: a length with a derivative would amplify it as the steps grow.
         h = jax.lax.stop_gradient(t1 - t0)
         length = h * jnp.where(keep, y_error.growth, y_error.shrink).astype(h.dtype)
         cut = keep & ~failed & (h < 0.99 * target_length)

@@ -203,6 +203,7 @@ class NDF(AbstractMultistep):
             x0, fault = start_of_step(problem, problem.mass, t0, self.root_finder, fault, made_jump)
             problem = problem._replace(x0=x0)
         state = _begin(problem, t0, solver_state._replace(fault=fault), first)
+        # The formulas are those of equal steps: the past is sampled again at the length of this one.
         before, beyond = _at_distance(state, problem.control / state.length)
         stages = self._solve(problem, t1, before, state)
         change = stages.Z[0]
@@ -222,6 +223,8 @@ class NDF(AbstractMultistep):
         alpha = _at(leading(self.kappa), state.order, problem.x0.dtype)
         psi = jnp.sum(jnp.asarray(HARMONIC_SUMS[: len(before)], before.dtype)[:, None] * before, axis=0) / alpha
         mass_psi = (psi if problem.mass is None else problem.mass.times(psi[None])[0])[None]
+        # Divided by α, the formula is a step of Euler's implicit method, whose matrices the iteration knows to make and
+        # keep.
         control = problem.control / alpha.astype(problem.control.dtype)
         scaled = problem._replace(slope=Slope(problem.field, control), control=control)
         equations = scaled.equations(EULER, t1, t1[None], jnp.sum(before, axis=0), known=-mass_psi)
@@ -251,6 +254,7 @@ class NDF(AbstractMultistep):
         following = plan(jnp.where(stages.converged, sizes, jnp.inf), state.order, equal, self.max_order)
         # After a step much shorter than those before, rounding errors of its differences would grow with the next
         # steps. So the points stay on their old polynomial; the next step begins where this one ended.
+        # Only once: the next step adds its end, however short it is.
         stays = ~state.stayed & (ratio < SHORT_NDF_STEP)
         after, last = jax.lax.cond(stays, lambda: _differences_before(state, ratio), lambda: (after, last))
         changes = following.order != state.order
@@ -264,6 +268,7 @@ class NDF(AbstractMultistep):
             order=following.order,
             equal=jnp.where(stays | changes, 0, equal),
             stayed=stays,
+            # Matrices only say how fast the iteration gets to the stages, not to which.
             memory=jax.lax.stop_gradient(stages.memory),
             fault=state.fault,
         )

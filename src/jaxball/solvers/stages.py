@@ -209,6 +209,8 @@ def iterate(
     def body(state: Iterate) -> Iterate:
         x, change = update(state.x)
         first = state.passes == 0
+        # The first change is judged by the rate of the step before, as radau5 does: often it is the only one that is
+        # needed.
         rate = jnp.where(first, guessed, change / state.change)
         left = max_steps - 1 - state.passes
         remaining = change * jnp.where(first, share, change / jnp.maximum(state.change - change, 1e-3 * state.change))
@@ -280,6 +282,8 @@ class FixedPoint(AbstractStageIteration):
         _, change = eqx.filter_jvp(lambda e: e.slopes(e.right_side(stages.K)), (equations,), (changes,))
         _, slopes = jax.linearize(equations.slopes, stages.Z)
         A = equations.tableau.A
+        # The series of the iteration, which converges where the iteration did, has no derivatives of its own; as a
+        # linear solve it has those of the solution, in both modes.
         K = jax.lax.custom_linear_solve(lambda K: K - slopes(combine(A, K)), change, _series, transpose_solve=_series)
         return changes.with_known(combine(A, K)), K
 
@@ -353,6 +357,7 @@ class SimplifiedNewton(AbstractStageIteration):
             change = solutions(matrices.inverses, right)
             if matrices.imaginary is not None:
                 partners = jnp.stack([right[place] for place in modes.partner.tolist()])
+                # Complex products in real numbers, part by part, as ``Modes`` says.
                 change = change + solutions(matrices.imaginary, partners)
             change = combine(modes.to_stages, change)
             return Z + change, self.size(equations, change)
@@ -389,11 +394,13 @@ class SimplifiedNewton(AbstractStageIteration):
             else:
                 new, other = complex_inverses(real - J[None], other)
             singular = jnp.all(jnp.isfinite(J)) & ~jnp.all(jnp.isfinite(new))
+            # f₀ where the old matrices would come with one, because both branches of a condition return the same form.
             return _Matrices(new, other, control, None if equations.f0 is None else f0, singular)
 
         def keep():
             return _Matrices(remembered, imaginary, made_for, equations.f0, jnp.asarray(False))
 
+        # Known when the program is made, so that no condition is compiled.
         if self.reuse >= 1:
             return renew()
         ratio = control / made_for

@@ -1,4 +1,6 @@
-"""Collocation on the nodes of Gauss and of Radau: nodes, weights, and matrices.
+"""The tableaus of collocation at the nodes of Gauss and of Radau: nodes, weights and matrices.
+
+The solvers here use them, and optimal control by collocation.
 
 Everything is computed from Legendre polynomials, whose integrals are Legendre polynomials again: ∫₀ˣ P̃ₖ = (P̃ₖ₊₁(x) −
 P̃ₖ₋₁(x)) / (2 (2k + 1)) for the shifted polynomials P̃ₖ(x) = Pₖ(2x − 1). So no coefficient is typed in, and all are

@@ -1,4 +1,4 @@
-"""Solvers that wrap another, and projection after each step."""
+"""Solvers that wrap another, such as one that projects the state after each step."""
 
 from collections.abc import Callable
 from operator import attrgetter

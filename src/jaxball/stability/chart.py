@@ -85,6 +85,7 @@ def floquet_chart(
     shots = grid.map(lambda cell: _solve(make, search, cell), chunk, workers, progress)
     system = make(*to_array(cells[0]))[0]
     growth, multiplier = np.full(len(cells), np.nan), np.full(len(cells), complex(np.nan))
+    # Without a closed motion its multipliers mean nothing.
     for k in np.flatnonzero(shots.closed):
         shot = jax.tree.map(lambda leaf, k=k: leaf[k], shots)
         (multiplier[k], *_), (exponent, *_) = multipliers_of(shot, system, forced)
@@ -95,6 +96,7 @@ def floquet_chart(
             "multiplier": (np.abs(multiplier), "size of the largest multiplier", ""),
             "angle": (np.abs(np.angle(multiplier)), "argument of the largest multiplier", "rad"),
             "period": (shots.period, "period", "time"),
+            # The part that is not closed; whole turns are taken off already.
             "residual": (np.max(np.abs(shots.returned.gain), axis=1), "distance from the start after a period", ""),
             "least_normal_force": (shots.returned.least_normal_force, "least normal force", "mass length/time^2"),
             "closed": (shots.closed, "whether a periodic motion was found", ""),
@@ -115,6 +117,7 @@ def _equations(make: Make, cells: Float[np.ndarray, "cells 2"], t: float) -> tup
     last.
     """
     kinds = []
+    # Over the whole chart: equations that are steady in one corner may be forced in the other.
     for cell in cells[[0, -1]]:
         system, state, period = make(*to_array(cell))
         kinds.append(equations_of(system, phase_point(system, state), t, float(period)))

@@ -18,6 +18,7 @@ from .steady import kind_of
 
 PERIODIC_TOLERANCE = 1e-11
 SAME_RATES = 1e-9  # up to which, relative to the largest, rates of change count as the same
+# Irregular, so that no harmonic of the forcing has the same value at all of them.
 SHARES_OF_PERIOD = np.array([0.0, 0.137, 0.381, 0.733])  # of the period: times at which the equations are compared
 BESIDE = 0.01  # the distance of a state at which the equations are compared as well
 STANDING = 1e-8  # the change over a period at the initial rate, up to which a state counts as steady
@@ -149,10 +150,13 @@ def equations_of(
     """
     x = np.asarray(ravel_pytree(state)[0])
     candidates = countable(state)
+    # A steady state may be one at which neither the forcing nor an angle shows.
     beside = x + BESIDE * generic_vectors(1, x.size)
     turned = [beside + TURN * np.eye(x.size)[k] for k in np.flatnonzero(candidates)]
+    # A period later again: a forcing with another period shows there.
     times = np.concatenate([t + period * SHARES_OF_PERIOD, t + period * (1 + SHARES_OF_PERIOD)])
     rates = np.asarray(rates_at(system, state, to_array(times), to_array(np.concatenate([x[None], beside, *turned]))))
+    # Where nothing moves all rates are 0, and equal.
     same = SAME_RATES * max(float(np.max(np.abs(rates))), 1e-300)
     here, later = np.split(rates[:, :2], 2)
     forced = bool(np.max(np.abs(here - here[0])) > same)
@@ -192,6 +196,8 @@ def multipliers_of(
     state, returned, period = shot.state, shot.returned, float(shot.period)
     x, back, normal = to_array(ravel_pytree(state)[0]), returning(system, state), normal_of(state)
     apart = [] if normal is None else [np.asarray(normal(x))[back]]
+    # A deviation along the motion is a shift of time, which has the multiplier 1 unless the equations depend on time.
+    # At a steady state there is no such direction.
     along = np.asarray(returned.before)[back]
     if not forced and np.max(np.abs(along)) * period > STANDING:
         apart.append(along / np.linalg.norm(along))
@@ -199,8 +205,10 @@ def multipliers_of(
     basis = np.linalg.svd(np.stack(apart))[2][len(apart) :] if apart else np.eye(int(np.sum(back)))
     matrix = np.asarray(returned.monodromy)[np.ix_(back, back)]
     multipliers = np.linalg.eigvals(basis @ matrix @ basis.T).astype(complex)
+    # Rounded, so that the two of a complex pair compare as equal in size, and the sign of the imaginary part decides.
     order = np.lexsort((-np.imag(multipliers), -np.abs(multipliers).round(12)))
     multipliers = multipliers[order]
+    # A multiplier of 0 decays at once: its exponent is −∞.
     with np.errstate(divide="ignore"):
         return multipliers, np.log(multipliers) / period
 
@@ -209,7 +217,10 @@ def _motion(shot: Shot, system: AbstractSystem, search: Search, counted: bool) -
     returned, period, closed = shot.returned, float(shot.period), bool(shot.closed)
     if closed:
         multipliers, exponents = multipliers_of(shot, system, search.forced)
+        # For the kind it is enough that these fall.
         finite = np.where(np.isfinite(exponents), exponents, -1 / period)
+        # In units of the largest, but of a turn per period at least: where all exponents are nearly 0, rounding must
+        # not decide.
         kind = kind_of(finite / max(float(np.max(np.abs(finite), initial=0.0)), TURN / period))
         message = _message(kind, multipliers, exponents)
         if not search.forced and np.max(np.abs(returned.before)) * period <= STANDING:

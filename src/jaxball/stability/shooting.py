@@ -95,8 +95,10 @@ def shoot(
     ``turns`` are the whole turns that components gain; by default the nearest to the result of the first solve.
     """
     x, unravel = ravel_pytree(state)
+    # The normal of the sphere |Γ| = 1, off which the equations mean nothing.
     normal = normal_of(state)
     possible = possible_start(system, system.prepare(), jnp.stack([search.t, search.t + period]), state)
+    # Nothing can be solved from NaN, or over no time.
     possible &= jnp.all(jnp.isfinite(x)) & (period > 0)
     nothing = jnp.zeros_like(x)
 
@@ -105,16 +107,23 @@ def shoot(
 
     def going(carry):
         x, _, returned, count = carry
+        # The first pass only follows the guess for a period, by a step of 0.
         away = (count == 0) | (returned.residual > limit(x))
         return away & (count <= search.iterations) & (returned.status == Status.SUCCESS)
 
     def body(carry):
         x, period, returned, count = carry
+        # Steps are orthogonal to the sphere's normal, off which a state has no meaning, and to the motion itself, of
+        # which any point would do.
         held = jnp.stack([nothing if normal is None else normal(x), nothing if search.forced else returned.before])
         change, longer = _newton(returned, held, search.forced)
+        # The linearisation holds near the motion only: longer steps are cut to a share of the state and of the
+        # period.
         bold = jnp.max(jnp.abs(change)) / (BOLDEST * (1 + jnp.max(jnp.abs(x))))
         share = 1 / jnp.maximum(jnp.maximum(bold, jnp.abs(longer) / (BOLDEST * period)), 1.0)
         state, period = unravel(x + share * change).projected(), period + share * longer
+        # Turns are counted once and kept: counted again, they would make the residual jump while Newton's method
+        # converges.
         has_turns = (count > 0) | (turns is not None)
         return (
             ravel_pytree(state)[0],
@@ -137,6 +146,7 @@ def shoot(
     )
     x, period, returned, count = jax.lax.while_loop(going, body, (x, period, first, jnp.zeros_like(start)))
     closed = (returned.status == Status.SUCCESS) & (returned.residual <= CLOSED_RESIDUAL * limit(x))
+    # The first pass is no step of Newton's method.
     return Shot(unravel(x), period, returned, count - 1, closed)
 
 
@@ -180,6 +190,7 @@ def _follow_period(
     solution = advance_deviations(flow, steps, search.t, end, from_rows, FIRST_STEP_SHARE * period, possible)
     rows = solution.rows
     arrived, out = unpack(rows[0]), jax.jacfwd(unpack)(rows[0])
+    # At the end of the period, because dP/dT is the rate there.
     after = ravel_pytree(vector_field(prepared, end, unravel(arrived)))[0]
     monodromy = jnp.sum(out[:, :, None] * rows[1:].T[None], axis=1)
 
@@ -194,6 +205,7 @@ def _follow_period(
     return Return(
         turns=turns,
         gain=jnp.where(back, arrived - x - TURN * turns, 0.0),
+        # Components that need not return have rows of M − 1 that are 0, and set no condition.
         monodromy=jnp.where(back[:, None], monodromy, jnp.eye(x.size, dtype=x.dtype)),
         before=ravel_pytree(vector_field(prepared, search.t, state))[0],
         after=jnp.where(back, after, 0.0),

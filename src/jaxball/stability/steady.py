@@ -98,7 +98,9 @@ def stability(system: System, state: State, *, turning: float = 0.0, t: Numbers 
         basis = np.linalg.svd(np.asarray(normal)[None])[2][1:]
         matrix = basis @ matrix @ basis.T
     eigenvalues = np.linalg.eigvals(matrix).astype(complex)
+    # Rounded, so that the two of a complex pair compare as equal, and the sign of the imaginary part decides.
     eigenvalues = eigenvalues[np.lexsort((-np.imag(eigenvalues), -np.real(eigenvalues).round(12)))]
+    # The frequency of rocking is the unit where all eigenvalues vanish, as for a uniform ball.
     size = max(float(np.max(np.abs(eigenvalues))), math.sqrt(abs(float(system.gravity)) / float(system.radius)))
     residual = float(np.max(np.abs(rates)))
     steady = residual <= STEADY * size
@@ -135,6 +137,7 @@ def _linearise(system: System, state: State, turning, t):
         rates = ravel_pytree(vector_field(prepared, t, point))[0]
         if not isinstance(point, ReducedState):
             return rates
+        # In axes that turn with the motion, a precessing ball is at rest.
         axis = jnp.stack([jnp.zeros_like(turning), jnp.zeros_like(turning), turning])
         turned = jnp.zeros_like(x).at[:6].set(jnp.concatenate([cross(axis, point.Omega), cross(axis, point.Gamma)]))
         return rates - turned
@@ -208,6 +211,8 @@ def steady_rolling(ball: Ball, inclination: float, precession: float, *, t: Numb
     nothing = jnp.zeros((0,))
     body_moments = moments(ball.prepare(), to_array(t), (nothing, nothing, nothing))
     p, J, M = np.asarray(body_moments.p), np.asarray(body_moments.J), float(body_moments.M)
+    # A body of revolution has these at 0: the centre of mass off E3, the products of inertia, and the difference of
+    # the moments across.
     across = np.abs(np.concatenate([p[:2], J[np.triu_indices(3, 1)], [J[0, 0] - J[1, 1]]]))
     if np.max(across) > ROUND * max(float(np.max(np.abs(J))), M * float(ball.radius)):
         raise ValueError(
@@ -215,6 +220,7 @@ def steady_rolling(ball: Ball, inclination: float, precession: float, *, t: Numb
             f"mass on it, but its moments are {J.tolist()} and its centre of mass is at {(p / M).tolist()}."
         )
     r, g, height = float(ball.radius), float(ball.gravity), p[2] / M
+    # By Steiner's theorem; along E3 the centre of mass is on the axis, and the moments are the same.
     A, C = J[0, 0] - M * height**2, J[2, 2]
     s, c = np.sin(inclination), np.cos(inclination)
     arm = r + height * c
@@ -222,6 +228,7 @@ def steady_rolling(ball: Ball, inclination: float, precession: float, *, t: Numb
     spin = float(numerator / (precession * (C + M * r * arm)))
     Gamma = np.array([s, 0.0, c])
     Omega = precession * Gamma + np.array([0.0, 0.0, spin])
+    # Seen from the body, the vertical turns the other way.
     return stability(ball, ReducedState(Omega, Gamma), turning=-spin, t=t)
 
 
@@ -263,10 +270,12 @@ def permanent_rotations(
         raise ValueError(f"Argument `guess` must be directions of shape (n, 3), but its shape is {starts.shape}.")
     ends = np.asarray(_search(ball, to_array(rate), to_array(t), to_array(starts)))
     distinct: list[np.ndarray] = []
+    # Newton's method ends in NaN from starts that lead nowhere.
     for Gamma in ends[np.all(np.isfinite(ends), axis=1)]:
         if all(np.max(np.abs(Gamma - other)) > SAME_MOTION for other in distinct):
             distinct.append(Gamma)
     motions = [stability(ball, ReducedState(rate * Gamma, Gamma), t=t) for Gamma in distinct]
+    # Others ended between motions, where the iterations ran out.
     return tuple(sorted((motion for motion in motions if motion.steady), key=lambda motion: motion.growth))
 
 
@@ -282,6 +291,7 @@ def _search(ball: Ball, rate, t, starts) -> Float[Array, "n 3"]:
     def one(start):
         newton = optimistix.Newton(rtol=1e-13, atol=1e-13)
         Gamma = optimistix.root_find(residual, newton, start, max_steps=60, throw=False).value
+        # Newton's method leaves the sphere by its tolerance.
         return Gamma / jnp.sqrt(jnp.sum(Gamma**2))
 
     return jax.vmap(one)(starts / jnp.sqrt(jnp.sum(starts**2, axis=1))[:, None])

@@ -11,8 +11,9 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..scenario.errors import describe, key_error
 from ..scenario.table import Key, Keys, read_one_of, read_table
-from ..scenario.values import Choice, Integer, Numbers, Text, describe, key_error, unread
+from ..scenario.values import Choice, Integer, Numbers, Text, unread
 from .errors import StudyError
 
 Design = Callable[[Int[np.ndarray, " points"], int, int, int], Float[np.ndarray, "points numbers"]]
@@ -21,10 +22,12 @@ Design = Callable[[Int[np.ndarray, " points"], int, int, int], Float[np.ndarray,
 def random(indices: Int[np.ndarray, " points"], count: int, dimension: int, seed: int) -> np.ndarray:
     """Draws independent uniform numbers, computed for each point from its index alone by a counter-based generator."""
     blocks = -(-dimension // 4)  # of four numbers for a step of the counter
+    # Neighbouring points come from one call of the generator, and a point that occurs several times is computed once.
     different, places = np.unique(indices, return_inverse=True)
     runs = np.split(different, np.flatnonzero(np.diff(different) > 1) + 1)
     bits = [np.random.Philox(key=seed, counter=int(run[0]) * blocks).random_raw(4 * blocks * len(run)) for run in runs]
     words = np.concatenate(bits).reshape(-1, 4 * blocks)[places, :dimension]
+    # The upper 53 bits, as many as a number in double precision holds.
     return (words >> np.uint64(11)).astype(float) * 2.0**-53
 
 
@@ -138,6 +141,7 @@ def _table(path: Path, digest: str) -> tuple[tuple[str, ...], np.ndarray]:
     import pyarrow.parquet
 
     content = path.read_bytes()
+    # The file is read again in each process, and must still be the one by which the study is identified.
     if hashlib.sha256(content).hexdigest() != digest:
         raise StudyError(
             f'Key `points` must be a file that does not change while a study runs, but "{path}" has changed.'
@@ -215,6 +219,7 @@ class Ranged:
             between = self.first * (self.last / self.first) ** share
         else:
             between = self.first + (self.last - self.first) * share
+        # The last value exactly, in spite of rounding.
         return np.where((indices == self.size - 1) & (self.size > 1), self.last, between)[:, None]
 
 
@@ -324,6 +329,7 @@ def _read_design(table: dict[str, Any], path: str, folder: Path) -> Axis:
     if not isinstance(numbers, dict) or not numbers:
         raise key_error(f"{path}.numbers", "a table with a distribution for each path", describe(numbers))
     if table["design"] == "sobol" and count & (count - 1):
+        # Only then do its points cover the cube evenly.
         raise key_error(f"{path}.count", "a power of two for a Sobol design", repr(count))
     distributions = tuple(read_distribution(item, f'{path}.numbers."{name}"') for name, item in numbers.items())
     return Designed(table["design"], count, table["seed"], tuple(numbers), distributions)

@@ -80,6 +80,7 @@ def scenario_floquet_chart(
     template = cells.template
     periods = cells.periods(period)
 
+    # All scenarios have been read; the chart is traced over the numbers of cells, by which it only picks one.
     def make(up, right):
         return *cells.start_of(up, right), periods[up.astype(int), right.astype(int)]
 
@@ -87,12 +88,14 @@ def scenario_floquet_chart(
         make,
         cells.indices,
         t=template.times[0],
+        # Multipliers need a finer solve than a run may have asked for.
         rtol=min(template.rtol, PERIODIC_TOLERANCE),
         atol=min(template.atol, PERIODIC_TOLERANCE),
         iterations=iterations,
         max_steps=template.max_steps,
         progress=progress,
     )
+    # Impossible cells were solved with numbers of another one.
     data["closed"].values.flat[cells.impossible] = False
     return cells.finish(data, ("growth", "multiplier", "angle", "period", "residual", "least_normal_force"))
 
@@ -108,6 +111,7 @@ class _Cells:
         self.document, self.axes = document, axes
         rolling_state(self.template, what)
         rows = math.prod(axis.size for axis in axes)
+        # All cells are one chunk of a study, which is never written.
         study = Study("", dict(document), axes, chunk=rows)
         cells = study.rows_of(0)
         possible, batch = read_rows(study, self.template, cells, study.values(cells))
@@ -115,6 +119,7 @@ class _Cells:
             study.scenario(0)  # raises an error that says why
             raise AssertionError("The first of the impossible rows can be read.")
         self.impossible: Int[np.ndarray, " n"] = np.setdiff1d(cells, possible)
+        # Impossible cells take the first possible row, so that there is something to solve; their results become NaN.
         place = np.zeros(rows, dtype=int)
         place[possible] = np.arange(len(possible))
         self._places = jnp.asarray(place.reshape([axis.size for axis in axes]))

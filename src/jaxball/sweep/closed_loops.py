@@ -1,4 +1,4 @@
-"""How the rows of a chunk are solved whose scenario has feedback: closed loops in vector lanes.
+"""Solves the rows of a study whose scenario has feedback, as closed loops in vector lanes; ``engine`` calls it.
 
 Where rows differ in what the feedback depends on, such as its weights or the model, each has a feedback of its own;
 otherwise all share that of the first.
@@ -92,8 +92,10 @@ def solve_loops(
 
     - ``changes``: which of the ``numbers`` differ from row to row.
     """
+    # What does not differ is not mapped over, so that a feedback from it is computed once.
     row_numbers, shared = eqx.partition(numbers, changes)
     shared = jax.tree.map(lambda leaf: leaf[0], shared)
+    # The longest delay decides the size of the queue in all rows.
     sought = Sought(template.times.size - 1, int(np.max(numbers.delay)), tuple(reductions.items()), readings)
     common = _common(template, numbers, changes, within, sought.samples)
     with in_threads(threads):
@@ -110,6 +112,7 @@ def _common(template: Scenario, numbers: LoopNumbers, changes: Any, within: floa
     weights = np.asarray(weight_matrix("Q", Q, sampled.directions))
     sample, t0 = jnp.asarray(sample_of(template.times)), jnp.asarray(float(template.times[0]))
     feedback = None
+    # A feedback that all rows share is computed once, before them.
     if not any(jax.tree.leaves(changes.of_feedback)):
         feedback = _feedback(jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), numbers), sample, t0, samples)
     return Common(sample, t0, jnp.asarray(weights / np.trace(weights)), jnp.asarray(within), feedback)
@@ -132,6 +135,7 @@ def _row(sought: Sought, common: Common, shared: Any, row: Any) -> dict[str, Arr
     outcome = run_loop(feedback, plant, first, sought.samples, numbers.delay, None, sought.longest)
     times, states, u, du, xi, memory = outcome
     loop = ClosedLoop(times, states, u, du, xi, feedback, plant, memory)
+    # After a failure all deviations are NaN.
     reached = jnp.sum(jnp.all(jnp.isfinite(loop.xi), axis=1)) - 1
     results = {
         "status": jnp.where(reached == sought.samples, int(Status.SUCCESS), int(Status.SOLVER_FAILED)),
@@ -166,6 +170,7 @@ def _of_estimate(loop: ClosedLoop, common: Common) -> dict[str, Array]:
     before = jax.tree.map(lambda leaf: leaf[:-1], loop.states)
     now = jax.tree.map(lambda leaf: leaf[:-1], estimate)
     mask, dtype = now.read > 0, loop.xi.dtype
+    # Sums divided by sums, so that a sample counts in proportion to what was read or uncertain at it.
     return {
         "nis_per_reading": jnp.sum(jnp.where(mask, now.nis, 0.0)) / jnp.sum(now.read).astype(dtype),
         "nees_per_direction": jnp.sum(now.nees(before)) / jnp.sum(now.uncertain).astype(dtype),
@@ -176,6 +181,7 @@ def _of_estimate(loop: ClosedLoop, common: Common) -> dict[str, Array]:
 def _size(xi: Float[Array, "T n"], common: Common) -> Float[Array, " T"]:
     """Computes the deviations √(ξ·Q ξ / tr Q)."""
     squared = jnp.sum((xi @ common.measure) * xi, axis=1)
+    # Rounding may make a square of zero weights negative.
     return jnp.sqrt(jnp.maximum(squared, 0.0))
 
 
@@ -184,6 +190,7 @@ def _reduce(loop: ClosedLoop, reductions: tuple[tuple[str, AbstractReduction], .
     if not reductions:
         return {}
     quantities = tuple(dict.fromkeys(item.quantity for _, item in reductions))
+    # No input begins at the end.
     u = jnp.concatenate([loop.u, loop.u[-1:]])
 
     def quantities_at(sample: Any) -> Array:

@@ -1,4 +1,4 @@
-"""A store as a labelled data set, and some of its rows as scenarios."""
+"""Opens a store as a labelled data set, and some of its rows as scenarios."""
 
 import tomllib
 from collections.abc import Sequence
@@ -35,7 +35,9 @@ def open_dataset(folder: str | Path) -> "xarray.Dataset":
     import xarray
 
     read_attributes(Path(folder))
+    # Reading all numbers to check them would take as long as a large store is; Zarr checks those that are read.
     check_intact(Path(folder), numbers=False)
+    # Without dask's chunks: nothing is read before it is used, and dask need not be installed.
     data = xarray.open_zarr(folder, chunks=None)
     named = {name: data[name].attrs[NAMES] for name in data.indexes if NAMES in data[name].attrs}
     return data.assign_coords(named)
@@ -94,6 +96,7 @@ def row_scenarios(folder: str | Path, rows: Sequence[int]) -> list[Scenario]:
     document, chosen = tomllib.loads(data.attrs["scenario"]), data[["row", *paths]].isel(row=list(rows)).load()
     scenarios = []
     for k, row in enumerate(rows):
+        # Rows that are not computed have the fill value.
         if chosen["row"].values[k] < 0:
             raise StoreError(f'Rows must be computed, but row {row} of "{folder}" is not done yet.')
         values = {path: float(chosen[path].values[k]) for path in paths}

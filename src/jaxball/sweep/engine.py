@@ -1,4 +1,4 @@
-"""How the rows of a chunk are solved: as an ensemble."""
+"""Solves the rows of a chunk of a study as an ensemble; the workers of ``executors`` call it."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -39,6 +39,7 @@ def solve_in_lanes(batch: Batch, request: Request) -> dict[str, np.ndarray]:
     ends = detachment or any(event.terminal for event in batch.events.values())
     if not (ends and reductions):
         return _solve_rows(batch, request, reductions, detachment)
+    # First without reductions, to find when each run ends: otherwise they would count what comes after the event.
     ended = _solve_rows(batch, request, {}, detachment)
     until = np.stack([batch.times[:, 0], ended["reached"]], axis=1)
     shorter = batch._replace(times=until, events={}, in_axes=(*batch.in_axes[:2], {}))
@@ -54,12 +55,14 @@ def _solve_rows(
 ) -> dict[str, np.ndarray]:
     """Solves the rows; ``others`` are events besides those of the scenario, of which nothing is kept."""
     first = batch.template
+    # Arrays that are the same in all rows are not repeated for each, and what depends on them alone is computed once.
     system, state, events = batch.unstack_shared()
     *axes, axes_of_events = batch.in_axes
     ensemble = simulate_ensemble(
         system,
         batch.times,
         state,
+        # Further events have no numbers that change.
         in_axes=(*axes, axes_of_events | dict.fromkeys(others)),
         events=events | others,
         contact=batch.contact,
@@ -71,6 +74,7 @@ def _solve_rows(
         project=first.project,
         max_steps=first.max_steps,
         reductions=reductions,
+        # As many for each call, so that all chunks share one compiled program.
         chunk=min(request.most, ROWS_OF_CALL if jax.default_backend() == "cpu" else ROWS_OF_CALL_ON_GPU),
         threads=request.threads,
     )

@@ -1,4 +1,4 @@
-"""Where chunks are computed: in this process, in processes of its own, or wherever an executor sends them."""
+"""Computes the chunks of a study: in this process, in processes of its own, or wherever an executor sends them."""
 
 import concurrent.futures
 import contextlib
@@ -64,6 +64,7 @@ def solve_chunk(task: Task) -> ChunkResult:
 
 def solve_chunk_elsewhere(task: Task) -> ChunkResult:
     """Solves a chunk like :func:`solve_chunk`, but in a worker's process, which has JAX settings of its own."""
+    # The setting of the parent does not reach a process on another machine.
     jax.config.update("jax_enable_x64", True)
     return solve_chunk(task)
 
@@ -84,6 +85,7 @@ def compute(
     arrays["row"][:] = rows
     for column, path in enumerate(study.paths):
         arrays[path][:] = values[:, column]
+    # What a row that cannot be simulated keeps: every other number stays at its fill value.
     arrays["status"][:] = Status.IMPOSSIBLE
     arrays["steps"][:] = arrays["rejected"][:] = 0
     possible, batch = read_rows(study, template, rows, values)
@@ -114,6 +116,7 @@ class InThisProcess(concurrent.futures.Executor):
         try:
             future.set_result(fn(*args, **kwargs))
         except Exception as error:
+            # Not BaseException: a Ctrl-C must end this process, and not become the result of a task.
             future.set_exception(error)
         return future
 
@@ -141,6 +144,7 @@ class Processes(concurrent.futures.ThreadPoolExecutor):
 
     def kill(self) -> None:
         """Ends the processes at once; unfinished chunks have no mark in the store. No other process is started."""
+        # With the lock that `_pipe` takes, a process either is in the list by now or is never started.
         with self._starting:
             self._killed = True
             for process, _ in self._started:
@@ -150,6 +154,7 @@ class Processes(concurrent.futures.ThreadPoolExecutor):
         """Ends the processes when they have finished their current calls."""
         super().shutdown(wait, cancel_futures=cancel_futures)
         for process, pipe in self._started:
+            # The process reads the end of its pipe, and ends its loop.
             pipe.close()
             process.join()
 
@@ -158,6 +163,7 @@ class Processes(concurrent.futures.ThreadPoolExecutor):
         try:
             pipe.send(call)
             result, error = pipe.recv()
+        # The other end is closed when a process ends, in whatever way.
         except (EOFError, OSError):
             raise concurrent.futures.BrokenExecutor("A process ended before its call did.") from None
         if error is not None:
@@ -170,6 +176,7 @@ class Processes(concurrent.futures.ThreadPoolExecutor):
             if self._killed:
                 raise concurrent.futures.BrokenExecutor("The processes were ended.")
             if not hasattr(self._of_thread, "pipe"):
+                # A forked process would have JAX's threads in an unknown state.
                 spawn = multiprocessing.get_context("spawn")
                 here, there = spawn.Pipe()
                 process = spawn.Process(target=_serve, args=(there, cache.in_use(), _settings()), daemon=True)
@@ -178,6 +185,7 @@ class Processes(concurrent.futures.ThreadPoolExecutor):
                 # Importing JAX takes seconds, in which a Ctrl-C at the terminal would reach it too.
                 with interruption.block_in_children():
                     process.start()
+                # As long as this process held the other end, it would not notice when the worker closes it.
                 there.close()
                 self._started.append((process, here))
                 self._of_thread.pipe = here
@@ -191,8 +199,10 @@ def _settings() -> dict[str, Any]:
 
 def _serve(pipe: Connection, folder: Path | None, settings: dict[str, Any]) -> None:
     """Runs the loop of a process, until there is nothing more to do, or its parent has ended."""
+    # A Ctrl-C goes to all processes of a terminal; the parent decides what becomes of the chunks.
     interruption.leave_to_parent()
     threading.Thread(target=_end_with_parent, name="end with parent", daemon=True).start()
+    # Before the cache, because settings are part of the names of kept programs.
     for name, value in settings.items():
         if compat.settings().get(name) != value:
             jax.config.update(name, value)
@@ -204,6 +214,7 @@ def _serve(pipe: Connection, folder: Path | None, settings: dict[str, Any]) -> N
             try:
                 answer = function(*args, **kwargs), None
             except Exception as error:
+                # The pipe carries the error, but not its traceback, which becomes a note.
                 error.add_note(f"In a worker: {traceback.format_exc()}")
                 answer = None, error
             pipe.send(answer)
@@ -214,6 +225,7 @@ def _end_with_parent() -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
+        # From a thread, an exception would end the thread only; a solve does not return to Python for long.
         os._exit(1)
 
 
@@ -233,6 +245,7 @@ def solve_all(executor: Any, tasks: Iterable[Task], ahead: int, stop: threading.
     """
     function = solve_chunk if isinstance(executor, InThisProcess) else solve_chunk_elsewhere
     waiting, tasks = [], iter(tasks)
+    # This process computes a task as it is submitted: with more than one ahead, progress would be shown late.
     ahead = 1 if isinstance(executor, InThisProcess) else ahead
     try:
         while True:
@@ -243,12 +256,14 @@ def solve_all(executor: Any, tasks: Iterable[Task], ahead: int, stop: threading.
                 waiting.append(executor.submit(function, task))
             if not waiting:
                 return
+            # Those that have begun go on, since their work would be lost.
             if stop.is_set():
                 waiting = [future for future in waiting if not _cancel(future)]
             ended = [future for future in waiting if future.done()]
             waiting = [future for future in waiting if future not in ended]
             for future in ended:
                 yield future.result()
+            # Futures of other libraries can only be asked, not waited for together.
             if not ended:
                 time.sleep(SECONDS_BETWEEN_LOOKS)
     except concurrent.futures.BrokenExecutor:
@@ -256,6 +271,7 @@ def solve_all(executor: Any, tasks: Iterable[Task], ahead: int, stop: threading.
             "A worker ended before its chunk was done: it was killed, perhaps because memory ran out. The store is "
             "intact; run the same command again, perhaps with fewer workers."
         ) from None
+    # After an error of one task the others must not go on in a user's executor.
     finally:
         for future in waiting:
             _cancel(future)

@@ -23,12 +23,14 @@ _PART = re.compile(r"\.part-(?P<machine>.+)-(?P<process>\d+)-[^-]+")
 def write_atomically(path: Path, content: bytes) -> None:
     """Writes a file atomically. Its folder is created if it does not exist."""
     path.parent.mkdir(parents=True, exist_ok=True)
+    # Flushed, because only its name would be certain otherwise, and its contents might be lost.
     with atomic_write(path, flush=True) as beside:
         beside.write_bytes(content)
 
 
 def remove_parts(folder: Path) -> None:
     """Removes what killed processes left."""
+    # Temporary files of chunks; they were never moved to their places.
     for path in folder.rglob(".part-*"):
         path.unlink(missing_ok=True)
 
@@ -58,6 +60,7 @@ def _is_dead(path: Path) -> bool:
 
 def _is_running(process: int) -> bool:
     try:
+        # Signal 0 is not sent, but tells whether the process exists.
         os.kill(process, 0)
     except (ProcessLookupError, OverflowError):
         return False
@@ -95,6 +98,7 @@ def list_chunks(folder: Path) -> list[int]:
 
 def with_checksum(content: bytes) -> bytes:
     """Returns the numbers of a chunk as its file holds them."""
+    # In the form of Zarr's codec `crc32c`, which checks it when the array is read.
     return content + _checksum(content)
 
 
@@ -121,6 +125,7 @@ def damages(folder: Path, *, numbers: bool = True) -> Iterator[Damage]:
         if size is None:
             continue
         has_checksum = CHECKSUM in _codecs(array)
+        # Stores of earlier versions have no checksums; their files can only be compared in size.
         intact = _is_intact if numbers and has_checksum else _is_of_its_size
         size += BYTES_OF_A_CHECKSUM * has_checksum
         for place in _places(array):
@@ -146,6 +151,7 @@ def change_error(path: Path) -> StoreError:
 
 def _nodes(folder: Path) -> Mapping[str, Any]:
     """Reads the metadata of each array and of each group in the store, by its path."""
+    # Readers open a store by the consolidated metadata, which are the reference for the others.
     about = json.loads((folder / "zarr.json").read_text(encoding="utf-8"))
     return about.get("consolidated_metadata", {}).get("metadata", {})
 

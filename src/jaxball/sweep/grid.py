@@ -1,4 +1,4 @@
-"""The rows of a study as a grid: a dimension for each of its axes."""
+"""Arranges the rows of a study as a grid, a dimension for each of its axes, for ``open_grid``."""
 
 import functools
 from typing import Any
@@ -28,6 +28,7 @@ def _cross_variable(variable: Any, axes: list[str], shape: tuple[int, ...]) -> A
     """Puts a variable along the axes in place of its dimension ``row``, if it has one."""
     if variable.dims[:1] != ("row",):
         return variable
+    # Not read yet: a grid may be much larger than what is looked at.
     lazy = indexing.LazilyIndexedArray(_Crossed(variable, shape))
     return xarray.Variable((*axes, *variable.dims[1:]), lazy, variable.attrs)
 
@@ -44,6 +45,7 @@ class _Crossed(BackendArray):
 
     def _read(self, key: tuple[Any, ...]) -> np.ndarray:
         along, rest = key[: len(self.axes)], key[len(self.axes) :]
+        # The last axis changes fastest, as in the rows of a study.
         strides = np.cumprod([1, *self.axes[:0:-1]])[::-1]
         places = [stride * np.arange(size)[k] for stride, size, k in zip(strides, self.axes, along, strict=True)]
         rows = np.asarray(functools.reduce(np.add.outer, places))

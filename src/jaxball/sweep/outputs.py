@@ -98,6 +98,7 @@ class Output(NamedTuple):
     @property
     def fill(self) -> Any:
         """The fill value for rows that are not computed."""
+        # A status of −1 is none of a run, and NaN none of its numbers.
         return np.nan if self.dtype.kind == "f" else NOT_COMPUTED
 
     def empty(self, rows: int) -> np.ndarray:
@@ -114,6 +115,7 @@ def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
     outputs |= {name: _output(variable) for name, variable in RUN.items()}
     saves = (template.times.size,) if study.save == "times" else ()
     dimensions = ("save",) * len(saves)
+    # At the end of the run there is no axis of times.
     if saves:
         outputs["time"] = Output(dimensions, saves, np.dtype(np.float64), "time", "save time", True)
     for name, (variable, shape) in state_variables(template).items():
@@ -140,6 +142,7 @@ def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
             outputs[name] = _output(variable)
     for find in study.finds:
         for name, end in ((find.name + end, end) for end in find.reduction().ends):
+            # Results of jaxball's own names are meant to have them; a user's must not hide another variable.
             if find.kind and (name in outputs or name == AXES):
                 raise StudyError(f"Key `find` must give names that are not in the store yet, but `{name}` is taken.")
             outputs[name] = _number("time" if end == "_time" else "", f"{name.replace('_', ' ')} of the run")
@@ -163,6 +166,7 @@ def state_variables(template: Scenario) -> dict[str, tuple[Variable, tuple[int, 
     """
     state = template.state
     body = state.body if isinstance(state, ReleasedState) else state
+    # With feedback the state has θ of every input, also of those that the scenario moves by schedules.
     if template.feedback is not None:
         none = np.zeros(len(_system_of_rows(template).coordinates))
         body = dataclasses.replace(body, theta=none, thetadot=none)
@@ -250,6 +254,7 @@ def with_extremes(results: dict[str, np.ndarray], template: Scenario | None) -> 
         read = results[f"measured_{name}"]
         missing = np.all(np.isnan(read), axis=1)
         for word, extreme in EXTREME.items():
+            # NumPy warns of rows without a number; they get 0 here and NaN below.
             readings = np.where(missing[:, None], 0.0, read)
             extremes[f"measured_{name}_{word}"] = np.where(missing, np.nan, extreme(readings, axis=1))
     return results | extremes

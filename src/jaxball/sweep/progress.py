@@ -49,9 +49,11 @@ def status_counts(folder: Path) -> StatusCounts:
     from outside; of the numbers, only the statuses and ``left_plane`` are read.
     """
     attributes = read_attributes(folder)
+    # Only the sizes of files: the statuses are checked as they are read, and the other numbers are not needed.
     check_intact(folder, numbers=False)
     rows, size = attributes["rows"], attributes["chunk"]
     counts, first, left = np.zeros(len(Status), dtype=int), None, 0
+    # Studies without contact forces have no such variable.
     looks = (folder / LEFT).is_dir()
     for chunk in list_chunks(folder):
         status = column(folder, "status", chunk, size, STATUS)[: rows - chunk * size]
@@ -157,6 +159,7 @@ class Progress:
         """
         self.stream, self.rows, self.mine, self.parallel, self.clock = stream, rows, mine, parallel, clock
         self.done, self.failed, self.left, self.now = before.rows, before.failed, before.left, 0
+        # By worker, because the first chunk of each has no beginning that is known here.
         self.workers: dict[str, _Worker] = {}
         self.start = self.shown = self.last = clock()
         self.terminal, self.last_line = stream.isatty(), ""
@@ -189,6 +192,7 @@ class Progress:
             return
         if after is not None:
             self.done, self.failed, self.left = after.rows, after.failed, after.left
+        # On a terminal the line is repeated in its final form; elsewhere only if it has changed.
         if self.terminal or self.last_line != self.line():
             self.show()
         if self.terminal:
@@ -217,6 +221,8 @@ class Progress:
         rows = sum(worker.rows for worker in self.workers.values())
         seconds = sum(worker.last - worker.start for worker in self.workers.values())
         if rows and seconds:
+            # Seconds are summed over workers, so that rows per second and worker are multiplied by how many there
+            # are.
             return len(self.workers) * rows / seconds
         if len(self.workers) > self.parallel:  # a new process for each chunk, which compiles first
             return self.now / (self.last - self.start)

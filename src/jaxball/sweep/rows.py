@@ -1,4 +1,4 @@
-"""The scenarios of many rows of a study, stacked, from reading its document once for all of them."""
+"""Reads the scenarios of many rows of a study at once, stacked, from one reading of its document."""
 
 import functools
 import tomllib
@@ -11,7 +11,7 @@ import tomli_w
 from jaxtyping import Array, Bool, Float, Int
 
 from .. import programs
-from ..numerics.arrays import is_traced
+from ..compat import is_traced
 from ..physics.body import AbstractBody
 from ..programs.batches import in_batches
 from ..scenario import Scenario, ScenarioError
@@ -60,6 +60,7 @@ class Batch(NamedTuple):
 
     def take(self, rows: Any) -> "Batch":
         """Returns some of the scenarios, by a slice or by indices."""
+        # The template and the axes are common to all rows.
         names = ("system", "times", "state", "rtol", "atol", "contact", "events", "sensors", "loop")
         stacked = {name: getattr(self, name) for name in names}
         return self._replace(**jax.tree.map(lambda leaf: leaf[rows], stacked))
@@ -116,6 +117,7 @@ def read_rows(
     where that number matters.
     """
     try:
+        # One reading for all rows, with traced numbers, if the document can be read in this way.
         stacked = _read_stack(study, values)
     except UntraceableError:
         stacked = _read_one_by_one(study, values)
@@ -126,6 +128,7 @@ def read_rows(
     looked_at = study.readings or template.feedback is not None
     ends_only = study.save == "end" and not template.step_to_times and not driven and not looked_at
     parts = stacked.parts
+    # Save times are an array of one shape for all rows, unless only their ends are used.
     for k in () if ends_only else possible[parts.times.count[possible] != template.times.size]:
         raise StudyError(
             f"Row {rows[k]} must have as many save times as the scenario, {template.times.size}, but it has "
@@ -157,11 +160,14 @@ class _Stacked(NamedTuple):
 
 def _read_stack(study: Study, values: Float[np.ndarray, "rows numbers"]) -> _Stacked:
     structure, program = _compile_reader(tomli_w.dumps(study.document), study.paths)
+    # Of one size, so that chunks of a study share one compiled program.
     changing, possible, certain = in_batches(program, values, min(ROWS_OF_BATCH, study.chunk))
+    # Where a condition holds but for rounding, the row's own document decides, as it would for a single run.
     for k in np.flatnonzero(possible & ~certain):
         possible[k] = _read(study, values[k]) is not None
     leaves, tree = jax.tree.flatten(structure.parts)
     stacked = [
+        # Without memory of its own for each row.
         changing[k] if k in changing else np.broadcast_to(_as_array(leaf), (len(values), *np.shape(leaf)))
         for k, leaf in enumerate(leaves)
     ]
@@ -187,6 +193,7 @@ def _compile_reader(text: str, paths: tuple[str, ...]) -> tuple[Structure, Calla
 
     def read(values: Float[Array, " numbers"]) -> tuple[dict[int, Array], Bool[Array, ""], Bool[Array, ""]]:
         parts, conditions = structure.trace(values)
+        # Only leaves that depend on the traced numbers are traced themselves.
         changing = {k: leaf for k, leaf in enumerate(jax.tree.leaves(parts)) if is_traced(leaf)}
         return changing, conditions.all_hold(), conditions.all_certain()
 
@@ -201,6 +208,7 @@ def _times(stacked: _Stacked, template: Scenario, ends_only: bool) -> Float[np.n
         return np.broadcast_to(common_times, (stacked.possible.size, common_times.size))
     if ends_only:
         return np.stack([times.start, times.end], axis=1)
+    # Times of impossible rows may overflow; they are not used.
     with np.errstate(all="ignore"):
         return np.ascontiguousarray(times.array(template.times.size))
 
@@ -208,6 +216,7 @@ def _times(stacked: _Stacked, template: Scenario, ends_only: bool) -> Float[np.n
 def _read_one_by_one(study: Study, values: Float[np.ndarray, "rows numbers"]) -> _Stacked:
     each = [_read(study, row) for row in values]
     possible = np.array([parts is not None for parts in each])
+    # An impossible row takes any numbers that can be stacked; it is left out before the solve.
     instead = Parts.of(read_contents(study.document), study.document)
     stacked = jax.tree.map(
         lambda *leaves: np.stack([_as_array(leaf) for leaf in leaves]),

@@ -87,19 +87,24 @@ def sweep(
     words = STOPPING if stream is not None else ""
     stream = io.StringIO() if stream is None else stream
     stream.write(_describe_repair(study, store.repair()))
+    # An executor of another library may not say how many workers it has.
     parallel = workers if executor is None else int(getattr(executor, "_max_workers", 0) or 32)
     before, counts = set(store.list_chunks()), status_counts(store.folder)
+    # Marks are read before the work: chunks that other shards finish meanwhile are not this shard's.
     shard_chunks = [k for k in range(shard[0] - 1, study.chunks, shard[1]) if k not in before]
     progress = Progress(stream, study.rows, counts, sum(len(study.rows_of(k)) for k in shard_chunks), parallel)
     threads = _threads(workers) if executor is None else 1
     tasks = (Task(study, store.folder, k, engine, threads) for k in shard_chunks)
+    # No more processes than there are chunks, since each takes seconds to start.
     with stop_requested(words) as stop, _running(executor, min(workers, max(len(shard_chunks), 1))) as pool:
         try:
             for done in solve_all(pool, tasks, TASKS_PER_WORKER * parallel, stop):
                 progress.add(done)
         except BaseException:
+            # The line of progress is ended, so that an error begins on a line of its own.
             progress.close()
             raise
+        # As counted in the store, which has the rows of other shards, too.
         progress.close(status_counts(store.folder))
         interrupted = stop.is_set()
     return _finish(store, interrupted)
@@ -120,7 +125,10 @@ def _finish(store: Store, interrupted: bool) -> Outcome:
     """Returns the outcome; the table is written if all chunks are done."""
     study, done = store.study, store.list_chunks()
     finished = len(done) == study.chunks
+    # A table's bytes depend on the store alone, so that one that exists is right, also after chunks were computed
+    # again.
     if finished and not store.table.exists():
+        # All chunks are done, so that nobody writes to the store any more.
         remove_parts(store.folder)
         write_table(store)
     rows = sum(len(study.rows_of(k)) for k in done)
@@ -135,9 +143,11 @@ def _running(executor: Any, workers: int) -> Iterator[Any]:
         return
     pool = executor_of(workers)
     try:
+        # A second Ctrl-C does not wait for the chunks being computed.
         with on_interrupt(pool.kill):
             yield pool
     except BaseException:
+        # Without this, `shutdown` would wait for chunks that nobody will use.
         pool.kill()
         raise
     finally:
@@ -146,6 +156,7 @@ def _running(executor: Any, workers: int) -> Iterator[Any]:
 
 def _threads(workers: int) -> int:
     """Returns the number of cores that each of ``workers`` processes uses."""
+    # Threads that share a core would only slow each other.
     return max(1, cores() // workers)
 
 
@@ -230,6 +241,7 @@ def estimate(
     if not measure:
         return unmeasured
     together = min(cores() if workers is None else workers, study.chunks)
+    # A signal ends the process without leaving this block, which would remove the folder.
     with tempfile.TemporaryDirectory() as folder, on_interrupt(lambda: shutil.rmtree(folder)):
         task = Task(study, Path(folder), 0, engine, _threads(1))
         alone = unmeasured._replace(**_alone(task, template, outputs))
@@ -254,13 +266,16 @@ def _alone(task: Task, template: Scenario, outputs: dict[str, Output]) -> dict[s
     takes long.
     """
     study, chunk = task.study, task.study.rows_of(task.chunk)
+    # From all over the study, because rows at one end may take much longer than those at the other.
     tried = np.unique(np.linspace(0, study.rows - 1, min(TRIED, study.chunk)).astype(int))
 
     def solve_trial() -> None:
         compute(study, template, outputs, tried, task.engine, task.threads)
 
+    # The first call compiles, the second one does not.
     first, again = _seconds(solve_trial), _seconds(solve_trial)
     each = again / len(tried)
+    # Writing takes a part of the time, which only a whole chunk shows.
     if each * len(chunk) <= LONGEST:
         each = _seconds(lambda: solve_chunk(task)) / len(chunk)
     return {"compiling": max(0.0, first - again), "solving": each * study.rows}
@@ -268,6 +283,7 @@ def _alone(task: Task, template: Scenario, outputs: dict[str, Output]) -> dict[s
 
 def _together(task: Task, workers: int) -> dict[str, float]:
     """Measures how long ``workers`` processes take to start, and to solve and write all chunks, one each at a time."""
+    # One chunk for each worker at the same time, as they share memory and cores in the sweep.
     tasks = [task._replace(chunk=chunk) for chunk in range(workers)]
     with _running(None, workers) as pool:
 
@@ -276,6 +292,7 @@ def _together(task: Task, workers: int) -> dict[str, float]:
                 future.result()
 
         first, again = _seconds(solve_all_of_them), _seconds(solve_all_of_them)
+    # Workers take chunks in rounds, of which the last may be incomplete.
     return {"starting": max(0.0, first - again), "solving": again * math.ceil(task.study.chunks / workers)}
 
 

@@ -53,6 +53,7 @@ def read_attributes(folder: Path) -> dict[str, Any]:
 
     **Raises:** :class:`StoreError` when there is nothing at ``folder``, or something other than the store of a study.
     """
+    # `lexists`, because a broken link is something, too, and must not be overwritten.
     if not os.path.lexists(folder):
         raise StoreError(f'There must be the store of a study at "{folder}", but nothing is there.')
     try:
@@ -109,14 +110,19 @@ class Store:
 
         **Raises:** :class:`StoreError` when that fails; the chunk then has no mark.
         """
+        # Every folder above a new file, because a name is on disk only when its folder is.
         folders = set()
         try:
             for name, output in self.outputs.items():
+                # All chunks of a Zarr array have the same shape; what is beyond the last row stays at the fill value.
                 padded = output.empty(self.study.chunk)
                 padded[: len(arrays[name])] = arrays[name]
                 path = self._file(name, chunk)
+                # Little-endian on any machine, as the metadata say.
                 write_atomically(path, with_checksum(padded.astype(output.dtype.newbyteorder("<")).tobytes()))
                 folders |= {folder for folder in path.parents if self.folder in folder.parents}
+            # A mark must never appear before what it stands for. If the machine stops between the two, the chunk is
+            # computed again; the other way round, lost numbers would count as done.
             for folder in folders:
                 flush_to_disk(folder)
             write_atomically(self._mark(chunk), b"")
@@ -140,6 +146,7 @@ class Store:
         shape = (self.study.chunk, *output.shape)
         numbers = numbers_of(path, int(np.prod(shape)) * output.dtype.itemsize)
         if numbers is None:
+            # None of it is used: one wrong number says that something else wrote to the file.
             raise change_error(path)
         array = np.frombuffer(numbers, output.dtype.newbyteorder("<")).reshape(shape)
         return array[: len(self.study.rows_of(chunk))]
@@ -151,6 +158,7 @@ class Store:
 
         **Raises:** :class:`StoreError` when that fails.
         """
+        # All of them first, because marks that are removed change which chunks are checked.
         damaged = list(damages(self.folder))
         for damage in damaged:
             if damage.path.is_dir():
@@ -161,6 +169,7 @@ class Store:
             if damage.chunk is not None:
                 self._mark(damage.chunk).unlink(missing_ok=True)
         lost = [damage.path for damage in damaged if damage.chunk is None]
+        # Metadata and the points of axes follow from the study alone, so that a new store has the same bytes.
         if lost:
             with _make_store(self, identity_of(self.study)) as blank_store:
                 for path in lost:
@@ -186,11 +195,14 @@ def open_store(folder: Path, study: Study, outputs: dict[str, Output]) -> Store:
         raise StoreError(f'Argument `out` must end in .zarr, but it is "{folder}".')
     expected = identity_of(study)
     store = Store(folder, study, outputs)
+    # A sweep that was killed while it made its store left a temporary folder beside it.
     remove_dead_parts(folder.parent)
     if not os.path.lexists(folder):
         if os.path.lexists(store.table):
+            # Before the store is made: an error then leaves nothing behind.
             _check_table(store.table, expected)
         _create(store, expected)
+    # Also of a store just made, since another shard may have made it, for another study.
     attributes = read_attributes(folder)
     differing = [name for name, value in expected.items() if attributes.get(name) != value]
     if differing:
@@ -232,12 +244,14 @@ def _make_store(store: Store, attributes: dict[str, Any]) -> Iterator[Path]:
     try:
         with (
             tempfile.TemporaryDirectory(prefix=part_prefix(), dir=folder.parent) as beside,
+            # A signal ends the process without leaving this block, which would remove the folder.
             interruption.on_interrupt(lambda: shutil.rmtree(beside)),
         ):
             blank_store = Path(beside) / "store"
             _write_metadata(blank_store, store.study, store.outputs, attributes)
             (blank_store / MARKS).mkdir()
             yield blank_store
+        # The name of the new store is an entry of this folder.
         flush_to_disk(folder.parent)
     except OSError as error:
         raise StoreError(
@@ -249,6 +263,7 @@ def _make_store(store: Store, attributes: dict[str, Any]) -> Iterator[Path]:
 def _create(store: Store, attributes: dict[str, Any]) -> None:
     with _make_store(store, attributes) as blank_store:
         try:
+            # The store appears whole, by one move: no other process can see it without its metadata.
             blank_store.rename(store.folder)
         except OSError:
             if not (store.folder / "zarr.json").exists():  # unless another shard was faster
@@ -288,6 +303,7 @@ def _write_metadata(folder: Path, study: Study, outputs: dict[str, Output], attr
         )
     for name, labels in labels_of(outputs, template).items():
         # There is no string type that every Zarr library reads.
+        # Strings are stored as an attribute, and their numbers as the coordinate.
         texts = labels.dtype.kind == "U"
         create(
             name,
@@ -350,6 +366,7 @@ def write_table(store: Store) -> None:
         ],
         metadata={OF_STUDY: json.dumps(identity_of(store.study))},
     )
+    # Groups of one chunk would make a large table slow to read, and the whole table at once may not fit in memory.
     per_group = max(1, ROWS_OF_A_GROUP // store.study.chunk)
     try:
         # The file is opened here, because pyarrow accepts no name that is not valid text.
@@ -378,10 +395,12 @@ def _unit_of(store: Store, name: str) -> dict[str, str] | None:
 def _columns(outputs: dict[str, Output]) -> Iterator[tuple[str, tuple[str, tuple[Any, ...]]]]:
     """Lists the name of each column, with its variable and the index in it."""
     for name, output in outputs.items():
+        # The same times for each row would be repeated in each row.
         if name == "time":
             continue
         saved = output.dimensions[:1] == ("save",)
         for entry, index in entries(name, output.shape[saved:]).items():
+            # Where states are saved at several times, the last one.
             yield entry, (name, (slice(None), *[-1] * saved, *index))
 
 

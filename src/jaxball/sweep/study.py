@@ -20,14 +20,14 @@ from ..interface.status import BACK_WITHIN
 from ..interface.wording import did_you_mean, number_of
 from ..physics.rolling import AbstractRollingSystem
 from ..scenario import Scenario, ScenarioError, read_document
-from ..scenario.errors import each_of, raise_first, try_readers
+from ..scenario.errors import describe, each_of, key_error, raise_first, try_readers
 from ..scenario.files import with_defaults
 from ..scenario.imports import import_name
 from ..scenario.own import own_class, trying_class
 from ..scenario.paths import check_number, value_at, with_numbers
 from ..scenario.sources import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
 from ..scenario.table import Key, read_list, read_one_of, read_table
-from ..scenario.values import POSITIVE, Choice, Flag, Integer, Numbers, Text, describe, key_error, unread
+from ..scenario.values import POSITIVE, Choice, Flag, Integer, Numbers, Text, unread
 from .axes import AXES, Axis, keys_of_paths, read_axis
 from .errors import StudyError
 
@@ -70,6 +70,7 @@ def read_finds(values: Any, template: Scenario) -> tuple[Find, ...]:
     names = [find.name for find in finds]
     if len(set(names)) < len(names):
         raise key_error("find", "a list of different names", describe(names))
+    # Made once here, so that a wrong name is an error of the file and not of a worker.
     for find in finds:
         find.reduction()
     return finds
@@ -199,6 +200,7 @@ class Study:
 
     def template(self) -> Scenario:
         """Returns the scenario itself, with everything that all rows have in common."""
+        # As text, because a dictionary cannot be the key of a cache; workers ask for each chunk.
         return _read(tomli_w.dumps(self.document))
 
     def identity(self) -> dict[str, str]:
@@ -260,6 +262,7 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
     )
     scenario, template = read or ({}, None)
     # Errors in one of these parts must not hide errors in the others.
+    # An axis may change a number that the scenario leaves at its default.
     if axes and template:
         scenario = with_defaults(scenario, template, (path for axis in axes for path in axis.paths))
     (*_, finds), later = try_readers(
@@ -272,6 +275,7 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
     if table is None or template is None or axes is None:
         raise AssertionError("A part that could not be read has an error.")
     rows = math.prod(axis.size for axis in axes)
+    # What is kept at each time needs memory in proportion to the number of times.
     looked_at = table["save"] == "times" or table["readings"] or template.feedback is not None
     saves = template.times.size if looked_at else 1
     chunk = _chunk_for(rows, saves) if table["chunk"] is None else min(table["chunk"], rows)
@@ -360,4 +364,5 @@ def _chunk_for(rows: int, saves: int) -> int:
     lanes and files costly.
     """
     most = min(LARGEST_CHUNK, MOST_NUMBERS_OF_CHUNK // (NUMBERS_OF_A_STATE * saves))
+    # A power of two, from about a sixteenth of the rows.
     return max(1, min(max(SMALLEST_CHUNK, 1 << (rows // ENOUGH_CHUNKS).bit_length()), most, rows))

@@ -34,6 +34,7 @@ def parse(text: str) -> ET.Element:
     **Raises:** :class:`URDFError` for a text that is no XML, that declares entities, that xacro has not expanded yet,
     or that has another root.
     """
+    # A short file of nested entities can grow to gigabytes while it is parsed.
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise URDFError("The file must have no document type and no entities, but it declares some; leave them out.")
     try:
@@ -103,6 +104,7 @@ def inertial_of(link: ET.Element) -> Inertial | None:
     mass = number(stated[0], "value", link)  # pyright: ignore[reportArgumentType]
     xx, yy, zz, xy, xz, yz = (number(stated[1], name, link, 0.0) for name in MOMENTS)  # pyright: ignore
     moments, axes = principal(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    # Links for frames and sensors often state zeros instead of nothing.
     if mass == 0 and not np.any(moments):
         return None
     if mass <= 0:
@@ -140,10 +142,12 @@ def reach(shape: Shape, link: ET.Element, centre: Float[np.ndarray, "3"]) -> flo
     c = shape.frame.turn.T @ (centre - shape.frame.shift)
     if shape.element.tag == "box":
         half = numbers(shape.element, "size", 3, link) / 2
+        # To the farthest corner.
         return float(np.linalg.norm(np.abs(c) + half))
     radius = number(shape.element, "radius", link)
     if shape.element.tag == "sphere":
         return float(np.linalg.norm(c)) + radius
+    # By symmetry only the distances along the axis and from it count.
     along, across = abs(c[2]) + number(shape.element, "length", link) / 2, float(np.hypot(c[0], c[1]))
     if shape.element.tag == "capsule":
         return float(np.hypot(along, across)) + radius

@@ -1,4 +1,4 @@
-"""URDF as a scenario: a ball with mechanisms, on a plane."""
+"""Reads a URDF file as a scenario: a ball with mechanisms, on a plane."""
 
 import xml.etree.ElementTree as ET
 from typing import NamedTuple
@@ -102,6 +102,7 @@ def read_urdf(text: str, *, shell: str | None = None, times: Numbers = TIMES, gr
     shell_inertia = tree.inertial(rolls.link)
     if shell_inertia is None:
         raise URDFError(f"Element {label(tree.links[rolls.link])} must have an <inertial>, but it has none.")
+    # The axes must be the principal ones, as a ball here has only three moments.
     ball = Frame(shell_inertia.axes.turn, tree.frames[rolls.link].of_point(rolls.frame.shift))
     inside = _Inside(tree, ball)
     inside.read_joints(rolls.link)
@@ -129,6 +130,7 @@ def _shell(tree: Tree, shapes: dict[str, list[Shape]], asked: str | None) -> She
     if asked is not None and asked not in tree.links:
         others = did_you_mean(asked, tuple(tree.links), f"its links are {', '.join(tree.links)}")
         raise URDFError(f'Argument `shell` must be a link of the file, but it is "{asked}"{others}')
+    # Contacts come first: a sphere that is only shown counts where nothing else rolls.
     for candidates in spheres.values():
         entries = [(name, shape) for name, shape in candidates if asked in (None, name)]
         if len(entries) > 1:
@@ -179,6 +181,7 @@ class _Inside:
 
     def read_joints(self, shell: str) -> None:
         """Reads each joint on the links that are fixed to the shell, and what is on it, as a mechanism."""
+        # All joints on the shell's rigid part: whatever is fixed to the shell is the shell.
         for joint in self._joints_on(shell, None):
             self.joints: list[AbstractJoint] = []
             self.masses: list[CarriedMass] = []
@@ -203,12 +206,14 @@ class _Inside:
         Where the shell is on the side of the child, the joint turns the other way.
         """
         before, forward = len(self.joints) - 1, joint.parent in self.tree.together(inner)
+        # URDF puts a joint at the origin of its child, also where the shell is the child.
         frame = self.into.then(self.tree.frames[joint.child])
         axis = frame.turn @ _axis(joint) * (1.0 if forward else -1.0)
         drive, carrier = _forces(joint), None if on in (None, before) else on
         hinged = joint.kind in HINGES
         self.joints.append(Hinge(axis, frame.shift, drive, carrier) if hinged else Slider(axis, drive, carrier))
         self.names.append(label(joint.element))
+        # The tree is walked outwards from the shell, not from the root.
         outer = joint.child if forward else joint.parent
         inertia = self.tree.inertial(outer)
         if inertia is not None:

@@ -1,4 +1,4 @@
-"""The links of a file where every joint is at 0, and which of them are fixed to each other."""
+"""Reads the tree of links of a URDF file: where they are with every joint at 0, and which are fixed to each other."""
 
 import xml.etree.ElementTree as ET
 from typing import NamedTuple
@@ -79,6 +79,7 @@ def read_tree(robot: ET.Element) -> Tree:
     frames, rigid = {root: Frame(np.eye(3), np.zeros(3))}, {root: root}
     waiting = [root]
     while waiting:
+        # Parents before children, whose frames and rigid parts follow from theirs.
         parent = waiting.pop()
         for joint in (joint for joint in joints if joint.parent == parent):
             if joint not in floating:
@@ -86,6 +87,7 @@ def read_tree(robot: ET.Element) -> Tree:
             frames[joint.child] = frames[parent].then(origin_of(joint.element, joint.element))
             rigid[joint.child] = rigid[parent] if joint.kind == "fixed" else joint.child
             waiting.append(joint.child)
+    # A loop has no end from which the root could reach it.
     lost = [label(links[name]) for name in links if name not in frames]
     if lost:
         raise URDFError(f"The joints must be a tree, but {all_of(lost)} are in a loop; leave one of its joints out.")

@@ -35,13 +35,13 @@ OF_CONTACT = ("energy", "norm")  # balances that are known for a body with a law
 MEANINGLESS = (MASSES_MOVE, PLANAR, NO_VERSOR, NO_TURNTABLE)  # reasons for which there is no quantity that could change
 
 
-def why_not_chaplygin(system: AbstractBody, at: Moments) -> str:
+def why_not_chaplygin(system: AbstractBody, body_moments: Moments) -> str:
     """Says why ΛΠ is not constant; empty where it is, for p = 0 at all times and no force or resistance on level
     ground.
     """
     if reason := _what_acts(system):
         return reason
-    distance = float(np.max(np.linalg.norm(at.p, axis=-1) / np.asarray(at.M)))
+    distance = float(np.max(np.linalg.norm(body_moments.p, axis=-1) / np.asarray(body_moments.M)))
     if distance > ZERO_RELATIVE * float(system.radius):
         return f"the centre of mass is up to {distance:.3g} from the geometric centre"
     return ""
@@ -56,7 +56,7 @@ def why_not_moving_energy(system: AbstractBody) -> str:
     return ""
 
 
-def why_not_routh(system: AbstractBody, at: Moments, axis: Float[np.ndarray, "steps nodes 3"]) -> str:
+def why_not_routh(system: AbstractBody, body_moments: Moments, axis: Float[np.ndarray, "steps nodes 3"]) -> str:
     """Says why the integrals of Jellett and Routh are not constant; empty where they are.
 
     They are constant where no force acts, no mass moves, and the ball with its masses is a body of revolution about the
@@ -66,13 +66,14 @@ def why_not_routh(system: AbstractBody, at: Moments, axis: Float[np.ndarray, "st
         return PLANAR
     if reason := _what_acts(system):
         return reason
-    J, p = np.asarray(at.J), np.asarray(at.p)
+    J, p = np.asarray(body_moments.J), np.asarray(body_moments.p)
     moved = max(np.ptp(J, axis=(0, 1)).max(), np.ptp(p, axis=(0, 1)).max() * float(system.radius))
     # Two equal masses that circle the axis opposite each other change neither J nor p.
-    if moved > ZERO_RELATIVE * np.max(np.abs(J)) or np.max(np.abs(at.l)) > 0:
+    if moved > ZERO_RELATIVE * np.max(np.abs(J)) or np.max(np.abs(body_moments.l)) > 0:
         return MASSES_MOVE
     J, p = J[0, 0], p[0, 0]
-    about_centre_of_mass = J - (p @ p * np.eye(3) - np.outer(p, p)) / float(at.M[0, 0])
+    # Steiner: about the centre of mass, where a body of revolution shows that it is one.
+    about_centre_of_mass = J - (p @ p * np.eye(3) - np.outer(p, p)) / float(body_moments.M[0, 0])
     return why_no_revolution(about_centre_of_mass, axis[0, 0])
 
 
@@ -95,6 +96,7 @@ def why_no_revolution(J: Float[np.ndarray, "3 3"], axis: Float[np.ndarray, "3"])
     along = J @ axis
     if np.max(np.abs(along - (axis @ along) * axis)) > ZERO_RELATIVE * scale:
         return f"the axis {_text(axis)} is not a principal one"
+    # The axis's own eigenvalue is lifted above the others, which are then the two moments across it.
     across = np.sort(np.linalg.eigvalsh(J + 10 * scale * np.outer(axis, axis)))[:2]
     if across[1] - across[0] > ZERO_RELATIVE * scale:
         return f"the moments across the axis {_text(axis)} differ, {across[0]:.4g} and {across[1]:.4g}"
@@ -156,9 +158,11 @@ def law_of_contact(case: Case) -> Row:
     N, f = np.asarray(seen.normal_force), np.linalg.norm(np.asarray(seen.friction), axis=1)
     mode, slip = np.asarray(run.history.mode), np.linalg.norm(np.asarray(run.history.slip)[:, :2], axis=1)
     sliding = np.asarray(jax.vmap(law.coefficient)(jnp.asarray(slip)))
+    # In flight there is no friction to allow.
     mu = np.where(mode == Mode.SLIDING, sliding, np.where(mode == Mode.FLIGHT, 0.0, float(law.static_friction)))
     system = case.scenario.system
     assert isinstance(system, AbstractBody)
+    # A fraction of the weight; without gravity, there is none.
     unit = float(system.total_mass) * abs(float(system.gravity)) or 1.0
     above = np.maximum(-N, f - mu * np.maximum(N, 0.0))
     on_ground = mode != Mode.FLIGHT

@@ -162,6 +162,7 @@ class Case:
             if nearby.ok:
                 deviation = self.distance(nearby.state, self.reference.state)
                 factors.append(deviation / deviation[0])
+        # Small deviations may shrink; an error that was made stays.
         return np.maximum(1.0, np.max(factors, axis=0)) if factors else np.full(len(self.scenario.times), np.nan)
 
     @property
@@ -177,6 +178,7 @@ class Case:
 def _displace(system: AbstractSystem, t: Float[ArrayLike, ""], state: Any, change: Float[Array, " size"]) -> Any:
     body = state.body if isinstance(state, ReleasedState) else state
     vector, unravel = ravel_pytree(body)
+    # Projected, so that a displaced state keeps its constraints, such as |q| = 1.
     moved = system.prepare().projected(to_array(t), unravel(vector + change))
     return eqx.tree_at(lambda x: x.body, state, moved) if isinstance(state, ReleasedState) else moved
 
@@ -226,6 +228,7 @@ def trust(case: Case) -> Trust | None:
     if not case.reference.ok:
         return None
     times = np.asarray(case.scenario.times)
+    # Once it was wrong, a run is not trusted again where its error happens to be small.
     errors = np.maximum.accumulate(case.errors)
     error, growth = float(errors[-1]), float(np.max(case.growth))
     lyapunov_time = float(times[-1] - times[0]) / math.log(growth) if growth > 1 else math.inf

@@ -67,6 +67,7 @@ def convergence(case: Case) -> Row:
         tolerances = [case.tolerance, case.tolerance * TIGHTER]
     errors = [_error_at(case, tolerance) for tolerance in tolerances]
     floor = INTERPOLATION_FACTOR * case.finest * float(np.max(case.growth))
+    # Not `<`, so that NaN is a ratio, and fails.
     ratios = [
         fine / coarse for coarse, fine in itertools.pairwise(errors) if not coarse >= SATURATED and not fine <= floor
     ]
@@ -75,6 +76,7 @@ def convergence(case: Case) -> Row:
     if not ratios and not errors[-1] <= floor < SATURATED:
         why = f"no error is between {SATURATED:g}, where it is as large as the motion, and {floor:.0e}, which the "
         return Row("convergence", note=f"not resolved: {why}reference resolves; {note}")
+    # Without a ratio nothing was found against convergence.
     return Row("convergence", float(np.max([0.0, *ratios])), LARGEST_RATIO, note=note)
 
 
@@ -105,6 +107,7 @@ def solvers(case: Case) -> Row:
     """Compares with Dopri8 or Gauss's method of order 16, whichever is of a different family than the scenario's
     solver.
     """
+    # Of another family, because methods that are made alike may err alike.
     explicit = isinstance(SOLVERS[case.scenario.solver](), diffrax.AbstractERK)
     other = Gauss(stages=8) if explicit else diffrax.Dopri8()
     return _agreement("solvers", case, case.other(other), type(other).__name__)

@@ -1,4 +1,4 @@
-"""The entry point: from a scenario, or a system with times and a state, to a report."""
+"""``verify``, the entry point: from a scenario, or a system with times and a state, to a report of its laws."""
 
 import concurrent.futures
 from collections.abc import Callable, Mapping, Sequence

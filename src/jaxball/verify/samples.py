@@ -76,7 +76,7 @@ def quantities(system: Any, t: Float[Array, ""], state: Any) -> Quantities:
     acting = load(system, t, state).with_torque(motion.dry)
     Lambda, Omega = in_space.Lambda, in_space.Omega
     Gamma = Lambda[2]
-    body_moments = motion.at
+    body_moments = motion.body_moments
     arguments = body_moments, r, Omega, Gamma
     axis = axis_of(body_moments)
     axial = routh_integrals(*_about(axis, *arguments))
@@ -216,18 +216,19 @@ def _in_space(
     return _InSpace(*(apply(Lambda, v) for v in (jnp.sum(m * Y, axis=0), Pi, jnp.sum(m * s, axis=0))))
 
 
-def axis_of(at: Moments) -> Float[Array, "3"]:
+def axis_of(body_moments: Moments) -> Float[Array, "3"]:
     """Returns the only axis about which the ball can be a body of revolution.
 
     It passes through the centre of mass; where that is the geometric centre, it is the body axis whose moment differs
     most from the others.
     """
-    J = jnp.diagonal(at.J)
-    height = jnp.sqrt(jnp.sum(at.p**2))
-    centred = height <= CENTRED_DISTANCE * jnp.sqrt(at.M * jnp.max(J))
+    J = jnp.diagonal(body_moments.J)
+    height = jnp.sqrt(jnp.sum(body_moments.p**2))
+    centred = height <= CENTRED_DISTANCE * jnp.sqrt(body_moments.M * jnp.max(J))
     odd = jnp.argmax(jnp.abs(J - jnp.median(J)))
     coordinate = jnp.where(jnp.arange(3) == odd, jnp.ones_like(J), 0.0)
-    return jnp.where(centred, coordinate, at.p / jnp.where(centred, 1.0, height))
+    # The inner `where` keeps the division by 0 away where the axis is a coordinate's.
+    return jnp.where(centred, coordinate, body_moments.p / jnp.where(centred, 1.0, height))
 
 
 def _about(axis: Float[Array, "3"], body_moments: Moments, r, Omega, Gamma):

@@ -20,7 +20,7 @@ def native(f, *args, quickly=False):
         results.append(result)
         return arrays
 
-    program = Lowered(of_leaves, leaves, "program").natively(quickly=quickly)
+    program = Lowered(of_leaves, leaves, "program").compile_natively(quickly=quickly)
     if isinstance(program, Refusal):
         raise UnsupportedError(program.reason)
     return results[-1].unflatten(program(leaves))

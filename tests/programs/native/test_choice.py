@@ -22,14 +22,14 @@ from jaxball.programs.store import current
 def compiled_natively(monkeypatch):
     """The names of the programs that are compiled natively, of which none is at hand from other tests."""
     names = []
-    original = native.Lowered.natively
+    original = native.Lowered.compile_natively
 
     def noted(lowered, *how):
         program = original(lowered, *how)
         names.append((lowered.name, not isinstance(program, native.Refusal)))
         return program
 
-    monkeypatch.setattr(native.Lowered, "natively", noted)
+    monkeypatch.setattr(native.Lowered, "compile_natively", noted)
     programs.forget()
     with current.keep_within(None):
         yield names
@@ -166,8 +166,8 @@ def test_by_an_environment_variable():
     text = """if True:
         import jax, jaxball, numpy as np
         from jaxball.programs.native import Lowered
-        made, original = [], Lowered.natively
-        Lowered.natively = lambda self, *how: made.append(self) or original(self, *how)
+        made, original = [], Lowered.compile_natively
+        Lowered.compile_natively = lambda self, *how: made.append(self) or original(self, *how)
         jaxball.simulate(jaxball.Disk(mass=1.0, inertia=0.5), np.array([0.0, 1.0], np.float32), rtol=1e-3, atol=1e-3)
         print(len(made))
     """

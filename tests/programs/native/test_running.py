@@ -17,7 +17,7 @@ import pytest
 from jax import lax
 
 import jaxball
-from jaxball.programs.native.executable import Program
+from jaxball.programs.native.executable import Executable
 from jaxball.programs.native.pipeline import compile_for_cpu
 
 from .comparison import native
@@ -123,7 +123,7 @@ def test_memory_does_not_grow(programs):
 
     def made(k):
         gives = [((100,), np.dtype(float), False)]
-        return Program(compile_for_cpu(module, [np.dtype(float)], gives))([np.full(100, float(k))])
+        return Executable(compile_for_cpu(module, [np.dtype(float)], gives))([np.full(100, float(k))])
 
     module = jax.jit(lambda x: lax.fori_loop(0, 3, lambda i, x: jnp.sin(x) + x[::-1], x)).lower(np.ones(100))
     module = module.compiler_ir("stablehlo")

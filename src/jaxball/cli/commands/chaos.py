@@ -145,6 +145,7 @@ def _poincare(options: argparse.Namespace) -> int:
     components = _components(state)
     path = _check_component(path, components)
     others = [name for name in components if name != path]
+    # Two others for the figure; the same one twice where there is only one.
     across, up = (_check_component(name, components) for name in options.axes or (others * 2)[:2])
     name, index = components[path]
 

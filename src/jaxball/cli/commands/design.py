@@ -35,6 +35,7 @@ def run(options: argparse.Namespace) -> int:
     with gather_problems(options.problem):
         problem_file = (read_control if CONTROL_TABLE in document else problem_of)(document, file.parent)
     source = Source(shlex.join(["jaxball", "design", str(file), "--out", str(options.out)]), file, text)
+    # Now, because a search of hours must not end in a refusal.
     source.check(options.out)
     return (_control if CONTROL_TABLE in document else _search)(options, problem_file, source)
 
@@ -78,6 +79,7 @@ def _search(options: argparse.Namespace, problem_file: Any, source: Any) -> int:
     from ...design.search.design import PROGRESS, SCENARIO, design, warnings
 
     def describe_stop() -> str:
+        # A search writes both; before that there is nothing to resume.
         if not all((options.out / name).exists() for name in (PROGRESS, SCENARIO)):
             return "Stopped; no design was found yet."
         return f"Stopped; the best design so far is {options.out / SCENARIO}; run the same command to resume."

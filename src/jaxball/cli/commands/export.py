@@ -1,4 +1,4 @@
-"""``jaxball export``: a scenario as a file of another simulator."""
+"""``jaxball export``: writes a scenario's robot as a file of MuJoCo."""
 
 import argparse
 import sys
@@ -50,19 +50,21 @@ def run(options: argparse.Namespace) -> int:
     scenario = scenario_of(document, options.scenario)
     timestep = {} if options.timestep is None else {"timestep": options.timestep}
     exported = to_mjcf(scenario, any_units=options.any_units, extent=options.extent, **timestep)
+    if options.controls is not None and not exported.controls:
+        raise BadInputError("Argument `--controls` must be left out, because nothing in this robot is controlled.")
     written = []
     if options.out == STDOUT:
         sys.stdout.write(exported.text)
     else:
         written.append(write_text(options.out, exported.text))
     if options.controls is not None:
-        if not exported.controls:
-            raise BadInputError("Argument `--controls` must be left out, because nothing in this robot is controlled.")
         rows = ((t, *row) for t, row in zip(scenario.times, exported.controls_at(scenario.times), strict=True))
         with replacing(options.controls) as temporary:
+            # By `repr`, which keeps all digits.
             write_csv(temporary, ["t", *exported.controls], (map(repr, map(float, row)) for row in rows))
         written.append(options.controls)
     notes = list(exported.notes)
+    # Standard output has the file, and nothing else.
     if options.out == STDOUT:
         for note in () if options.quiet else notes:
             print(note, file=sys.stderr)

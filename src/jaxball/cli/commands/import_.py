@@ -1,4 +1,4 @@
-"""``jaxball import``: a file of another simulator as a scenario."""
+"""``jaxball import``: reads a robot from a file of MuJoCo or ROS, and writes it as a scenario."""
 
 import argparse
 import re
@@ -42,6 +42,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     if options.out != STDOUT:
         check_destination(options.out, (".toml",), "--out")
+    # A scenario would be refused as XML that it is not; its own command is the better advice.
     if options.file != STDIN:
         refuse_document(Path(options.file))
     text = sys.stdin.read() if options.file == STDIN else text_of(options.file, "file of MuJoCo or ROS", ScenarioError)
@@ -60,6 +61,7 @@ def run(options: argparse.Namespace) -> int:
     from ...scenario import write_scenario
     from ...urdf import read_urdf
 
+    # Whole steps to the end that is nearest, at least one.
     times = options.step * np.arange(max(round(options.end / options.step), 1) + 1)
     if urdf:
         robot = read_urdf(text, shell=options.shell, times=times)
@@ -67,6 +69,7 @@ def run(options: argparse.Namespace) -> int:
         robot = read_mjcf(text, times=times, contact=options.contact)
     written = write_scenario(robot.scenario)
     notes = [*robot.notes, *_problems(robot.scenario)]
+    # Standard output has the file, and nothing else.
     if options.out == STDOUT:
         sys.stdout.write(written)
         for note in () if options.quiet else notes:
@@ -89,5 +92,6 @@ def _problems(scenario: "Scenario") -> list[str]:
 
 def _is_urdf(text: str) -> bool:
     """Returns whether the first element of a text shows it to be a URDF file."""
+    # Comments may have elements in them.
     first = re.search(r"<([A-Za-z_][\w:.-]*)", re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL))
     return first is not None and first[1] == "robot"

@@ -149,6 +149,7 @@ def _motion(options: argparse.Namespace, document: dict[str, Any], period: float
                 period,
                 turns=options.turns,
                 t=start,
+                # Multipliers are derivatives of the motion, and need it more exactly than a figure does.
                 rtol=min(scenario.rtol, PERIODIC_TOLERANCE),
                 atol=min(scenario.atol, PERIODIC_TOLERANCE),
                 iterations=options.iterations,

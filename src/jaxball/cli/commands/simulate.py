@@ -88,6 +88,7 @@ def run(options: argparse.Namespace) -> int:
     scenario = _scenario(options, _with_contact(document, options.contact))
     check_span(options, scenario)
     check_figures(options, scenario)
+    # Now that the times are known.
     check_memory(options, scenario.times.size)
     with compile_for(scenario):
         return _simulate(options, scenario)
@@ -115,6 +116,7 @@ def _simulate(options: argparse.Namespace, scenario: "Scenario") -> int:
     from ...scenario.checks import message_in_keys
     from ..files import write_json
 
+    # The dense output serves the extremes of the contact force, which other systems do not have; samples have none.
     rolls = isinstance(scenario.system_to_solve, AbstractRollingSystem) and scenario.feedback is None
     # The quantities that show how close the body came to slipping or leaving the plane.
     shown = not options.quiet or any(getattr(options, name) is not None for name in ("out", "json", "plot"))
@@ -275,6 +277,7 @@ def _with_contact(document: dict[str, Any], law: str | None) -> dict[str, Any]:
             f'kind "{document["kind"]}".'
         )
     keys = law.split(",") if "=" in law else [f"friction={law}"]
+    # As a whole, because keys of another law must not mix with those that are given.
     others = {name: value for name, value in document.items() if name != "contact"}
     return with_values(others, [f"contact.{key.strip()}" for key in keys])
 

@@ -45,6 +45,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     )
     add_formats(parser, "--format")
     add_replacing(parser)
+    # For errors that argparse does not find, with the usage of this command.
     parser.set_defaults(parser=parser)
 
 
@@ -120,6 +121,7 @@ def _plot(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
     from ..files import suffixes
 
     data = sweep.open_dataset(options.store)
+    # Before anything is drawn of numbers that something else may have changed.
     check_intact(options.store)
     try:
         with working(options, "drawing"):

@@ -1,4 +1,4 @@
-"""``jaxball track``: the motion of a scenario held by feedback, from disturbed starts."""
+"""``jaxball track``: holds the motion of a scenario by feedback, from disturbed starts."""
 
 import argparse
 import dataclasses
@@ -122,6 +122,7 @@ def _with_feedback(options: argparse.Namespace, document: dict[str, Any]) -> dic
     times = document.get("time")
     if options.sample is not None and isinstance(times, dict):
         instants = times.get("at")
+        # Times that are listed one by one have ends, too.
         ends = {"start": instants[0], "end": instants[-1]} if isinstance(instants, list) and instants else times
         times = {name: ends[name] for name in ("start", "end") if name in ends} | {"step": options.sample}
     return document | {"feedback": feedback} | ({} if times is None else {"time": times})
@@ -171,6 +172,7 @@ def _disturb(options: argparse.Namespace, scenario: "Scenario") -> "list[Scenari
             by_name("disturb", start, SampledSystem.of(robot_of(scenario), 1.0, settings.inputs).directions)
         except ValueError as error:
             raise BadInputError(str(error)) from None
+    # Where nothing disturbs it, feedback would have nothing to do.
     if starts == [{}] and not settings.pushes:
         starts = [{robot_of(scenario).state_type.rotation_rate: ON_RATES}]
     return [dataclasses.replace(scenario, feedback=dataclasses.replace(settings, start=start)) for start in starts]
@@ -181,6 +183,7 @@ def _simulate_loops(options: argparse.Namespace, scenario: "Scenario", feedback:
     from ...scenario.closed_loop import loop_along, settings_of, with_estimator
 
     settings = settings_of(scenario)
+    # Without feedback, in the same loop: its samples, limits and delay.
     kinds = {WITHOUT: Feedforward(feedback.sampled, feedback.nominal), HELD: feedback}
     if scenario.estimator is not None:
         kinds[SEEING] = with_estimator(scenario, feedback)

@@ -88,6 +88,8 @@ def _verify(options: argparse.Namespace, documents: Mapping[str, dict[str, Any]]
         except ValueError as error:
             raise BadInputError(str(error)) from None
         say(options, f"{name}: {reports[name]}", _draw(options, scenario, reports[name]))
+        # After each report, so that a command that is stopped leaves those that are done; standard output takes one
+        # document.
         if options.json != STDOUT:
             write_json(options, _content(reports))
     if options.json == STDOUT:

@@ -160,6 +160,7 @@ def _write(options: argparse.Namespace, runs: "Mapping[str, Trajectory[Any, Any]
     from ...plot.view.rolling import other_ground
 
     rolling = [run.system for run in runs.values() if isinstance(run.system, System)]
+    # Here and not only in `write_view`, which would name its own argument instead of the files.
     other = other_ground(rolling)
     if other is not None:
         names = list(runs)

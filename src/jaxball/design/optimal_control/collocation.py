@@ -69,9 +69,13 @@ class NodeTerm(NamedTuple):
         derivatives = self.term.jacobian
         jacobian = np.zeros((*derivatives.shape[:2], derivatives.shape[1]))
         jacobian[:, :, :moving] = derivatives
+        # The Lagrangian's second derivatives are symmetric: the columns of costates are the rows of rates,
+        # transposed.
         jacobian[:, :moving, moving:free] = np.swapaxes(derivatives[:, moving:free], 1, 2)
-        # Row s has −w g, the others −w σ g.
+        # Row s contains −w g, the rows of x and u contain −w σ(s) g′: derived by s, σ′ times the former derived by x
+        # and u.
         jacobian[:, :moving, free:] = np.swapaxes(self.by_multiplier[:, :, None] * derivatives[:, free:], 1, 2)
+        # Each slack depends on its own s only.
         slacks = np.arange(free, derivatives.shape[1])
         jacobian[:, slacks, slacks] = self.by_slack
         return self.term._replace(jacobian=jacobian)
@@ -119,11 +123,13 @@ def at_nodes(vary: Vary, shape: Sizes, problem: Any, parameter, barrier, times, 
             def lagrangian(local):
                 x, u, costate = local[:n], local[n:-n], local[-n:]
                 cost, g = weight * variant.cost(t, x, u), variant.inequalities(t, x, u)
+                # σ is weighted like the cost, as a density in time: its values do not depend on the mesh.
                 pushed = weight * jnp.sum(multiplier(s, barrier) * g)
                 return cost - pushed + h * jnp.sum(costate * variant.rate(t, x, u)), (cost, g)
 
             rows = jnp.concatenate([moved, local[moving:free]])
             gradient, (cost, g) = jax.grad(lagrangian, has_aux=True)(rows)
+            # The slack's equation is weighted like the cost, which makes the matrix symmetric up to the factor σ′.
             return jnp.concatenate([gradient, weight * (slack(s, barrier) - g)]), cost
 
         by_s = [jax.jvp(lambda s, of=of: of(s, barrier), (s,), (jnp.ones_like(s),))[1] for of in (slack, multiplier)]
@@ -161,7 +167,9 @@ def _term(
     ) -> tuple[Float[Array, " k"], Float[Array, " k"], Float[Array, ""]]:
         return jax.jvp(equations, (local, parameter), (direction[:-1], direction[-1]), has_aux=True)
 
-    # All of one trace, because these programs take longer to compile than to run.
+    # Value, cost and derivatives by one function of each direction: these programs take longer to compile than to
+    # run.
+    # The last direction is that of λ.
     value, slopes, cost = of_rows(along, jnp.eye(local.size + 1, dtype=local.dtype))
     return Term(cost[0], value[0], slopes[:-1].T, slopes[-1])
 
@@ -287,6 +295,8 @@ class Collocation(AbstractEquations):
     def order(self):
         """Interval by interval, the unknowns of nodes before what they determine."""
         places = self.places
+        # Within an interval each unknown is coupled to others of it and to the knots at both ends; this makes the
+        # band.
         intervals = [
             places.knots[:-1, None],
             places.excess,
@@ -304,6 +314,7 @@ class Collocation(AbstractEquations):
         soft, because some conditions may follow from others.
         """
         sizes = super().sizes(y)
+        # With an infinite scale, a correction counts as 0.
         if self.inequalities:
             sizes[self.unconstrained :] = np.inf
         elif self._soft:
@@ -311,6 +322,7 @@ class Collocation(AbstractEquations):
         return sizes
 
     def length(self, change, y):
+        # The norm must leave out the same multipliers, or the monotonicity test would compare their rounding.
         return super().length(change / self.sizes(y) if self.inequalities or self._soft else change, y)
 
     def residual(self, y, parameter):
@@ -370,6 +382,8 @@ class Collocation(AbstractEquations):
         entries = [(data, row, column), (np.ones(n), states.at_start, states.knots[0])]
         data, row, column = (np.concatenate([np.ravel(x) for x in part]) for part in zip(*entries, strict=True))
         lower = scipy.sparse.csr_array((data, (row, column)), shape=(self.size, self.size))
+        # These equations are linear in the states, and their multipliers enter the other rows by the same
+        # coefficients: the matrix of the conditions of Karush, Kuhn and Tucker is symmetric.
         return lower + lower.T
 
     @functools.cached_property
@@ -385,8 +399,11 @@ class Collocation(AbstractEquations):
         """Returns the terms of the nodes and of the end; cached, because residual and Jacobian are needed at the same
         point.
         """
+        # Newton's method asks for residual and Jacobian at one point after the other; comparing y is far cheaper than
+        # evaluating.
         if self._last is None or self._last[1] != parameter or not np.array_equal(self._last[0], y):
             parts = self.parts(y)
+            # A copy, because the caller may change its y in place.
             self._last = (y.copy(), parameter, self._node(parts, parameter), self._end(parts, parameter))
         return self._last[2:]
 
@@ -406,6 +423,7 @@ class Collocation(AbstractEquations):
 @functools.lru_cache(maxsize=64)
 def _compile_partial(function: Callable[..., Any], *arguments: Any) -> programs.Program:
     """Compiles a function whose first arguments are given."""
+    # Cached by the identity of `vary`: the same function again finds its compiled program.
     return programs.jit(functools.partial(function, *arguments))
 
 
@@ -437,4 +455,5 @@ def _sum_blocks(places: np.ndarray, blocks: np.ndarray, size: int) -> scipy.spar
     """Sums blocks, each at its own rows and columns."""
     rows = np.broadcast_to(places[:, :, None], blocks.shape)
     columns = np.broadcast_to(places[:, None, :], blocks.shape)
+    # Entries at the same place add up in a sparse array.
     return scipy.sparse.csr_array((np.ravel(blocks), (np.ravel(rows), np.ravel(columns))), shape=(size, size))

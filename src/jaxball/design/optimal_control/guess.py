@@ -1,4 +1,4 @@
-"""An initial guess on which a ball or disk rolls along the desired path."""
+"""Makes the initial guess of an optimal control problem: a ball or a disk that rolls along the desired path."""
 
 import dataclasses
 import functools
@@ -61,6 +61,8 @@ def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stag
     theta, thetadot = (np.tile(np.asarray(x), (len(times), 1)) for x in (problem.state.theta, problem.state.thetadot))
     state = _rolling_states(problem, target, (theta, thetadot))
     tilts = bool(problem.system.driven_ground)
+    # The masses hang as at the start until gravity's moment is known along the path. A plate leaves the centre of
+    # mass where it is and turns n instead, so that M r n takes the place of Λp.
     hanging = np.tile(_normal_moment(problem) if tilts else _initial_moment(problem), (len(times), 1))
     before = state if tilts else _with_masses_for(problem, times, state, hanging)
     # Only once: each repetition differentiates twice, and at rest the desired acceleration has a kink.
@@ -75,6 +77,7 @@ def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stag
     x = CubicSpline(times, _pack_states(problem, times, state))
     nodes = mesh[:-1, None] + np.diff(mesh)[:, None] * gauss(stages).c
     size = x(mesh).shape[1]
+    # From spline derivatives, because the controls must produce the rates of the path that is returned.
     u = driving(problem, np.ravel(nodes), x(nodes).reshape(-1, size), x(nodes, 1).reshape(-1, size))
     return Path(mesh, x(mesh), x(nodes), u.reshape(*nodes.shape, -1))
 
@@ -85,6 +88,7 @@ def driving(
 ) -> Float[np.ndarray, "k m"]:
     """Finds the controls with which ẋ comes closest to ``rates``."""
     free, columns = (np.asarray(part) for part in _affine(problem, *map(jnp.asarray, (times, states))))
+    # The rates are those of a desired path, which m controls cannot give to n states in general: least squares.
     return np.einsum("kmn,kn->km", np.linalg.pinv(columns), rates - free)
 
 
@@ -94,6 +98,8 @@ def _affine(problem: Rolling, times, states) -> tuple[Float[Array, "k n"], Float
     off = jnp.zeros(problem.controls, states.dtype)
 
     def one(t, x):
+        # Accelerations and motors' forces enter the equations of motion linearly, so that this derivative holds for
+        # all u.
         rate, change = jax.linearize(lambda u: problem.rate(t, x, u), off)
         return rate, jax.vmap(change, out_axes=1)(jnp.eye(problem.controls, dtype=states.dtype))
 
@@ -123,11 +129,15 @@ def _rolling_states(
             f"t = {times[np.argmin(np.isfinite(held.centre).all(axis=1))]:.4g} it is not; start from rest."
         )
     over = CubicSpline(times, held.centre)(times, 1) - held.velocity
+    # ω × r n is the velocity of the centre over the ground, so that rolling without spin has ω = n × (ċ − w) / r.
     rates = CubicSpline(times, np.cross(held.normal, over) / float(problem.system.radius))
+    # Rotations by the integral of ω over each step are exact where its direction stays the same.
     omega, turns = rates(times), np.diff(rates.antiderivative()(times), axis=0)
     if isinstance(start, DiskState):
+        # A disk rolls by Ω = (0, −φ̇, 0).
         phi = start.phi - np.cumsum(np.append(0.0, turns[:, 1]))
         return DiskState(phi, -omega[:, 1], held.z, *angles)
+    # SciPy has the scalar part of a quaternion last.
     steps = np.roll(Rotation.from_rotvec(turns).as_quat(), 1, axis=1)
     q, Omega = _orientations(start.q, jnp.asarray(steps), jnp.asarray(omega))
     return BallState(q, Omega, held.z, *angles)
@@ -154,6 +164,7 @@ def _hold_along(problem: Rolling, times, wanted: Float[Array, "t 2"], theta, the
         t, place, *angles = at
         surface = _surface_at(problem, t, *angles)
         assert surface is not None
+        # Each time's search begins at the place before, which is near, because the steps of time are small.
         for _ in range(CORRECTIONS):
 
             def gap(z, surface=surface, t=t, place=place):
@@ -191,6 +202,8 @@ def _moment_with_torque(problem: Rolling, hanging, moment) -> Float[np.ndarray, 
     """Computes Λp with its length unchanged, moved sideways so that gravity has the given ``moment``."""
     weight = np.asarray(_weight(problem))
     up = weight / np.linalg.norm(weight)
+    # γ × p has no component along γ, so that only the sideways part of a moment can be met; this is the smallest
+    # change of p.
     moved = hanging + np.cross(moment, weight) / np.sum(weight**2)
     size, height = np.linalg.norm(hanging, axis=1), hanging @ up
     beside = moved - (moved @ up)[:, None] * up
@@ -203,6 +216,7 @@ def _moment_with_torque(problem: Rolling, hanging, moment) -> Float[np.ndarray, 
             f"{size[0] / unit:.3g} r away from it; give the motion more time, start with the centre of mass farther "
             "below, or start from rest."
         )
+    # The centre of mass stays on the side of the geometric centre, above or below, on which it is at the start.
     return beside + np.copysign(np.sqrt(size**2 - side**2), height)[:, None] * up
 
 
@@ -273,6 +287,8 @@ def _nearest_angles(
     """Finds the θ with the moment ``goal``, by the smallest changes (Levenberg's method)."""
     for _ in range(CORRECTIONS):
         J = jax.jacfwd(moment)(theta)
+        # Fewer equations than angles: of all solutions the one with the smallest change, damped where the rails
+        # cannot follow.
         square = J @ J.T
         damped = square + DAMPING * jnp.trace(square) * jnp.eye(3)
         theta = theta + J.T @ jnp.linalg.solve(damped, goal - moment(theta))

@@ -1,4 +1,7 @@
-"""The inputs of a robot in an optimal control problem: accelerations of masses and joints, and forces of motors."""
+"""The inputs of a robot in an optimal control problem: accelerations of masses and joints, and forces of motors.
+
+``rolling`` has them as its controls.
+"""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple, cast
@@ -99,6 +102,8 @@ def inputs(system: System, start: Numbers, state: State | None) -> Inputs:
             "Argument `system` must have a mass on a rail, a joint or an angle of a TiltingPlane with a schedule, or a "
             "joint with a Motor to be controlled, but it has none."
         )
+    # Constants take the places of all signals, and one law gives θ̈ to everything that had a schedule. Values of u
+    # can then be filled in without a change of the system's structure.
     still = _with_motors(driven, motors, [Motor(0.0)] * len(motors))
     if driven.accelerated:
         still = eqx.tree_at(lambda s: s.law, still, GivenAccelerations(angles["theta"][np.asarray(driven.accelerated)]))
@@ -119,6 +124,7 @@ def with_inputs(prepared: System, motors: Sequence[MotorIndex], u: Float[Array, 
         prepared = eqx.tree_at(lambda s: s.law, prepared, GivenAccelerations(accelerations))
     if not motors:
         return prepared
+    # Mechanisms of the same structure are prepared as one group, whose signals are arrays over its members.
     entries = {place: slot for slot, place in enumerate(motors)}
     pairs: list[tuple[int, MotorIndex]] = []
     values = []
@@ -151,6 +157,7 @@ def with_schedules(
     ]
     ground = None if system.ground is None else system.ground.follow(list(following))
     moved = type(system)(**{**system.arguments, "masses": masses, "mechanisms": mechanisms, "ground": ground})
+    # A computed signal replaces the motor's own; its limit stays.
     limits = [motor.limit for motor in _motors_of(system, motors)]
     return _with_motors(moved, motors, [Motor(s, limit) for s, limit in zip(signals, limits, strict=True)])
 

@@ -105,6 +105,7 @@ class Path(NamedTuple):
 
     def _places(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Finds the interval of each time, and how far within it the time is, from 0 to 1."""
+        # The last knot belongs to the last interval, not to one after it.
         interval = np.clip(np.searchsorted(self.mesh, times, side="right") - 1, 0, len(self.mesh) - 2)
         return interval, (times - self.mesh[interval]) / np.diff(self.mesh)[interval]
 

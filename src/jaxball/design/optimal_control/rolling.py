@@ -113,6 +113,7 @@ class Rolling(AbstractControlProblem):
         controls = inputs(system, start, state)
         start_state = system.state_type() if state is None else state
         self.robot, self.system, self.motors = system, controls.system, controls.motors
+        # θ of everything accelerated is part of the state here, whereas a user's state has that of free joints only.
         self.state = system.state_type(**vars(start_state) | {"theta": controls.theta, "thetadot": controls.thetadot})
         self.start, self.end = start, end
         _require_rest(self.system, end, self.state)
@@ -166,11 +167,14 @@ class Rolling(AbstractControlProblem):
         packing, system, r = self.packing, self.system, self.system.radius
         state, left = packing.unpack(self.end, x), self.imbalance_at_end(x)
         flat = system.planar
+        # The centre of mass of a disk can only be beside along e1.
         beside = left.beside[:1] if flat else left.beside
         parts = [state.thetadot, jnp.atleast_1d(getattr(state, state.rotation_rate)), beside / r]
         ground, force = system.ground, system.force
+        # On a level plane, gravity and a force at the geometric centre have no moment about the vertical once the
+        # conditions above hold. Where they may have one, it must vanish too.
         if not flat and force is not None and (ground is not None or not isinstance(force, AbstractForce)):
-            parts.append(left.torque[2:] / (left.M * r * system.gravity))  # else 0 where the others are
+            parts.append(left.torque[2:] / (left.M * r * system.gravity))
         parts.append(left.efforts[self._without_motor] / (left.M * r * system.gravity))
         if self.depth is not None:
             parts.append((self.depth - left.below / r)[None])
@@ -210,10 +214,12 @@ class Rolling(AbstractControlProblem):
     def _run(self, t: Float[Array, ""], x: Float[Array, " n"], u: Float[Array, " m"]) -> Run:
         """Builds a run of one time."""
         packing = self._packing_with(u)
+        # A leading axis of one time, as objectives and constraints are functions of runs.
         state = jax.tree.map(lambda leaf: leaf[None], packing.unpack(t, x))
         return Run(packing.system, t[None], state, jnp.asarray(Status.SUCCESS))
 
     def _packing_with(self, u: Float[Array, " m"]) -> Packing[Any, Any]:
+        # Only the law and the signals are replaced: what was prepared is not prepared again for each u.
         packing = self.packing
         return eqx.tree_at(lambda p: p.system, packing, with_inputs(packing.system, self.motors, u))
 
@@ -251,6 +257,7 @@ def between(ends: tuple[Rolling, Rolling], share: Float[Array, ""]) -> Rolling:
 
     def weight(name: str) -> Float[Array, ""]:
         a, b = first.objectives[name].weight, second.objectives[name].weight
+        # Where a weight is not positive, the numbers 1 keep the power below, and its gradient, finite.
         positive = (a > 0) & (b > 0)
         a, b = jnp.where(positive, a, 1.0), jnp.where(positive, b, 1.0)
         return jnp.where(positive, a * (b / a) ** share, mixed.objectives[name].weight)
@@ -263,5 +270,6 @@ def _in_time(objective: AbstractRunningObjective, start, end) -> AbstractRunning
     """Returns an objective that knows when the run starts and ends, where that matters."""
     if not isinstance(objective, FollowTrajectory):
         return objective
+    # Within the problem a run is a single time, whose first and last time do not say when the motion starts and ends.
     times = [start if objective.start is None else objective.start, end if objective.end is None else objective.end]
     return dataclasses.replace(objective, start=times[0], end=times[1])

@@ -1,4 +1,4 @@
-"""The schedules and the motors' signals in a solution, as a scenario, and that scenario simulated."""
+"""Turns a solution into schedules and motors' signals, puts these into its scenario, and simulates that."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -46,6 +46,7 @@ def signals_of(solution: Solution) -> list[PiecewiseSignal]:
     It is the polynomial u on each interval, then, for as long again, the values of :func:`holding`.
     """
     first, mesh = len(rolling(solution.problem).system.accelerated), solution.path.mesh
+    # A run that goes on past the end shows the robot at rest, for as long again.
     times = np.append(mesh, 2 * mesh[-1] - mesh[0])
     constant = np.eye(1, solution.path.controls.shape[1])
     return [
@@ -71,6 +72,7 @@ def _polynomials(solution: Solution) -> Float[np.ndarray, "m N s"]:
     """Computes the coefficients of each control, for the powers of the time since the start of each interval."""
     path = solution.path
     powers = np.arange(path.controls.shape[1])
+    # `control_coefficients` are for fractions of an interval.
     coefficients = path.control_coefficients / np.diff(path.mesh)[:, None, None] ** powers[:, None]
     return np.moveaxis(coefficients, 2, 0)
 
@@ -133,6 +135,7 @@ def resimulate(solution: Solution, solver: str = "gauss16", tolerance: float = 1
     """
     problem, scenario = rolling(solution.problem), scenario_of(solution)
     if problem.constraints:
+        # Ends of intervals belong to two of them.
         scenario = dataclasses.replace(scenario, times=np.unique(solution.path.within(POINTS_OF_INTERVAL)))
     run = scenario.simulate(solver=solver, rtol=tolerance, atol=tolerance, throw=True)
     system = run.system
@@ -141,10 +144,12 @@ def resimulate(solution: Solution, solver: str = "gauss16", tolerance: float = 1
     centres = np.asarray(_centres(system.prepare(), times, run.state))
     gap = centres - _centres_of(solution, np.asarray(times))
     schedules = schedules_of(solution)
+    # θ̇ of a mass or a joint with a schedule is not in the state of the simulation.
     rates = [*starting_angles(tuple(schedules), problem.end)["thetadot"]] if schedules else []
     whole = Run(system, times, run.state, run.status)
     largest = _largest(problem.constraints, whole)
     beside, below = _off_balance(system, problem.end, jax.tree.map(lambda leaf: leaf[-1], run.state))
+    # `place` may have one number or two; the centre in space has three on a surface.
     missed = 0.0 if problem.place is None else np.linalg.norm(centres[-1, : problem.place.size] - problem.place)
     return Resimulated(
         apart=float(np.max(np.linalg.norm(gap, axis=1))) / r,

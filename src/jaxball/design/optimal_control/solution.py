@@ -1,5 +1,7 @@
 """A solution of an optimal control problem: its violations, means, curvature and errors, and finer meshes.
 
+``solve`` refines the mesh by it, and reports describe it.
+
 Errors of a path in the differential equation reduced by finer meshes: Betts, Practical Methods for Optimal Control and
 Estimation Using Nonlinear Programming, section 4.7.
 """
@@ -101,24 +103,28 @@ def least_curvature(solution: Solution) -> float:
     collocation = solution.collocation
     places, count = collocation.places, collocation.unconstrained
     matrix = collocation.jacobian(solution.y, solution.parameter)[0].tocsr()
-    # In the order of time, in which each state follows from the ones before.
+    # In the order of time each state follows from the ones before: the matrix of the states is triangular by blocks,
+    # and its factors fill little.
     states = in_time(places.nodes, places.knots[1:, None], first=places.knots[0])
     equations = in_time(places.at_nodes, places.at_knots[:, None], first=places.at_start)
     controls = np.ravel(places.controls)
     A = matrix[equations]
-    # Changes of the states for each control.
+    # On the null space of all conditions: the states follow from the controls, and only those combinations of
+    # controls are kept that change no end condition.
     change = -solver(A[:, states], np.arange(states.size))(A[:, controls].toarray())
     basis = scipy.linalg.null_space(matrix[places.at_end][:, states] @ change)
     along = np.zeros((count, basis.shape[1]))
     along[states], along[controls] = change @ basis, basis
     hessian = along.T @ (_condense(matrix, np.ravel(places.excess), count) @ along)
     weights = np.repeat(np.ravel(collocation.weights), places.controls.shape[2])
+    # In this metric a control that is 1 all the time has length 1.
     metric = basis.T @ (weights[:, None] * basis)
     return float(scipy.linalg.eigh(hessian, metric, eigvals_only=True, subset_by_index=(0, 0))[0])
 
 
 def _condense(matrix: scipy.sparse.csr_array, excess: Int[np.ndarray, " i"], count: int) -> scipy.sparse.csr_array:
     """Reduces second derivatives to states and controls: those by the inequalities' unknowns are eliminated."""
+    # Each inequality's own unknown has one diagonal entry, so that eliminating it needs no solve.
     inverse = scipy.sparse.diags_array(1 / matrix[excess][:, excess].diagonal())
     return matrix[:count, :count] - matrix[:count][:, excess] @ inverse @ matrix[excess][:, :count]
 
@@ -137,12 +143,16 @@ def unknowns_on(collocation: Collocation, path: Path, parameter: float) -> Float
             knots=path.states(collocation.mesh),
             nodes=path.states(times).reshape(shapes.nodes),
             controls=path.inputs(times).reshape(shapes.controls),
+            # s = slack − multiplier, which is about g where an inequality is far from active.
             excess=margins(collocation, path, times, parameter).reshape(shapes.excess),
         )
     )
     count, equalities = collocation.unconstrained, collocation.equalities
+    # Multipliers are still 0 here, so that this is the gradient of the cost and the barrier alone.
     gradient = collocation.residual(y, parameter)[:count]
     A = collocation.jacobian(y, parameter)[0].tocsr()[equalities, :count]
+    # Least squares for the multipliers, as a sparse system in place of normal equations, whose condition would be
+    # squared.
     matrix = scipy.sparse.block_array(
         [[scipy.sparse.eye_array(count), A.T], [A, -REGULARISATION * scipy.sparse.eye_array(A.shape[0])]]
     )
@@ -197,10 +207,12 @@ def mesh_errors(collocation: Collocation, y: Float[np.ndarray, " size"], paramet
 
     ``collocation``, ``y`` and ``parameter`` are as in a :class:`Solution`.
     """
+    # Two more nodes than the method has: at its own, the equations hold and show no error.
     path, quadrature, h = path_of(collocation, y), gauss(collocation.stages + 2), collocation.steps
     times = np.ravel(collocation.mesh[:-1, None] + h[:, None] * quadrature.c)
     states = path.states(times)
     rates = collocation.along(path, "rate", times, parameter)
+    # Relative to the largest value of each component, so that components of any unit compare.
     gaps = np.abs(path.rates(times) - rates) / (1 + np.max(np.abs(states), axis=0))
     gaps = gaps.reshape(len(h), len(quadrature.c), -1)
     return np.max(np.einsum("k,j,kjn->kn", h, quadrature.b, gaps), axis=1)
@@ -219,6 +231,7 @@ def finer_mesh(
     - ``order``: of the method.
     """
     pieces = [
+        # The error of an interval falls with this power of its length.
         min(MOST_PIECES_OF_INTERVAL, max(2, math.ceil((error / tolerance) ** (1 / order)))) if error > tolerance else 1
         for error in errors
     ]

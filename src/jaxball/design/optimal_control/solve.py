@@ -1,4 +1,4 @@
-"""How a problem of optimal control is solved: from a guess, by continuation in weights, and in the barrier."""
+"""Solves a problem of optimal control: from a guess, by continuation in weights, and in the barrier."""
 
 import math
 import time
@@ -102,6 +102,8 @@ def continue_to(
     """
     before = solution.collocation
     collocation = Collocation((solution.problem, problem), before.mesh, before.stages, between, before.barrier)
+    # The length of the branch is measured in the mean of the states, so that steps do not depend on the number of
+    # intervals; multipliers have no part in it.
     knots = np.ravel(collocation.places.knots)
     weights = np.zeros(collocation.size)
     weights[knots] = 1 / knots.size
@@ -123,6 +125,8 @@ def continue_to(
             f"with {len(branch.folds)} turning points); use smaller steps, a finer mesh, or another path."
         )
     errors = mesh_errors(collocation, last.y, 1.0)
+    # With constraints the barrier is still large, and `sharpen` refines the mesh once the solution has come to its
+    # place.
     if np.max(errors) <= tolerance or collocation.inequalities:
         return branch, last._replace(errors=errors)
     return branch, solve_near(collocation, last.path, 1.0, tolerance)
@@ -159,12 +163,14 @@ def sharpen(
         try:
             collocation, y = _lower_barrier(collocation, y, parameter, barrier)
         except DesignError:
+            # The first barrier could not fall: nothing sharper than the given solution is known.
             if sharp is solution:
                 raise
             break
         errors = mesh_errors(collocation, y, parameter)
         sharp = Solution(collocation, y, parameter, errors)
         visit(sharp)
+        # Errors and violations over what is allowed, so that one mesh serves both.
         excess = np.maximum(errors / tolerance, violations(collocation, sharp.path, parameter) / violation)
         if np.max(excess) <= 1:
             break
@@ -188,6 +194,7 @@ def _lower_barrier(
         try:
             y = newton(lower, y, parameter, CORRECTION_TOLERANCE if last else ROUGH)
         except DesignError:
+            # A shorter step of the barrier: its factor comes closer to 1.
             step = math.sqrt(step)
             if step > SHORTEST_STEP:
                 raise DesignError(
@@ -347,6 +354,7 @@ def _first_solution(file: ControlFile, problem: Rolling, mesh: np.ndarray) -> So
     except DesignError:
         if not problem.constraints:
             raise
+    # Without constraints Newton's method converges more easily, and its motion is a better start than rest.
     free = start(eqx.tree_at(lambda p: p.constraints, problem, {}), file.guess).path
     try:
         return start(problem, lambda *arguments: free)

@@ -1,4 +1,7 @@
-"""Positions and curves in the plane: two numbers for a position, and one for a disk, which rolls along e1."""
+"""Positions and curves in the plane: two numbers for a position, and one for a disk, which rolls along e1.
+
+Objectives and constraints have their places and paths in these forms.
+"""
 
 import abc
 import math
@@ -53,6 +56,7 @@ def _converter(name: str, changed: Callable[[Array], Array], *shapes: tuple[int 
 
 def off_e1(points: Float[ArrayLike, "n 2"]) -> str:
     """Reports positions off e1, for :meth:`Requirement.unreachable_by_disk`."""
+    # Relative to the extent, because users' units may be of any size.
     points = np.abs(np.asarray(points))
     most = np.max(points[:, 1], initial=0.0)
     return f"a position {most:.6g} off e1" if most > ROUNDING_OF_PLACE * np.max(points, initial=0.0) else ""
@@ -107,6 +111,8 @@ class Sigmoid(AbstractCurve):
 
     def __call__(self, s):
         half = jax.nn.sigmoid(self.steepness / 2)
+        # The logistic function is shifted by its value at the start and divided by its rise, so that c(0) = origin
+        # and c(1) is at the full height.
         rise = (jax.nn.sigmoid(self.steepness * (s - 0.5)) - (1 - half)) / (2 * half - 1)
         return self.origin + jnp.stack([self.length * s, self.height * rise])
 
@@ -177,6 +183,7 @@ class Through(AbstractCurve):
     def __call__(self, s):
         n = self.through.shape[0]
         knots = jnp.asarray(np.linspace(0.0, 1.0, n), dtype=self.through.dtype)
+        # The knots are at equal steps 1 / (n − 1).
         steps = jnp.diff(self.through, axis=0) * (n - 1)
         # Slopes at the ends by the parabola through three points.
         ends = (1.5 * steps[0] - 0.5 * steps[1], 1.5 * steps[-1] - 0.5 * steps[-2]) if n > 2 else (steps[0], steps[0])

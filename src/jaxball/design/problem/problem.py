@@ -63,6 +63,7 @@ class Perturbations:
         groups = [random.uniform(-1, 1, (count, *group.mass.shape)) for group in system.groups]
         shell, offset = random.uniform(-1, 1, count), random.uniform(-1, 1, (count, 3))
         if system.planar:
+            # The centre of mass stays in the plane of a disk; out of it, the disk would not roll along e1.
             offset[:, 1] = 0.0
         return Errors(
             jnp.asarray(self.masses * shell),
@@ -114,6 +115,7 @@ class ConstraintLayout:
     @property
     def shares(self) -> Float[np.ndarray, " places"]:
         """1 / the number of points of its constraint, for each point."""
+        # Without points a constraint has no share, and must not divide by 0.
         return self.spread({name: 1 / (size * self.balls) for name, size in self.sizes.items() if size})
 
     def spread(self, values: Mapping[str, float]) -> Float[np.ndarray, " places"]:
@@ -124,11 +126,13 @@ class ConstraintLayout:
     def by_constraint(self, violations: Float[np.ndarray, " places"]) -> dict[str, Float[np.ndarray, " k"]]:
         """Returns the violations of each constraint, by name; for one ball, or for any number."""
         rows = np.reshape(violations, (len(violations) // max(self._of_ball, 1), self._of_ball))
+        # The last split is at the end of a row, and leaves an empty part.
         parts = np.split(rows, np.cumsum(self._lengths), axis=1)
         return {name: np.ravel(part) for name, part in zip(self.sizes, parts, strict=False)}
 
     def name(self, place: int) -> str:
         """Names the constraint at an index; none at −1."""
+        # The vector repeats the layout of one ball for each ball.
         return str(np.repeat(list(self.sizes), self._lengths)[place % self._of_ball]) if place >= 0 else ""
 
     @property
@@ -147,6 +151,8 @@ class Known:
         self.value = value
 
     def __eq__(self, other: object) -> bool:
+        # By identity: comparing users' objects could mean anything. The program that knows the value keeps it alive,
+        # so that no other can take its address.
         return isinstance(other, Known) and self.value is other.value
 
     def __hash__(self) -> int:
@@ -209,6 +215,7 @@ class TracedProblem(eqx.Module):
 
     def of_each(self, candidate: Candidate, function: Callable[..., Any], *others: Float[Array, "balls ..."]) -> Any:
         """Evaluates ``function`` for each ball and the corresponding other arguments, on a leading axis."""
+        # A leading axis also for one ball, so that everything after this is the same for both kinds of problems.
         if self.errors is None:
             return jax.tree.map(lambda x: x[None], function(candidate, *(x[0] for x in others)))
         system = candidate.system
@@ -266,6 +273,7 @@ class Problem:
     def __post_init__(self):
         requirements = {**self.objectives, **self.constraints}
         require_reachable(self.space.system, requirements)
+        # A radius that the search may change is not known here.
         if "body.radius" not in self.space.names:
             require_possible(float(self.space.system.radius), requirements)
 
@@ -286,7 +294,8 @@ class Problem:
         """Those of the balls of a robust problem."""
         if self.perturbations is None:
             return None
-        with jax.ensure_compile_time_eval():  # kept, also if it is first needed within a trace
+        # Errors are cached: made within a trace they would be tracers, useless after it.
+        with jax.ensure_compile_time_eval():
             return self.perturbations.errors(self.space.system)
 
     @property
@@ -337,6 +346,7 @@ def _sizes(
     constraints: dict[str, AbstractConstraint], system: System, state: BallState | DiskState, times: Float[Array, " T"]
 ) -> dict[str, int]:
     """Counts the points at which each constraint of a run is evaluated, without a simulation."""
+    # Only shapes are wanted, so that the states need not be those of a run.
     states = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (times.size, *leaf.shape)), state)
     run = Run(system, times, states, jnp.zeros((), dtype=int), RAIL_SAMPLES)
     shapes = eqx.filter_eval_shape(lambda run: {name: constraint(run) for name, constraint in constraints.items()}, run)

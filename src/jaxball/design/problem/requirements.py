@@ -74,6 +74,7 @@ class AbstractRunningObjective(AbstractObjective):
 
 def mean_in_time(run: Run, values: Float[Array, " t"]) -> Float[Array, ""]:
     """Computes the mean over the run, by the trapezoidal rule."""
+    # Save times need not be equally spaced.
     steps = jnp.diff(run.times)
     return jnp.sum(steps * (values[1:] + values[:-1]) / 2) / jnp.sum(steps)
 

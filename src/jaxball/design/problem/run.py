@@ -89,6 +89,7 @@ class Run(eqx.Module):
 
     @property
     def _times(self) -> Float[Array, " t"]:
+        # What jumps at the end of a run is evaluated just before it.
         return times_looked_at(self.system, self.times, self.times[-1])
 
     @property
@@ -116,6 +117,7 @@ class Run(eqx.Module):
 
     def _each(self, function: Callable[[System, Any, Any], Any]) -> Any:
         """Evaluates a function of the prepared system, a time and the state then, at all times."""
+        # Rotation matrices of rails and the like are computed once, not for each time.
         prepared = self.system.prepare()
         return map_rows(lambda t, x: function(prepared, t, x), self._times, self.state)
 
@@ -145,19 +147,22 @@ class Run(eqx.Module):
     @property
     def forces_along(self) -> Float[Array, "t n"]:
         """F·τ, the force on each mass along its rail."""
+        # Across its tangent a rail carries the mass; only the force along it needs an actuator.
         return jnp.sum(self.forces[:, : self.system.n_masses] * self.on_rails.tangent, axis=-1)
 
     @property
     def joint_efforts(self) -> Float[Array, "t joints"]:
         """Q of every joint of the mechanisms; where all are free, computed without the motion's accelerations.
 
-        What holds a joint that sticks follows from these.
+        What holds a joint that sticks, or moves one with a schedule, follows from accelerations of the whole motion.
         """
         system = self.system
         if system.sticking or any(mechanism.n_joints > len(mechanism.free) for mechanism in system.mechanisms):
             return self.observables.joint_efforts
 
         def one(system, t, x):
+            # Forces of free joints depend on positions and rates only; the third place, for accelerations, is not
+            # used.
             links = linkages(system, t, (x.theta, x.thetadot, x.thetadot))
             return join_coordinates(x.theta, links, joint_forces(t, x, links))[len(system.driven) :]
 

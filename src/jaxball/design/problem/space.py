@@ -101,7 +101,8 @@ def expand_variable(variable: Variable, document: Mapping[str, Any], key: str = 
                 path_key = f"{key}[{index}]" if variable.paths[1:] else key
                 check_number(document, path, key=path_key, every=True, has_defaults=True)
             except ScenarioError as error:
-                raise DesignError(str(error)) from None  # which is not the scenario's
+                # The error is about the problem file and not about the scenario.
+                raise DesignError(str(error)) from None
         return [variable]
     if len(variable.paths) > 1:
         raise DesignError(f"Variable `{variable.name}` must have no other path, because it stands for many numbers.")
@@ -119,8 +120,10 @@ def default_scale(dimension: Dimension | None, value: float, system: System) -> 
     gravity, are scaled as if they declared none.
     """
     if dimension is None or dimension.mass or dimension == OF_GRAVITY:
+        # No mass can be made of r and g; the size of the number itself is the best guess.
         return abs(value) or 1.0
     r, g = float(system.radius), abs(float(system.gravity))
+    # Without gravity there is no such unit of time.
     time = math.sqrt(r / g) if g > 0 else 1.0
     return r**dimension.length * time**dimension.time
 
@@ -156,9 +159,13 @@ class Bounds(NamedTuple):
         """
         lower, upper, scale = (jnp.asarray(side, dtype=y.dtype) for side in self)
         below, above = jnp.isfinite(lower), jnp.isfinite(upper)
+        # Finite numbers in the places of infinite bounds: 0 times infinity in a branch that is not chosen would make
+        # the gradient NaN.
         low, high = jnp.where(below, lower, 0.0), jnp.where(above, upper, 0.0)
         away = scale * (jnp.sqrt(1 + y**2) - 1)
         middle, half = (low + high) / 2, (high - low) / 2
+        # Divided by half, so that dx/dy = scale in the middle however far the bounds are. Where there are not two
+        # bounds, half may be 0, and 0 / 0 would make the gradient NaN although it is not chosen.
         both = middle + half * jnp.sin(scale * y / jnp.where(half > 0, half, 1.0))
         return jnp.where(below & above, both, jnp.where(below, low + away, jnp.where(above, high - away, scale * y)))
 
@@ -167,10 +174,12 @@ class Bounds(NamedTuple):
         below, above = np.isfinite(self.lower), np.isfinite(self.upper)
         low, high = np.where(below, self.lower, 0.0), np.where(above, self.upper, 0.0)
         half = np.where(below & above, (high - low) / 2, 1.0)
+        # Not more than half the distance of the bounds, or a point inside of one would be outside of the other.
         inside = INSIDE * np.where(below & above, np.minimum(self.scale, half), self.scale)
         x = np.where(below, np.maximum(x, low + inside), x)
         x = np.where(above, np.minimum(x, high - inside), x)
         away = np.where(below, x - low, high - x) / self.scale
+        # Only of the branch that is used: the root of a negative number would warn.
         one_sided = np.sqrt((1 + np.where(below ^ above, away, 0.0)) ** 2 - 1)
         both = half / self.scale * np.arcsin(np.clip((x - (low + high) / 2) / half, -1, 1))
         return np.where(below & above, both, np.where(below ^ above, one_sided, x / self.scale))
@@ -230,6 +239,7 @@ class Parametrisation(eqx.Module):
 
     def candidate_of(self, x: Float[Array, " n"]) -> Candidate:
         """Builds the system, the state and the times for values ``x`` of the variables."""
+        # One entry for each path, since a variable may set several.
         column = np.repeat(np.arange(self.size), self.counts)
         parts = self.outline.build(jnp.concatenate([x[column] * self.factors, self.values_of_others]))
         times = parts.times.array(self.times.size) if self.moves_times else self.times
@@ -254,7 +264,8 @@ class DesignSpace:
         with kinds_of_numbers() as kinds:
             self.scenario = read_document(self.document)
             numbers = (path.replace("*", "0") for variable in variables for path in variable.paths)
-            self.document = with_defaults(self.document, self.scenario, numbers)  # which reads what it adds
+            # Within the block: it reads the defaults that it writes, whose kinds are needed as well.
+            self.document = with_defaults(self.document, self.scenario, numbers)
         system = self.scenario.system
         if not isinstance(system, System):
             raise DesignError(f"Key `kind` must be ball or disk to be designed, but it is {system.title.lower()}.")
@@ -318,11 +329,14 @@ class DesignSpace:
         """Returns the scenario's document with values ``x`` of the variables."""
         values = np.concatenate([value * np.asarray(v.factors) for value, v in zip(x, self.variables, strict=True)])
         document = with_numbers(self.document, dict(zip(self._paths, values.tolist(), strict=True)))
+        # The search treats four components as free numbers, whereas a file must have a versor of length 1.
         if self._moves("initial.versor"):
             q = np.asarray(document["initial"]["versor"])
             document["initial"] = {**document["initial"], "versor": (q / np.linalg.norm(q)).tolist()}
+        # Angles may have grown by any number of turns; files allow the principal ones.
         for frame in _frames_by_angles(document):
             frame["azimuth"], frame["elevation"] = principal_angles(frame["azimuth"], frame["elevation"])
+        # A step that no longer divides the duration would change the number of save times.
         if self._moves("time") and "step" in document["time"]:
             document["time"] = {**document["time"], "saves": self.scenario.times.size}
             del document["time"]["step"]
@@ -340,6 +354,7 @@ class DesignSpace:
 
     def _start_of(self, variable: Variable) -> float:
         x = variable.start
+        # The number at a path is the variable times its factor.
         x = float(value_at(self.document, variable.name)) / variable.factors[0] if x is None else x
         if not variable.lower <= x <= variable.upper:
             raise DesignError(
@@ -383,6 +398,8 @@ def _outline(document: Mapping[str, Any], paths: tuple[str, ...], kinds: Mapping
     others = tuple(
         path for path in numbers_of(document) if path not in paths and _may_be_left_out(path, kinds, document)
     )
+    # All numbers as arguments if possible, so that problems that differ in numbers share programs; otherwise only
+    # those of the variables.
     for left_out in dict.fromkeys(((*paths, *others), paths)):
         outline = Outline.of(document, left_out)
         try:
@@ -399,7 +416,9 @@ def _outline(document: Mapping[str, Any], paths: tuple[str, ...], kinds: Mapping
 def _may_be_left_out(path: str, kinds: Mapping[str, Numbers], document: Mapping[str, Any]) -> bool:
     """Returns whether a number is one on which the structure of a scenario does not depend."""
     if path.startswith("time."):
+        # The number of save times is part of the structure; only where `saves` gives it are the ends free to change.
         return path in ("time.start", "time.end") and "saves" in document["time"]
+    # Matrices must be rotations, which is checked when they are read, and tolerances are static.
     return key_of(path) in kinds and not path.startswith("solve.") and ".frame.matrix" not in path
 
 

@@ -111,6 +111,7 @@ def _run_search(
     optimiser = Optimiser(program, settings)
     check, progress = None, None
     if folder is not None and (folder / PROGRESS).exists():
+        # A resumed search needs no check of its gradient: the one at its start has passed.
         progress = load_progress(folder / PROGRESS, identity)
         say(f"resumed from {progress.phase} {progress.step}, objective {progress.merit.objective:.6g}")
     else:
@@ -118,6 +119,7 @@ def _run_search(
         say(f"gradient check\n{check}")
         require_good(check)
         progress = optimiser.begin()
+    # The time of earlier runs counts too: `elapsed` is that of the whole search.
     began -= progress.elapsed
 
     def report(progress: Progress) -> None:
@@ -133,10 +135,12 @@ def _run_search(
         progress = optimiser.run(progress, report)
         y = program.design(progress.best)
         verified = verify(problem, y)
+        # Where the other solver fails, there is no violation to tighten by.
         hopeless = not np.isfinite(verified.violation) or tightenings == TIGHTENINGS
         if hopeless or verified.violation <= settings.tolerance:
             break
         tightenings += 1
+        # Only constraints that are violated get a larger margin; the others keep theirs.
         excess = {name: TIGHTENED_BY * max(0.0, fine) for name, (_, fine) in verified.violations.items()}
         say(f"between the samples constraints are violated by {verified.violation:.2e}: tightened")
         progress = optimiser.tighten(progress, program.layout.spread(excess))
@@ -144,6 +148,7 @@ def _run_search(
     numbers = problem.space.values(y)
     built = perturbed(problem, y, as_built(problem))
     progress.elapsed = time.perf_counter() - began
+    # Once more, with the time of the verification; the design itself was saved after the last step.
     if folder is not None:
         save_progress(progress, folder / PROGRESS, identity)
     return Design(
@@ -169,6 +174,7 @@ def line(phase: str, step: int, merit: Merit, constraint: str) -> str:
 def save(program: Shooting, progress: Progress, folder: Path, identity: str) -> None:
     """Writes the progress and the best design so far."""
     folder.mkdir(parents=True, exist_ok=True)
+    # The progress first: after a kill between the two, a resumed search still has it, and writes the scenario again.
     save_progress(progress, folder / PROGRESS, identity)
     space = program.problem.space
     numbers = space.values(program.design(progress.best))

@@ -5,7 +5,8 @@ loop of a minimiser takes much longer to compile. Adam, BFGS and Newton's method
 """
 
 import dataclasses
-from collections.abc import Callable
+import zipfile
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,6 +19,7 @@ from ..problem.space import DesignError
 from .program import AbstractProgram, Lagrangians, Multipliers, Settings, by_gauss_newton, by_reverse_mode
 
 FIRST, SECOND, ADAM_EPSILON = 0.9, 0.999, 1e-8
+HOPELESS = 0.05  # of the best objective: a start that is worse by more need not be finished
 
 
 class Adam(NamedTuple):
@@ -42,6 +44,7 @@ class Adam(NamedTuple):
 
     def step(self, rate: float) -> Float[np.ndarray, "starts n"]:
         """Returns the step to take."""
+        # Both means start from 0; these denominators remove that bias.
         first = self.first / (1 - FIRST**self.taken)
         return -rate * first / (np.sqrt(self.second / (1 - SECOND**self.taken)) + ADAM_EPSILON)
 
@@ -80,6 +83,7 @@ def bfgs(function: Function, y: Float[np.ndarray, "starts n"], evaluations: int,
     starts, n = y.shape
     point = Point(y, *function(y)[:2])
     inverse = np.broadcast_to(np.eye(n), (starts, n, n)).copy()
+    # `fresh` marks inverses that are the identity: they have no scale of the function yet.
     fresh = np.ones(starts, dtype=bool)
     direction = _towards(point, inverse)
     length = _first(direction)
@@ -88,10 +92,13 @@ def bfgs(function: Function, y: Float[np.ndarray, "starts n"], evaluations: int,
         converged = np.max(np.abs(point.gradient), axis=1) <= stationary
         if np.all(converged | ~np.isfinite(point.value)):
             break
+        # Converged starts stay where they are, but are evaluated with the others: all are rows of one program.
         trial = point.y + np.where(converged, 0.0, length)[:, None] * direction
         there = Point(trial, *function(trial)[:2])
         slope = np.sum(point.gradient * direction, axis=1)
         finite = np.isfinite(there.value) & np.all(np.isfinite(there.gradient), axis=1)
+        # A trial that does not decrease the function enough was too long; one that does, but still falls steeply, too
+        # short. Bisection continues between the two.
         enough = finite & (there.value <= point.value + DECREASE * length * slope)
         flat = enough & (np.sum(there.gradient * direction, axis=1) >= CURVATURE * slope)
         # Where bisection has reached rounding, any step that decreases the function is taken.
@@ -107,12 +114,15 @@ def bfgs(function: Function, y: Float[np.ndarray, "starts n"], evaluations: int,
         inverse[reset], fresh[reset] = np.eye(n), True
         begin = moves | reset
         direction = np.where(begin[:, None], _towards(point, inverse), direction)
+        # A step of a quasi-Newton direction has the right scale, so that length 1 is tried first; steepest descent
+        # has none.
         length = np.where(moves & ~fresh, 1.0, np.where(begin, _first(direction), length))
         low, high = np.where(begin, 0.0, low), np.where(begin, np.inf, high)
     return point
 
 
 def _towards(point: Point, inverse: np.ndarray) -> np.ndarray:
+    # A direction of 0 keeps a start whose gradient is not finite in its place.
     return -np.einsum("sij,sj->si", inverse, np.where(np.isfinite(point.gradient), point.gradient, 0.0))
 
 
@@ -128,10 +138,13 @@ def _update_inverses(
     s, y = there.y - point.y, there.gradient - point.gradient
     product = np.sum(s * y, axis=1)
     sizes = np.linalg.norm(s, axis=1) * np.linalg.norm(y, axis=1)
+    # BFGS keeps an inverse Hessian positive definite only where s · y > 0. The first Wolfe condition alone, which a
+    # step in the limit of bisection fulfils, does not guarantee that.
     good = moves & (product > 1e-12 * np.where(np.isfinite(sizes), sizes, np.inf))
     for k in np.flatnonzero(good):
         H = inverse[k]
         if fresh[k]:
+            # The identity knows no scale; this one is the curvature along the step just taken.
             H = np.eye(len(H)) * product[k] / (y[k] @ y[k])
         V = np.eye(len(H)) - np.outer(s[k], y[k]) / product[k]
         inverse[k] = V @ H @ V.T + np.outer(s[k], s[k]) / product[k]
@@ -155,14 +168,17 @@ def newton(function: Function, y: Float[np.ndarray, "starts n"], evaluations: in
     point, H = _evaluate(function, y)
     damping, done = np.full(len(y), FIRST_DAMPING), np.zeros(len(y), dtype=bool)
     for _ in range(evaluations):
+        # A start that was not finite at first can never improve: it has no model to step by.
         done |= (np.max(np.abs(point.gradient), axis=1) <= stationary) | ~np.isfinite(point.value)
         if np.all(done):
             break
         step, promised = _step(point, H, damping)
         last = promised <= LAST * np.abs(point.value)
         there, H_there = _evaluate(function, point.y + np.where(done[:, None], 0.0, step))
+        # NaN at a trial that cannot be simulated: it is no gain, so the step is rejected and damped more.
         gain = (point.value - there.value) / np.where(promised > 0, promised, 1.0)
         moves = ~done & (gain >= ENOUGH) & np.all(np.isfinite(there.gradient), axis=1)
+        # Radii as in trust-region methods: where the model predicted well, damping falls towards Newton's own step.
         damping = np.where(moves, np.where(gain >= GOOD, LESS_DAMPING, 1.0), MORE_DAMPING) * damping
         point, H = there.where(moves, point), np.where(moves[:, None, None], H_there, H)
         done |= last
@@ -177,6 +193,7 @@ def _evaluate(function: Function, y: np.ndarray) -> tuple[Point, np.ndarray]:
 def _step(point: Point, H: np.ndarray, damping: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Computes the step, with each eigenvalue raised by this fraction of the largest, and its predicted decrease."""
     finite = np.isfinite(point.value) & np.all(np.isfinite(H), axis=(1, 2))
+    # For NaN eigh may fail, and with it all starts; a row without a finite Hessian takes the identity.
     values, vectors = np.linalg.eigh(np.where(finite[:, None, None], H, np.eye(H.shape[1])))
     size = np.abs(values)
     along = np.einsum("sij,si->sj", vectors, np.where(np.isfinite(point.gradient), point.gradient, 0.0))
@@ -202,6 +219,7 @@ class Merit(NamedTuple):
         """
         if not np.isfinite(self.objective) or np.isnan(self.violation):
             return False
+        # Within the tolerance no design is more feasible than another; their objectives decide.
         violation, other_violation = max(self.violation, tolerance), max(other.violation, tolerance)
         return (violation, self.objective) < (other_violation, other.objective)
 
@@ -241,6 +259,7 @@ class Progress:
 def save_progress(progress: Progress, path: Path, identity: str) -> None:
     """Writes the progress of the problem ``identity``, atomically."""
     arrays: dict[str, Any] = {f"array_{k}": array for k, array in enumerate(progress.arrays)}
+    # A search that is killed while it writes leaves the previous file whole.
     with replacing(path) as beside, beside.open("wb") as file:
         np.savez(
             file,
@@ -251,6 +270,7 @@ def save_progress(progress: Progress, path: Path, identity: str) -> None:
             best=progress.best,
             worth=np.asarray(progress.merit),
             elapsed=progress.elapsed,
+            # Six columns: the phase, the step, and the four numbers of a merit. Without rows the shape must be given.
             history=np.asarray(progress.history, dtype=float).reshape(-1, 6),
             **arrays,
         )
@@ -262,12 +282,21 @@ def load_progress(path: Path, identity: str) -> Progress:
     **Raises:** :class:`DesignError` where it belongs to another problem, or is not such a file.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        # Opened here, because NumPy leaves a file that is cut open.
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             entries = dict(file)
-    except (OSError, ValueError) as error:
-        raise DesignError(f'File "{path}" must be the progress of a design, but it cannot be read ({error}).') from None
-    if str(entries["identity"]) != identity:
-        raise DesignError(f'File "{path}" is the progress of another problem; choose another folder, or remove it.')
+        if str(entries["identity"]) == identity:
+            return _progress_of(entries)
+    except (OSError, ValueError, EOFError, LookupError, zipfile.BadZipFile) as error:
+        raise DesignError(
+            f'File "{path}" must be the progress of a design, but it cannot be read ({error}); choose another folder, '
+            "or remove it."
+        ) from None
+    raise DesignError(f'File "{path}" is the progress of another problem; choose another folder, or remove it.')
+
+
+def _progress_of(entries: Mapping[str, np.ndarray]) -> Progress:
+    """Returns the progress that :func:`save_progress` wrote."""
     count = sum(name.startswith("array_") for name in entries)
     return Progress(
         phase=str(entries["phase"]),
@@ -277,6 +306,7 @@ def load_progress(path: Path, identity: str) -> Progress:
         best=entries["best"],
         merit=Merit(*(float(x) for x in entries["worth"])),
         history=[tuple(float(x) for x in row) for row in entries["history"]],
+        # Earlier files have no time.
         elapsed=float(entries.get("elapsed", 0.0)),
     )
 
@@ -325,8 +355,11 @@ class Optimiser:
 
     def tighten(self, progress: Progress, excess: Float[np.ndarray, " places"]) -> Progress:
         """Restarts the polish with the margin of each point increased by ``excess``."""
+        # The first of the polished makes room for the best design, which may have come from any start.
         value, penalty, margin, _ = progress.arrays
         progress.phase, progress.step = "polish", 0
+        # The best merit was measured with the smaller margin. A design that keeps to the larger one may have a worse
+        # objective, so that it would never replace it.
         progress.y[0], progress.merit = progress.best, Merit()
         progress.arrays = [value, penalty, margin + excess[None], np.full(len(penalty), np.inf)]
         return progress
@@ -339,10 +372,12 @@ class Optimiser:
     @property
     def lanes(self) -> int:
         """The number of designs computed side by side."""
+        # The same number in both phases, so that both call one compiled program.
         return min(self.settings.starts, self.settings.polished)
 
     def first_multipliers(self, count: int) -> Multipliers:
         """Returns no multipliers, and the first penalty, for each of ``count`` designs."""
+        # With multipliers 0 the augmented Lagrangian is the objective with a quadratic penalty, which Adam minimises.
         nothing = np.zeros((count, self.program.layout.size))
         return Multipliers(nothing, np.full(count, self.settings.penalty), nothing)
 
@@ -357,6 +392,7 @@ class Optimiser:
                 np.all(np.isfinite(lagrangians.gradient), axis=1, keepdims=True)
                 & np.isfinite(lagrangians.value)[:, None]
             )
+            # A gradient of 0 in Adam's means, in the place of NaN, which would stay in them for ever.
             moments = moments.after(np.where(good, lagrangians.gradient, 0.0))
             onwards = y + moments.step(self.settings.learning_rate)
             # A design that cannot be simulated moves half way back.
@@ -373,10 +409,12 @@ class Optimiser:
         """Chooses the most promising points for the polish: among the starts' current points and the best, which a
         start may have passed.
         """
+        # `unique`, because the best design may also be the current point of a start.
         y = np.unique([*progress.y, progress.best], axis=0)
         promising = np.argsort(self.evaluate(y, self.first_multipliers(len(y))).value, kind="stable")[: self.lanes]
         progress.y, progress.phase, progress.step = y[promising], "polish", 0
         multipliers = map(np.asarray, self.first_multipliers(len(promising)))
+        # No violation is known before the first round, which therefore raises no penalty.
         progress.arrays = [*multipliers, np.full(len(promising), np.inf)]
 
     def _polish(self, progress: Progress) -> Progress:
@@ -385,8 +423,10 @@ class Optimiser:
         y = self._minimise(progress.y, multipliers).y
         lagrangians = self.evaluate(y, multipliers)
         leader = self._offer(progress, y, lagrangians)
+        # A penalty grows only where multipliers alone did not bring the violation down.
         slow = np.isfinite(before) & ~(lagrangians.violation <= np.maximum(REDUCED * before, settings.tolerance))
         penalty = np.where(slow, GROWTH * multipliers.penalty, multipliers.penalty)
+        # A design that cannot be simulated has no new multipliers; it keeps the old ones.
         value = np.where(np.isfinite(lagrangians.multipliers), lagrangians.multipliers, multipliers.value)
         progress.y, progress.step = y, progress.step + 1
         progress.arrays = [value, penalty, np.asarray(multipliers.margin), lagrangians.violation]
@@ -411,7 +451,11 @@ class Optimiser:
         """Returns whether the best design is stationary, and no other start may lead to a better one."""
         merits, settings = self._merits(lagrangians), self.settings
         done = [m.violation <= settings.tolerance and m.gradient <= 10 * settings.stationary for m in merits]
-        hopeless = [not np.isfinite(m.objective) or m.objective > 1.05 * progress.merit.objective for m in merits]
+        # An objective may be negative, such as one that a largest speed enters.
+        best_objective = progress.merit.objective
+        worse = best_objective + HOPELESS * abs(best_objective)
+        hopeless = [not np.isfinite(m.objective) or m.objective > worse for m in merits]
+        # A start may be done without being the best design, which must be feasible itself.
         best = progress.merit.violation <= settings.tolerance
         return any(done) and best and all(a or b for a, b in zip(done, hopeless, strict=True))
 

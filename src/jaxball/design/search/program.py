@@ -1,4 +1,4 @@
-"""A nonlinear program, the settings of its search, its augmented Lagrangian, and the program of a problem's runs.
+"""The nonlinear program that a search minimises, its settings, its augmented Lagrangian, and one made from a problem.
 
 A run may be cut in pieces that are simulated side by side (multiple shooting). The states at which the pieces start are
 additional unknowns, and equality constraints require that each piece ends where the next one starts (Bock & Plitt, A
@@ -181,8 +181,10 @@ def augmented_lagrangian(terms: AbstractTerms, at: Evaluation, multipliers: Mult
 
     Nocedal & Wright, Numerical Optimization, section 17.3.
     """
+    # Weights may be arrays of NumPy in float64, where the run is in float32.
     objective = jnp.sum(jnp.asarray(terms.weights, dtype=at.terms.dtype) * at.terms)
     following = next_multipliers(terms, at, multipliers)
+    # A constraint at many points should weigh as much as one at a single point, whatever the number of save times.
     shares = jnp.asarray(terms.layout.shares, dtype=at.terms.dtype)
     return objective + jnp.sum(shares * (following**2 - multipliers.value**2)) / (2 * multipliers.penalty)
 
@@ -190,6 +192,7 @@ def augmented_lagrangian(terms: AbstractTerms, at: Evaluation, multipliers: Mult
 def next_multipliers(terms: AbstractTerms, at: Evaluation, multipliers: Multipliers) -> Float[Array, " places"]:
     """Computes λ + ρ c for an equality c = 0, and max(0, λ + ρ c) for an inequality c ≤ 0; c = violation + margin."""
     following = multipliers.value + multipliers.penalty * (at.violations + multipliers.margin)
+    # An inequality that is inactive has multiplier 0, and thus no part in the gradient.
     return jnp.where(jnp.asarray(terms.equal), following, jnp.maximum(0.0, following))
 
 
@@ -228,19 +231,24 @@ def _by_reverse_mode(terms: AbstractTerms, y: Float[Array, " n"], multipliers: M
 
 
 def _by_gauss_newton(terms: AbstractTerms, y: Float[Array, " n"], multipliers: Multipliers) -> Lagrangians:
+    # Only the run is linearised. Bounds and constraints come after it and keep their second derivatives, which
+    # Newton's method needs near them.
     x = terms.numbers(y)
 
     def simulate_arrays(x: Float[Array, " numbers"]) -> tuple[Any, Any]:
+        # `jvp` takes only arrays of floating point; the status and the like go around it.
         return eqx.partition(terms.simulate(x, diffrax.ForwardMode()), eqx.is_inexact_array)
 
     def along(direction: Float[Array, " numbers"]) -> tuple[Any, Any, Any]:
         return jax.jvp(simulate_arrays, (x,), (direction,), has_aux=True)
 
     runs, slopes, rest = of_rows(along, jnp.eye(x.size, dtype=x.dtype))
+    # All rows have the same run; they differ in their slopes.
     runs, rest = jax.tree.map(lambda leaf: leaf[0], (runs, rest))
 
     def lagrangian(y: Float[Array, " n"]) -> tuple[Float[Array, ""], Evaluation]:
         change = terms.numbers(y) - x
+        # `change` is 0 here; it carries the derivatives of the numbers by y.
         moved = jax.tree.map(lambda run, slope: run + jnp.tensordot(change, slope, 1), runs, slopes)
         evaluation = terms.assess(eqx.combine(moved, rest))
         return augmented_lagrangian(terms, evaluation, multipliers), evaluation
@@ -261,6 +269,7 @@ def _lagrangians(
     times |c|.
     """
     c = evaluation.violations + multipliers.margin
+    # |c| has no sign, so that a gap counts in both directions.
     violations = jnp.where(jnp.asarray(terms.equal), STRICTER * jnp.abs(c), c)
     return Lagrangians(value, gradient, evaluation, next_multipliers(terms, evaluation, multipliers), violations)
 
@@ -280,6 +289,7 @@ class Components(eqx.Module):
         scales = []
         for field in dataclasses.fields(state):
             dimension = getattr(kinds.get(field.name), "dimension", None)
+            # A component without a dimension, as those of versors, has scale 1.
             size = np.size(getattr(state, field.name))
             scales.append(np.full(size, default_scale(dimension, 1.0, system)))
         return cls(jnp.asarray(np.concatenate(scales)))
@@ -296,6 +306,7 @@ class Components(eqx.Module):
 
     def unpack(self, components: Float[Array, " components"], like: Any) -> Any:
         """Returns the state of the components, of the kind of another, its versor normalised."""
+        # An optimiser changes the four components of a versor freely; only its direction has a meaning.
         return ravel_pytree(like)[1](components * self.scale.astype(components.dtype)).projected()
 
 
@@ -305,6 +316,7 @@ def starting_points(space: DesignSpace, settings: Settings) -> Float[np.ndarray,
     """
     random, bounds = np.random.default_rng(settings.seed), space.bounds
     shape = (settings.starts - 1, space.size)
+    # Bounds are functions of y, so a uniform distribution must be drawn in the numbers and carried over.
     both = np.isfinite(bounds.lower) & np.isfinite(bounds.upper)
     low, high = np.where(both, bounds.lower, 0.0), np.where(both, bounds.upper, 1.0)
     anywhere = low + (high - low) * random.uniform(size=shape)
@@ -373,11 +385,14 @@ class Pieces(eqx.Module, AbstractTerms):
             return run.state, run.status
 
         later = jax.vmap(lambda components: self.components.unpack(components, candidate.state))(states)
+        # The first piece starts at the initial state, which the design determines; the others at unknowns.
         begin = jax.tree.map(lambda x, others: jnp.concatenate([x[None], others]), candidate.state, later)
         pieces, status = jax.vmap(piece)(candidate.times[self.rows], begin)
+        # The last sample of a piece is the first of the next one, which stands for both; their gap is a constraint.
         whole = jax.tree.map(lambda x: jnp.concatenate([*x[:, :-1], x[-1, -1:]]), pieces)
         ends = jax.tree.map(lambda x: x[:-1, -1], pieces)
         pack = jax.vmap(self.components.pack)
+        # 0 is success, so that the maximum is a failure if any piece failed.
         return Run(candidate.system, candidate.times, whole, jnp.max(status)), pack(ends) - pack(later)
 
     def states_along(self, y: Float[Array, " n"]) -> Float[Array, "balls t components"]:
@@ -441,6 +456,7 @@ class Shooting(AbstractProgram):
         if self.intervals == 1:
             return y
         saved = np.asarray(_states_along(self.pytree, jnp.asarray(y)))
+        # An optimiser cannot start from NaN; where a run stopped early, any state near it will do.
         finite = np.all(np.isfinite(saved), axis=-1)
         last = np.max(np.where(finite, np.arange(saved.shape[-2]), 0), axis=-1)
         rows = np.minimum(self.pytree.rows[1:, 0], last[..., None])

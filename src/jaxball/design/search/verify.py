@@ -21,7 +21,7 @@ from ..problem.space import Candidate, DesignError
 from .optimise import Optimiser
 from .program import AbstractTerms, Multipliers, augmented_lagrangian
 
-FINER = 10
+FINER = 10  # samples within each step between save times, to find violations there
 RECHECK_RATIO, TIGHTEST = 1e-2, 1e-13
 TARGETS = (FollowCurve, FollowTrajectory, ReachPlace)
 EXPLICIT = ("dopri5", "dopri8", "tsit5")
@@ -79,8 +79,11 @@ def verify(problem: Problem, y: Float[np.ndarray, " n"]) -> Verified:
 def _other_solve(problem: Problem) -> tuple[Solve, str]:
     """Returns a solver of another family at a tighter tolerance, and its name."""
     scenario = problem.space.scenario
+    # A solver of another family makes other errors: agreement is evidence.
     solver = "gauss16" if scenario.solver in EXPLICIT else "dopri8"
+    # Below `TIGHTEST` rounding prevents a solve from reaching its tolerance.
     rtol, atol = (max(RECHECK_RATIO * x, TIGHTEST) for x in (scenario.rtol, scenario.atol))
+    # A tighter tolerance takes more steps.
     return Solve(SOLVERS[solver](), rtol, atol, 16 * scenario.max_steps), solver
 
 
@@ -92,13 +95,16 @@ def _compare(
 
     def of_ball(candidate: Candidate):
         run = run_of(candidate, problem.solve())
+        # Rails get ten times the points as well, because constraints on them hold at points only.
         fine = run_of(candidate._replace(times=_finer(candidate.times)), other, FINER * RAIL_SAMPLES)
+        # Every tenth of the finer times is one of the search's.
         apart = jnp.max(jnp.sqrt(jnp.sum((run.z - fine.z[::FINER]) ** 2, axis=-1))) / run.length
         missed = {
             name: objective.farthest(fine)
             for name, objective in problem.objectives.items()
             if isinstance(objective, TARGETS)
         }
+        # With `least` 0 a violation is minus the normal force over the weight.
         lift = jnp.max(NormalForce(0.0)(fine))
         (first, coarse), (second, finer) = (problem.evaluate_each(solved) for solved in (run, fine))
         violations = {name: (_worst(coarse[name]), _worst(finer[name])) for name in problem.constraints}
@@ -145,13 +151,14 @@ def _each(problem: TracedProblem, y: Float[Array, " n"]) -> Evaluation:
 def as_built(problem: Problem) -> Perturbations:
     """Returns the balls on which a finished design is evaluated: for a robust problem, new random ones."""
     usual = problem.perturbations
+    # Balls for which a robust design was optimised would say nothing about others.
     return AS_BUILT if usual is None else dataclasses.replace(usual, count=FRESH, seed=usual.seed + 1)
 
 
 STEPS = tuple(10.0 ** -np.arange(1.0, 6.5, 0.5))
 STENCIL = (-2.0, -1.0, 1.0, 2.0)
 FIVE_POINTS = np.asarray([1.0, -8.0, 8.0, -1.0]) / 12
-MODES_AGREE, DIFFERENCES_AGREE = 1e-5, 1e-3
+MODES_AGREE, DIFFERENCES_AGREE = 1e-5, 1e-3  # relative to the gradient's length
 
 
 class GradientCheck(NamedTuple):
@@ -212,8 +219,11 @@ def check_gradient(optimiser: Optimiser, y: Float[np.ndarray, " n"], seed: int =
     violations = first.violations[0]
     if not (np.all(np.isfinite(violations)) and np.all(np.isfinite(first.terms[0]))):
         raise DesignError("The design at which the gradient is checked must be simulated to its end, but it is not.")
+    # With ρ = 1, λ + c is then at least 1, also for a constraint that holds by far: no max(0, ·) is at its kink, and
+    # every point of every constraint contributes to the sum that is differentiated.
     counted = 2 * np.maximum(0.0, -violations) + 1
     multipliers = Multipliers(counted, np.asarray(1.0), np.zeros(counted.size))
+    # The first point is that of the gradient. All are evaluated together, by the program of the search itself.
     shifts = np.asarray([0.0, *(h * k for h in STEPS for k in STENCIL)])
     points = y[None] + shifts[:, None] * direction[None]
     repeated = jax.tree.map(lambda x: np.broadcast_to(x, (len(points), *x.shape)), multipliers)
@@ -223,6 +233,7 @@ def check_gradient(optimiser: Optimiser, y: Float[np.ndarray, " n"], seed: int =
         entries = zip(optimiser.program.names, np.isfinite(gradient), strict=True)
         names = dict.fromkeys(name for name, finite in entries if not finite)
         raise DesignError(f"The gradient at the start must be finite, but it is not for {', '.join(names)}.")
+    # A gradient of 0 has no length to compare with.
     size = float(np.linalg.norm(gradient)) or 1.0
     differences = lagrangians.value[1:].reshape(len(STEPS), 4) @ FIVE_POINTS / np.asarray(STEPS)
     forward = _forward(optimiser, *jax.tree.map(jnp.asarray, (y, direction, multipliers)))

@@ -1,4 +1,4 @@
-"""Measures the counterparts here of all solvers that the authors name in sections 4 and 5."""
+"""Measures jaxball's counterparts of all solvers that the authors name in sections 4 and 5."""
 
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence

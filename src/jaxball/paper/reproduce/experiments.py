@@ -1,4 +1,7 @@
-"""The paper's two runs with their references, what a solver needs for one, and tables of such measurements."""
+"""Measures what a solver needs for the paper's two runs, and its error from their references; tables of this.
+
+``run`` and ``compare`` choose the solvers and write the tables.
+"""
 
 import dataclasses
 import json

@@ -1,5 +1,7 @@
 """A body on its ground that rolls, slides or flies, as one hybrid system with a mode for each.
 
+``simulate`` solves it in place of a body that is given a law of contact.
+
 Within a mode, the motion follows a smooth field, and guard functions are positive. Where one of them falls to zero, the
 mode ends, and the next one is decided there:
 
@@ -32,12 +34,11 @@ from ..dynamics.load import Load
 from ..grounds import AbstractSurface
 from ..hybrid import NONE, WINDOW, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
 from ..rolling import Reaction
-from ..state import ReducedState
+from ..state import PlacedState, ReducedState
 from . import friction, over_surface as over, slip as slips
 from .law import Contact
 from .modes import ContactState, ContactSwitches, Mode, SwitchCause, cause_of
 from .released import (
-    PlacedState,
     ReleasedState,
     Response,
     in_space,
@@ -49,10 +50,10 @@ from .released import (
 )
 from .transition import response_on_plane, transition
 
-ROUNDING_OF_VELOCITY = 8  # of velocities, and of accelerations, in units of rounding: what is smaller is none
-FORCES = 32  # of the reaction, in units of rounding of a force that compares with it: what is smaller is none
-RISEN = 1e-6  # of √(r/g): the time in which a body that lifts has left the plane
-SLOW_DISK = 0.55  # as slip.SLOW, for a disk, whose slip does not turn; more than the error of the time of a mode's end
+ROUNDING_OF_VELOCITY = 8  # in units of rounding: velocities and accelerations that are smaller count as zero
+FORCES = 32  # in units of rounding of the forces whose sum a reaction is: one that is smaller counts as zero
+RISEN = 1e-6  # of √(r/g): a body that rises counts as being as high as after this time, at least
+SLOW_DISK = 0.55  # as slip.SLOW, for a disk: its slip does not turn, but must exceed the error of a mode's end
 NOWHERE = -1  # the mode at times to which a solve did not come
 NOTHING = 1e-9  # a normal force below this part of its size in a step counts as zero
 
@@ -92,6 +93,7 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
 
     def to_packed(self, t: Float[Array, ""], state: ContactState) -> ContactState:
         slip = slip_velocity(self.body, t, state.released)
+        # A slip that is rounding has no direction worth following, and where the body rolls it must stay exactly zero.
         stopped = self.slips_end & self.is_still(slip, state)
         slip = slip.at[:2].set(jnp.where(stopped, 0.0, slip[:2]))
         slip = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip)
@@ -111,6 +113,7 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         speeds = jnp.concatenate([body.Omega, body.thetadot])
         gains = jnp.concatenate([moved.body.Omega, moved.body.thetadot])
         g, r = self.body.gravity, self.body.radius
+        # The gains are angular accelerations, and linear ones of sliding joints: the smaller of both scales decides.
         least = ROUNDING_OF_VELOCITY * float(jnp.finfo(g.dtype).eps) * jnp.minimum(g, g / r)
         stays = jnp.all(speeds == 0) & jnp.all(moved.body.z == 0)
         rests = rolls & stays & jnp.all(jnp.abs(gains) <= least)
@@ -168,6 +171,8 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         mu, sigma = self.coefficient(slip), state.direction(t, slip)
         if self.contact.friction_law is None:
             return mu, sigma
+        # Without slip σ is not defined, and μ = 0. Friction is −N μ(v) v_s/v, which near v = 0 is −N μ′(0) v_s: a
+        # product of two factors that has the right value, 0, and the right derivative.
         has_faded = ~self.slips_end & (jnp.sum(slip[:2] ** 2) == 0)
         slope = jax.jvp(self.contact.coefficient, (jnp.zeros_like(mu),), (jnp.ones_like(mu),))[1]
         return jnp.where(has_faded, slope, mu), jnp.where(has_faded, slip[:2], sigma)
@@ -234,6 +239,7 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         slip, unit = slip_velocity(self.body, t, state.released), jnp.ones_like(state.height)
         spare = friction.margin(acting.R, self.contact.static_friction) + slack
         forward = jnp.sum(slip[:2] * reference.sigma) - reference.least
+        # A slip on a smooth ground, or against friction that fades, never ends: its guard must not fall.
         forward = jnp.where(self.slips_end, forward, unit)
         # A body that rises does not land, where rounding takes its height below zero as it lifts.
         above = jnp.maximum(
@@ -268,10 +274,12 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         errors = slips.ERRORS * (accuracy.atol + accuracy.rtol * self.speed_of(state.released))
         # A slip that does not continue along its heading may be at its end.
         slow = root(jnp.sum(slip[:2] ** 2)) <= 2 * least + errors
+        # The friction that can be had vanishes with the normal force, so both guards fall together, in either order.
         cause = cause_of(state.mode, step.zero)
         weightless = guards[1, -1] <= NOTHING * jnp.max(jnp.abs(guards[1]))
         cause = jnp.where((cause == int(SwitchCause.GIVES_WAY)) & weightless, int(SwitchCause.LIFTS), cause)
         ends = (step.zero != NONE) & jnp.where(cause == int(SwitchCause.STOPS), slow, step.has_fallen)
+        # The guard is the speed along the heading less ``least``, so these are the speeds at both ends of the step.
         before, after = guards[0, 0] + least, guards[0, -1] + least
         slides = state.is_in(Mode.SLIDING)
         slows_down = slides & self.slips_end
@@ -294,9 +302,10 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         R, rest = jax.lax.stop_gradient(
             (response.rolling.reaction, (response.yielding.reaction[2, 2], state.body.Omega))
         )
-        m, Omega = rest
+        m, Omega = rest  # the mass that a normal acceleration of the contact has to move, (D⁻¹)₃₃
         g, r = jax.lax.stop_gradient((jnp.abs(self.body.gravity), self.body.radius))
         scale, limits = root(jnp.sum(R**2)) + m * (g + r * jnp.sum(Omega**2)), jnp.finfo(R.dtype)
+        # Positive also where nothing acts at all, so that a guard of 0 there is not an event.
         return FORCES * float(limits.eps) * scale + float(limits.tiny) ** 0.5
 
     def rise(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
@@ -326,6 +335,8 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         rolls = not isinstance(state, ReleasedState)
         start_state = release(self.body.prepare(), t, state) if rolls else state
         zero = jnp.zeros_like(start_state.height)
+        # In the mode of flight packing leaves V as it is, also for a body on the ground: in that of rolling it makes
+        # the slip exactly zero.
         mode, begun = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT), slips.Beginning.none(zero)
         near = over.near_to(self.body, start_state.body.z, zero)
         return ContactState(start_state.body, start_state.V, start_state.height, zero, zero, mode, begun, near)
@@ -432,6 +443,7 @@ class ContactHistory(AbstractHistory):
 
     def as_solved(self, system: AbstractBody, states: Any) -> tuple[BodyOnPlane, ContactState]:
         """Returns the body on its plane and its states, in which the body itself has the ``states``."""
+        # A saved state has its σ beside it, also where the slip begins and v_s has none: it holds at any time.
         mode, ever = self.mode.astype(self.height.dtype), jnp.full_like(self.height, jnp.finfo(self.height.dtype).max)
         begun = slips.Beginning.along(ever, self.sigma)
         near = over.near_to(system, states.z, self.height)

@@ -30,39 +30,42 @@ class Interaction(NamedTuple):
     solvability: Float[Array, ""]
 
 
-def rolling(found: Response) -> Interaction:
+def rolling(response: Response) -> Interaction:
     """Computes the reaction that keeps v_s constant, whatever friction it needs; without dry rolling friction where N <
     0.
     """
-    R, still = found.rolling.reaction, jnp.zeros_like(found.free)
-    if found.rubbing is None:
+    R, still = response.rolling.reaction, jnp.zeros_like(response.free)
+    if response.rubbing is None:
         return Interaction(R, still, jnp.maximum(R[2], 0.0), jnp.ones_like(R[2]))
-    solvability = 1 - found.rubbing.reaction[2]
+    # Where a unit of N would add more than itself to N, there is no solution, and NaN ends the run. The ground does not
+    # pull, and dry friction would drive the body if N were negative.
+    solvability = 1 - response.rubbing.reaction[2]
     N = jnp.maximum(R[2], 0.0) / jnp.where(solvability > 0, solvability, jnp.nan)
-    return Interaction(found.reaction(still, N), still, N, solvability)
+    return Interaction(response.reaction(still, N), still, N, solvability)
 
 
 @jax.jit
-def sliding(found: Response, mu: Float[Array, ""], direction: Float[Array, "2"]) -> Interaction:
+def sliding(response: Response, mu: Float[Array, ""], direction: Float[Array, "2"]) -> Interaction:
     """Computes R = N (e3 − μσ), with N so that the body stays on the ground; ``direction`` is σ and ``mu`` the
     coefficient.
 
     N = −v̇_free,3 / (D₃₃ − μ D₃·σ − D₃·ρ), where ρ is the reaction that the dry rolling torque of a unit of N has.
     """
     pushed = push(mu, direction)
-    net = pushed if found.rubbing is None else pushed - found.rubbing.reaction
-    moved, D33 = apply(found.delassus, net), found.delassus[2, 2]
-    N = -found.free[2] / jnp.where(moved[2] == 0, D33, moved[2])
-    acceleration = (found.free + N * moved).at[2].set(0.0)  # without what rounding leaves
+    net = pushed if response.rubbing is None else pushed - response.rubbing.reaction
+    moved, D33 = apply(response.delassus, net), response.delassus[2, 2]
+    # Where the divisor is 0 the guard of solvability has fallen to 0, and N only has to be finite.
+    N = -response.free[2] / jnp.where(moved[2] == 0, D33, moved[2])
+    acceleration = (response.free + N * moved).at[2].set(0.0)  # without what rounding leaves
     return Interaction(N * pushed, acceleration, N, moved[2] / D33)
 
 
-def flight(found: Response) -> Interaction:
-    """Returns the interaction without a reaction; ``found`` is the response of a body that does not touch the
+def flight(response: Response) -> Interaction:
+    """Returns the interaction without a reaction; ``response`` is the response of a body that does not touch the
     ground.
     """
-    none = jnp.zeros_like(found.free[2])
-    return Interaction(jnp.zeros_like(found.free), found.free, none, jnp.ones_like(none))
+    none = jnp.zeros_like(response.free[2])
+    return Interaction(jnp.zeros_like(response.free), response.free, none, jnp.ones_like(none))
 
 
 def margin(R: Float[Array, "3"], mu: Float[Array, ""]) -> Float[Array, ""]:
@@ -79,7 +82,7 @@ def slip_direction(slip: Float[Array, "3"], otherwise: Float[Array, "2"]) -> Flo
     return jnp.where(slips, slip[:2] / jnp.sqrt(jnp.where(slips, square, 1.0)), otherwise)
 
 
-def first_slip(found: Response, mu: Float[Array, ""]) -> Direction:
+def first_slip(response: Response, mu: Float[Array, ""]) -> Direction:
     """Finds the direction in which a body begins to slip when friction cannot hold it: the tangential v̇_s = κσ with κ
     > 0.
 
@@ -91,7 +94,7 @@ def first_slip(found: Response, mu: Float[Array, ""]) -> Direction:
         along = sliding(*about, sigma)
         return along.slip_acceleration[:2], along.solvability
 
-    return diverging(pull, (found, mu), -rolling(found).R[:2])
+    return diverging(pull, (response, mu), -rolling(response).R[:2])
 
 
 def push(mu: Float[Array, ""], direction: Float[Array, "2"]) -> Float[Array, "3"]:

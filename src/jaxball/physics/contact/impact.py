@@ -1,4 +1,4 @@
-"""The impact of a body on the ground, with Newton's restitution and Coulomb's friction.
+"""The impact of a body on the ground, with Newton's restitution and Coulomb's friction; ``transition`` computes it.
 
 An impact takes no time: positions are unchanged, and so are the rates of joints that a schedule or a law moves. The
 impulse I of the ground changes the slip velocity v_s by D I, and with it Ω and θ̇ of free joints as a slip acceleration
@@ -75,17 +75,17 @@ def impact(
     system: AbstractBody,
     t: Float[Array, ""],
     state: ReleasedState,
-    found: Response,
+    response: Response,
     mu: Float[Array, ""],
     restitution: Float[Array, ""],
 ) -> Impact:
     """Computes the impact of a body that lands on the ground; nothing changes if it does not.
 
-    ``found`` is its response just before, ``mu`` the coefficient of friction and ``restitution`` Newton's e.
+    ``response`` is its response just before, ``mu`` the coefficient of friction and ``restitution`` Newton's e.
     """
     before = slip_velocity(system, t, state)
-    done = collision(found.delassus, before, mu, restitution)
-    after = with_slip(system, state, found, before, done.slip)
+    done = collision(response.delassus, before, mu, restitution)
+    after = with_slip(system, state, response, before, done.slip)
     return Impact(after, done, 0.5 * dot(done.impulse, before + done.slip))
 
 
@@ -134,6 +134,8 @@ def _after_process(D, slip, mu, restitution, care: _Care) -> Float[Array, "3"]:
 
     def next_step(x: Float[Array, "4"]) -> Float[Array, ""]:
         most, remaining = process.longest(x, care.share, error), process.remaining(x)
+        # A small rest is gone straight through after the loop. It is negative where a step went beyond the end, and the
+        # next one then leads back.
         needed = slips(x) & (jnp.abs(remaining) > eps**0.5 * most)
         return jnp.where(needed, jnp.clip(remaining, -most, most), 0.0)
 
@@ -149,11 +151,13 @@ def _after_process(D, slip, mu, restitution, care: _Care) -> Float[Array, "3"]:
     x = jnp.append(slip, 0.0)
     first = jnp.where(slip[2] < 0, next_step(x), 0.0)
     x, h, _ = jax.lax.while_loop(goes_on, advance, (x, first, jnp.zeros((), int)))
+    # The slip may end before the impact does; whichever comes first, σ hardly turns until then.
     remaining, stop = process.remaining(x), jnp.where(slips(x), process.stop(x), 0.0)
     ends = remaining < stop
     x = process.straight(x, jnp.where(ends, remaining, stop))
     holds = ends | process.holds
     after = jax.lax.cond(holds, lambda x: jnp.where(ends, x[:3], process.stick(x)), process.again, x)
+    # Steps were left to take when their number ran out: an unfinished impact must not pass for one.
     return after * jnp.where(h == 0, 1.0, jnp.nan)
 
 
@@ -188,10 +192,13 @@ class _Process(NamedTuple):
         D, sigma = self.D, _direction(x)
         pull = self.pull(sigma)[:2]
         turning = jnp.abs(sigma[0] * pull[1] - sigma[1] * pull[0])
+        # The difference of the principal values of D along the ground bounds how far the pull changes with σ: so a
+        # step is short enough also where σ is about to turn.
         uneven = root((D[0, 0] - D[1, 1]) ** 2 + 4 * D[0, 1] ** 2)
         fastest = jnp.maximum(root(jnp.sum(pull**2)), root(jnp.sum(D[:2, 2] ** 2)) + self.mu * uneven)
         speed = root(jnp.sum(x[:2] ** 2))
         moved, turns = fastest > 0, turning * speed > error * fastest
+        # The error of a step of the method of order 8 grows as the ninth power of its length.
         allowed = 3 * (error * fastest / jnp.where(turns, turning * speed, 1.0)) ** (1 / 9)
         part = jnp.where(turns, jnp.minimum(jnp.minimum(share, TURNING), allowed), share)
         length = part * speed / jnp.where(moved, fastest, 1.0)
@@ -210,6 +217,7 @@ class _Process(NamedTuple):
         """Computes v_s3 at the end, where dv_s3/dI₃ stays ``rise``: as restitution has it, or where the work has become
         0.
         """
+        # Until v_s3 is v, the normal force does the further work (v² − v_s3²) / (2 rise).
         return jnp.minimum(self.target, root(x[2] ** 2 - 2 * rise * x[3]))
 
     def stop(self, x: Float[Array, "4"]) -> Float[Array, ""]:
@@ -222,6 +230,7 @@ class _Process(NamedTuple):
     @property
     def holds(self) -> Bool[Array, ""]:
         """Whether friction holds a contact that does not slip while the normal impulse grows."""
+        # The impulse that changes v_s3 alone is along the third column of D⁻¹; it must be inside the cone of friction.
         return jnp.sum(self.S[:2, 2] ** 2) <= (self.mu * self.S[2, 2]) ** 2
 
     def stick(self, x: Float[Array, "4"]) -> Float[Array, "3"]:

@@ -10,9 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ...compat import is_traced
 from ...interface.arguments import refusal
 from ...interface.printing import Printed
-from ...numerics.arrays import Numbers, is_traced, namespace_of, numbers
+from ...numerics.arrays import Numbers, namespace_of, numbers
 from ..conditions import Condition, positive
 
 SLOWEST_REBOUND = 1e-6
@@ -133,6 +134,7 @@ class Contact(Printed):
             must = "a coefficient, or a law of friction such as SmoothedCoulomb(0.3, 0.01)"
             raise refusal("friction", must, friction, remedy)
         self.friction_law = friction_law
+        # Whether a slip ends, and static friction by default, depend on μ(0) alone.
         at_rest: Any = friction if friction_law is None else friction_law(jnp.zeros(()))
         self.friction = numbers("friction")(at_rest)
         self.static_friction = self.friction if static_friction is None else numbers("static_friction")(static_friction)

@@ -10,9 +10,10 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..conditions import Condition
 from ..hybrid import NONE, Switches
+from ..state import PlacedState
 from ..system import AbstractState
 from .friction import slip_direction
-from .released import PlacedState, ReleasedState
+from .released import ReleasedState
 from .slip import Beginning
 
 
@@ -140,6 +141,7 @@ class ContactState(AbstractState):
 
     def direction(self, t: Float[Array, ""], slip: Float[Array, "3"]) -> Float[Array, "2"]:
         """Returns σ of a body that slips with v_s; 0 without slip."""
+        # Where a slip begins, v_s is zero and has no direction.
         begins = t <= self.begun.until
         return jnp.where(begins, self.begun.direction(t), slip_direction(slip, jnp.zeros_like(slip[:2])))
 

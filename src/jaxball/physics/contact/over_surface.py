@@ -1,5 +1,7 @@
 """A body over a surface: where it is in flight, what a solve advances for that, and how far a step may go.
 
+``body_on_plane`` and ``resting`` ask here where the ground is not a plane.
+
 In flight a solve advances the place of the centre in space, along a parabola, in the fields ``z`` and ``height`` of a
 packed state. The piece of the surface that is nearest, and the height over it, follow from the place.
 """
@@ -61,6 +63,7 @@ def with_nearest_piece(system: AbstractBody, t: Float[Array, ""], packed: Contac
         touch = surface.touch_at(t, u)
         return jnp.append(u, dot(touch.n, c - touch.p) - r)
 
+    # The search for the nearest piece is the dearest part of a flight, and is left out on the ground.
     return _with_fields(packed, jax.lax.cond(packed.is_in(Mode.FLIGHT), piece_and_height, _fields, packed), packed.near)
 
 
@@ -78,6 +81,7 @@ def with_piece_remembered(system: AbstractBody, t: Float[Array, ""], packed: Con
     """Returns the packed state, in flight with the nearest piece as the one from which the next ones are sought."""
     nearest = without_derivatives(with_nearest_piece(system, t, packed))
     u = near_to(system, nearest.body.z, nearest.height)
+    # A search that failed must not spoil those of later steps: the last piece found stays where they begin.
     near = jnp.where(packed.is_in(Mode.FLIGHT) & jnp.all(jnp.isfinite(u)), u, packed.near)
     return eqx.tree_at(lambda x: x.near, packed, near)
 
@@ -118,6 +122,7 @@ def longest_flight(system: AbstractBody, t: Float[Array, ""], state: ContactStat
     touch = surface.touch_at(t, state.body.z)
     v, g = state.V - touch.w, jnp.abs(system.gravity)
     far = NEARER * (system.radius + jnp.maximum(state.height, 0.0))
+    # No longer than the body takes to go so far, however it falls.
     longest = far / (root(dot(v, v)) + root(2 * g * far))
     return jax.lax.stop_gradient(jnp.where(state.is_in(Mode.FLIGHT), longest, jnp.inf))
 

@@ -214,10 +214,12 @@ def response(
     Lambda, convected = body.Lambda, jnp.zeros_like(slip)
     if under is not None:
         Lambda = jnp.sum(under.axes[:, :, None] * body.Lambda[None], axis=1)  # from body axes to contact axes
+        # The rate of V = w + r ω × n + v_s, in axes that turn, without ω̇ and v̇_s.
         turning = apply(body.Lambda, body.Omega)
         convected = under.acceleration + r * cross(turning, under.normal_rate) + cross(under.turning, slip)
     dynamics = equations(system, t, body, None if under is None else acting.Gamma)
-    lever = dynamics.at.M * r * dynamics.Gamma + dynamics.at.p
+    # Σ m s: an angular acceleration gives all masses together the change of momentum Ω̇ × Σ m s.
+    lever = dynamics.body_moments.M * r * dynamics.Gamma + dynamics.body_moments.p
     p = [link.weights for link in dynamics.free]
     still = jnp.zeros_like(body.theta)
 
@@ -231,6 +233,8 @@ def response(
         return Motion(Omegadot, thetaddot, force, of_sticking(system, holding) if sticks else None)
 
     def change(torque: Float[Array, "3"], efforts: Joints, force: Float[Array, "3"]) -> Motion:
+        # What something adds to the motion, by the factors of rolling; and by Newton's law for the whole, the reaction
+        # that goes with it.
         Omegadot, thetaddot = dynamics.matrix.solve(torque, dynamics.without_held(efforts))
         for weights, rate in zip(p, thetaddot, strict=True):
             force = force + jnp.sum(rate[..., None] * weights, axis=(0, 1))
@@ -239,18 +243,22 @@ def response(
         return motion(Omegadot, join_coordinates(still, dynamics.links, thetaddot), force, holding)
 
     def yielding(axis: Float[Array, "3"]) -> Motion:
+        # On a ground that is accelerated by v̇_s, each mass has the inertial force −m v̇_s.
         efforts = [-jnp.sum(weights * axis[None, None], axis=-1) for weights in p]
-        return change(cross(axis, lever), efforts, dynamics.at.M * axis)
+        return change(cross(axis, lever), efforts, dynamics.body_moments.M * axis)
 
     Omegadot, thetaddot = dynamics.solve(r, t, body, acting)
     R = reaction_in_body(dynamics.complete(thetaddot), r, acting, dynamics.Omega, Omegadot)
     resistance = system.resistance
+    # Exact resistance depends on a mode that is not known here: ``Resisting`` adds its torque by ``twisting``.
     is_exact = resistance is not None and resistance.holds
     dry = None if resistance is None or is_exact else resistance.dry_torque(r, acting.resisted, dynamics.Gamma)
     idle = [jnp.zeros(link.slots.shape, dtype=Lambda.dtype) for link in dynamics.free]
     of_slip = jax.vmap(yielding)(Lambda)
+    # No force acts on a disk along e2: without an entry there, the matrix would have no inverse. Nothing moves along
+    # it, so any mass will do.
     if system.planar:
-        of_slip = of_slip._replace(reaction=of_slip.reaction.at[1, 1].set(dynamics.at.M))
+        of_slip = of_slip._replace(reaction=of_slip.reaction.at[1, 1].set(dynamics.body_moments.M))
     table = table_under(system, t, body, slip)
     if table is not None:
         convected = in_three(table.acceleration)
@@ -282,7 +290,7 @@ def load_of_released(
 def rates(
     system: AbstractBody,
     state: ReleasedState,
-    found: Response,
+    body_response: Response,
     slip_acceleration: Float[Array, "3"],
     N: Float[Array, ""],
 ) -> ReleasedState:
@@ -292,28 +300,32 @@ def rates(
     V̇ = rω̇ × n + v̇_s + ``convected``.
     """
     body, r = state.body, system.radius
-    Omegadot, thetaddot = found.accelerations(slip_acceleration, N)
+    Omegadot, thetaddot = body_response.accelerations(slip_acceleration, N)
     moved = body.rates(r, Omegadot, (body.theta, body.thetadot, thetaddot))
-    V = _turning(body, r, Omegadot, found) + in_space(found.axes, slip_acceleration) + found.convected
-    rise = state.V[2] if found.rise is None else found.rise
-    return ReleasedState(_place_centre(moved, state.V, found.footing), V, rise)
+    V = (
+        _turning(body, r, Omegadot, body_response)
+        + in_space(body_response.axes, slip_acceleration)
+        + body_response.convected
+    )
+    rise = state.V[2] if body_response.rise is None else body_response.rise
+    return ReleasedState(_place_centre(moved, state.V, body_response.footing), V, rise)
 
 
 def with_slip(
     system: AbstractBody,
     state: ReleasedState,
-    found: Response,
+    body_response: Response,
     before: Float[Array, "3"],
     after: Float[Array, "3"],
 ) -> ReleasedState:
     """Returns the state with another slip velocity, after an impulse of the ground; contact axes.
 
-    ``before`` is the slip velocity that it has, and ``found`` its response.
+    ``before`` is the slip velocity that it has, and ``body_response`` its response.
     """
     body, change = state.body, after - before
-    Omega = combine_rows(change, found.yielding.Omegadot)
-    thetadot = combine_rows(change, found.yielding.thetaddot)
-    V = state.V + _turning(body, system.radius, Omega, found) + in_space(found.axes, change)
+    Omega = combine_rows(change, body_response.yielding.Omegadot)
+    thetadot = combine_rows(change, body_response.yielding.thetaddot)
+    V = state.V + _turning(body, system.radius, Omega, body_response) + in_space(body_response.axes, change)
     moved = eqx.tree_at(lambda x: x.thetadot, body.with_Omega(body.Omega + Omega), body.thetadot + thetadot)
     return ReleasedState(moved, V, state.height)
 
@@ -329,6 +341,7 @@ def energy_of_released(system: AbstractBody, t: Float[Array, ""], state: Release
         jnp.concatenate([system.offset[None], points.chi]), jnp.concatenate([still, points.chidot]), points.chiddot
     )
     m = jnp.concatenate([system.mass[None], point_mass_values(system)])
+    # What every mass has besides the velocity of rolling on a plane at rest.
     lowest = state.V - in_three(centre_velocity(body.Lambda, body.Omega, r, None))
     up = jnp.zeros_like(state.V).at[2].set(1.0) if system.ground is None else system.ground.up()
     centre = position(system, t, state)

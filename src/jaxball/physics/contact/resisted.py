@@ -1,5 +1,7 @@
 """How exact dry resistance and the reaction of the plane act together on a body that rolls, slides, or rests.
 
+``resting`` and its transitions compute both by it.
+
 The torque T of dry resistance adds to the motion in proportion, as the reaction does: with v̇_s and T given,
 
     ω̇ = ω̇₀ + Y v̇_s + G T        R = R₀ + D⁻¹ v̇_s + ρ T
@@ -77,6 +79,7 @@ class Resisting(NamedTuple):
         rolling, twisting = self.response.rolling, self.response.twisting
         assert twisting is not None
         up = jnp.zeros_like(self.axes[0]).at[2].set(1.0)
+        # A torque also presses the body on, or lifts it, where its centre of mass is beside the contact.
         G, lift = self.in_space(twisting.Omegadot).T, twisting.reaction[:, 2]
         rate = apply(self.axes, rolling.Omegadot)
         rate = rate if self.carried is None else rate + self.carried
@@ -89,8 +92,10 @@ class Resisting(NamedTuple):
         pushed, rho = push(mu, sigma), response.twisting.reaction
         moved, needed = apply(response.delassus, pushed), -response.free
         yields = jnp.sum(rho[:, None, :] * response.delassus[None], axis=-1)
+        # N is such that v̇_s3 = 0, and ``lift`` what a torque adds to it, by the change of v̇_s3 that it would make.
         over = jnp.where(moved[2] == 0, response.delassus[2, 2], moved[2])
         N, lift = needed[2] / over, yields[:, 2] / over
+        # The third entry is zero but for rounding, which would lift the body off the plane.
         a = jnp.where(slides, N * moved - needed, 0.0).at[2].set(0.0)
         by_torque = jnp.where(slides, lift[:, None] * moved[None] - yields, 0.0).at[:, 2].set(0.0)
         Y = self.in_space(response.yielding.Omegadot)
@@ -105,6 +110,8 @@ class Resisting(NamedTuple):
         """Computes T in a mode of turning."""
         bare = self.bare
         hold, d = Hold.of(bare, mode), drag(self.resistance, bare, mode)
+        # What is held keeps its rate, so T cancels whatever else would turn it: the motion without it, a slip
+        # acceleration, and the torque of N on what moves.
         by_slip = -jax.vmap(hold)(self.in_space(self.response.yielding.Omegadot))
         return DryTorque(hold(mode.braking - bare.rate), by_slip, d - hold(apply(bare.compliance, d)))
 

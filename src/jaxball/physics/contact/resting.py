@@ -1,5 +1,7 @@
 """A body that rolls, slides or flies where exact dry resistance may hold it at rest on its ground.
 
+``simulate`` solves it in place of a body that has such resistance and is given a law of contact.
+
 The modes are those of a body on its ground, and in each of them but flight the body turns, or is held against rolling
 or against spinning. A body that does not slip and is held against rolling is at rest. One that slips may be held, too:
 it slides without turning where sliding friction is less than dry resistance. In flight the ground resists nothing.
@@ -72,6 +74,7 @@ class RestingHistory(ContactHistory):
 
     def as_solved(self, system: AbstractBody, states: Any) -> "tuple[RestingOnPlane, RestingState]":
         plane, state = super().as_solved(system, states)
+        # Rest is a mode to those who read a run; to the equations it is rolling with ``rolls`` = 0.
         mode = jnp.where(self.mode == int(Mode.REST), int(Mode.ROLLING), self.mode).astype(state.mode.dtype)
         rolls = jnp.where(self.rests, 0.0, 1.0).astype(state.mode.dtype)
         rolling = Beginning.along(state.begun.until, self.rolling)
@@ -203,6 +206,7 @@ class RestingOnPlane(AbstractTurning, BodyOnPlane):
         """Finds the cause that the guard which is zero stands for, or an end of a slip or of rolling; and the longest
         step.
         """
+        # The contact assesses its own three guards, as if there were no others.
         turns, state = step.zero >= TURNING_GUARD, step.state
         reference, guards = step.reference, step.guards
         contact_step = step._replace(
@@ -215,6 +219,8 @@ class RestingOnPlane(AbstractTurning, BodyOnPlane):
         stops, ends = rolls & (step.zero == TURNING_GUARD), turns & step.has_fallen
         nears, longest = jnp.zeros_like(turns), contact.longest
         if not self.body.planar:
+            # The rate along the heading also falls to zero where a ball turns aside at speed: only a slow one may be at
+            # its end.
             slow, nears, braked = self.approach_rest(step, reference.rolling, TURNING_GUARD, accuracy)
             ends, nears = turns & jnp.where(stops, slow, step.has_fallen), rolls & nears
             longest = jnp.minimum(longest, jnp.where(rolls & ~ends, braked, jnp.inf))

@@ -1,4 +1,4 @@
-"""What follows the end of a mode of a body on its ground where exact dry resistance may hold it: as in ``transition``.
+"""Finds the next mode where a mode of ``resting`` ends, and the state with which it begins, as ``transition`` does.
 
 Everything that does not move is held, as far as friction and dry resistance can do it: the most overloaded of them lets
 go first. A slip and rolling that begin at the same time each depend on the direction of the other, and their windows
@@ -46,6 +46,8 @@ def transition(
 ) -> Transition:
     """Finds what follows a :class:`SwitchCause` for which a mode ends, the end of a window, or the start of a run."""
     slip, rolling = without_derivatives(plane).step_reference(*without_derivatives((t, state, accuracy)))
+    # A ball's rolling is given to ``_end_rolling`` while it still has this speed, which counts as fixed. That of a disk
+    # does not turn, and is followed to exactly zero.
     least = jnp.zeros_like(rolling.speed) if plane.body.planar else rolling.speed
     heading = Headings(slip._replace(least=slip.speed), rolling._replace(least=least))
     turns, spins = (_is_one_of(cause, *causes) for causes in (_ROLLING, _SPINNING))
@@ -78,6 +80,7 @@ def _next_mode(
 ) -> Progress:
     """Finds the state that follows the end of a mode: after the end of a slip or of rolling, or an impact."""
     done, no = Progress.of(plane, t, state, cause), jnp.asarray(False)
+    # The end of one window leaves the other in force; a new mode leaves neither.
     none = Beginning.none(state.height)
     begun, rolling = (select_tree(done.decides | (x.until <= t), none, x) for x in (state.begun, state.rolling))
     if plane.body.planar:
@@ -123,9 +126,9 @@ class _Rolling(NamedTuple):
         acting = self.interaction(response)
         return rates(body, state.released, response, acting.slip_acceleration, acting.normal)
 
-    def interaction(self, found: Response) -> friction.Interaction:
+    def interaction(self, response: Response) -> friction.Interaction:
         """Computes the reaction of the plane."""
-        return select_tree(self.slides, friction.sliding(found, self.mu, self.sigma), friction.rolling(found))
+        return select_tree(self.slides, friction.sliding(response, self.mu, self.sigma), friction.rolling(response))
 
 
 def _end_rolling(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array, ""]) -> Progress:
@@ -141,6 +144,7 @@ def _end_rolling(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array
 
     def brake(about: _Rolling, time: Float[Array, ""], share: float, where: Any) -> Any:
         rate = -omega / jnp.where(time > 0, time, 1.0)
+        # The mean rate until the end, so that ω_h is then zero; the torque is whatever this needs.
         held = about.mode._replace(rests=jnp.asarray(True), braking=in_three(rate))
         moved = about.rates(plane.body, where, held)
         return state.move(jax.tree.map(lambda x, rate: x + share * time * rate, state.released, moved))
@@ -207,14 +211,17 @@ class _Deciding(NamedTuple):
         T, need = torque(acting.slip_acceleration, acting.normal), self.resisting.spare(torque, acting)
         N = acting.R[2]
         spare = friction.margin(acting.R, self.static) + self.slack
+        # A square of a share, as the loads of resistance are; the least divisor keeps it within the range of numbers.
         load = jnp.sum(acting.R[:2] ** 2) / jnp.maximum(self.static * N, float(jnp.finfo(N.dtype).tiny) ** 0.25) ** 2
         held = jnp.stack([choice.sticks, choice.mode.rests, choice.mode.still])
         fails = held & ~(jnp.stack([jnp.minimum(spare, N + self.slack), need.rolling, need.spinning]) > 0)
         loads = jnp.where(fails, jnp.concatenate([load[None], need.loads]), -jnp.inf)
         most = fails & (loads == jnp.max(loads))
+        # Of several that are equally overloaded the first alone lets go: that may relieve the others.
         most &= jnp.cumsum(most) == 1
         off = jnp.where(jnp.any(at_once), at_once & held, most)
         against, spin = -unit(T[:2]), -jnp.sign(T[2])
+        # A disk only rolls about e2.
         if self.resisting.axle is not None:
             against = against.at[0].set(0.0)
         mode = choice.mode._replace(
@@ -238,6 +245,7 @@ def _decide(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> P
     t, body, contact = done.t, plane.body, plane.contact
     assert done.stands is not None
     before, omega = _clean(plane, done, cause)
+    # A body that lands still has the mode of flight here; any mode on the ground says that it touches.
     touching: Any = eqx.tree_at(lambda x: x.mode, before, jnp.full_like(before.mode, int(Mode.SLIDING)))
     slip, resisting = slip_velocity(body, t, before.released), plane.resisting(t, touching)
     still = done.still | plane.is_still(slip, before)
@@ -245,6 +253,8 @@ def _decide(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> P
     slack = plane.rounding_of_force(before, resisting.response)
     deciding = _Deciding(resisting, still, mu, contact.static_friction, slack)
     moving = candidates(resisting.resistance, resisting.bare, omega)
+    # A body that rolls comes to rest by an event that says so, and not because its rate is rounding, as just after it
+    # broke loose.
     may_rest = (cause == START) | done.stands | done.lands | (before.rolls == 0)
     moving = moving._replace(rests=moving.rests & may_rest)
     gives_way = cause == int(SwitchCause.GIVES_WAY)
@@ -257,6 +267,7 @@ def _decide(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> P
     slips_now, turns = still & ~choice.sticks, moving.rests & ~choice.mode.rests
     choice = _direct(deciding, choice, slips_now, turns, plane.body.planar)
     response = deciding.response(choice)
+    # A contact that sticks has been found to press, or it would have let go.
     flies = done.flies | ~choice.sticks & ~(friction.sliding(response, mu, choice.sigma).normal > -slack)
     # The rest of a slip that ends is dissipated by friction; one without an end continues.
     stopped = with_slip(body, before.released, response, slip, jnp.zeros_like(slip))
@@ -264,6 +275,7 @@ def _decide(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> P
     rise = slip_velocity(body, t, state.released)[2]
     V = with_rise(body, t, state.released, jnp.where(flies & (cause != int(SwitchCause.LIFTS)), rise, 0.0))
     mode = jnp.where(flies, int(Mode.FLIGHT), jnp.where(choice.sticks, int(Mode.ROLLING), int(Mode.SLIDING)))
+    # In flight the ground holds nothing, and 0 would say that it does.
     rolls = jnp.where(choice.mode.rests & ~flies, 0.0, 1.0).astype(V.dtype)
     spin = choice.mode.spin if plane.resists_spinning else jnp.zeros_like(choice.mode.spin)
     spin = jnp.where(flies & (spin == 0), 1.0, spin).astype(V.dtype)
@@ -291,10 +303,12 @@ def _clean(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> tu
 def _choose(deciding: _Deciding, choice: _Choice, at_once: Bool[Array, "3"]) -> _Choice:
     """Finds the choice when nothing is overloaded; it has no derivatives but those from the given one."""
     still, held, now = without_derivatives((deciding, choice, at_once))
+    # What the event has loosened lets go first; then what is overloaded, one after the other.
     held = still.with_one_less(held, now)
     none = jnp.zeros_like(at_once)
     last = jax.lax.fori_loop(0, RELEASES, lambda _, held: still.with_one_less(held, none), held)
     slides, turned = choice.sticks & ~last.sticks, choice.mode.rests & ~last.mode.rests
+    # What slipped and rolled before does so on, in its own direction, with its derivatives.
     mode = last.mode._replace(sigma=jnp.where(turned, last.mode.sigma, choice.mode.sigma))
     return _Choice(last.sticks, jnp.where(slides | deciding.still, last.sigma, choice.sigma), mode)
 
@@ -305,6 +319,7 @@ def _direct(
     """Returns the choice with the directions in which a slip and rolling that begin grow."""
 
     def next_choice(choice: _Choice, _: None) -> tuple[_Choice, None]:
+        # The direction of each depends on that of the other, so they are found in turn until neither changes.
         sigma = jax.lax.cond(slips_now, lambda: deciding.first_slip(choice), lambda: choice.sigma)
         choice = choice._replace(sigma=sigma)
         if planar:
@@ -372,6 +387,7 @@ def _begin(plane: "RestingOnPlane", done: Progress) -> "RestingState":
         return eqx.tree_at(lambda x: (x.begun, x.rolling), state, (begun, ever))
 
     def windows(start: Any, first: Bool[Array, ""]) -> tuple[Any, None]:
+        # One window alone is final after the first pass; only two that depend on each other are computed again.
         needed = first | begins & turns
         begun = jax.lax.cond(
             needed & begins,
@@ -386,6 +402,7 @@ def _begin(plane: "RestingOnPlane", done: Progress) -> "RestingState":
         )
         return eqx.tree_at(lambda x: x.rolling, start, turning), None
 
+    # The first guess of a direction that is found in turn with the other: the one in which it begins.
     ahead = Beginning.along(t + longest, sigma), Beginning.along(t + longest, rolling)
     previous = select_tree(done.decides, none, start.begun), select_tree(done.decides, none, start.rolling)
     first = select_tree(begins, ahead[0], previous[0]), select_tree(turns, ahead[1], previous[1])

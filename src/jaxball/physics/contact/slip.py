@@ -1,6 +1,6 @@
-"""The two ends of a slip, where its direction σ = v_s/|v_s| cannot be computed from its velocity.
+"""How a slip begins and how it ends, where its direction σ = v_s/|v_s| cannot be computed from its velocity.
 
-Rolling under exact dry resistance has the same two ends, with ω_h in place of v_s (``dry_rolling``).
+Rolling under exact dry resistance begins and ends in the same way, with ω_h in place of v_s (``dry_rolling``).
 
 With the angle φ of σ and the speed s, a slip obeys ṡ = a·σ and s φ̇ = a·n, where n is σ turned by a right angle and
 the slip acceleration a = v̇_s is a smooth function of φ and of the motion of the rest. Both ends, s = 0, are singular.
@@ -43,26 +43,27 @@ SHORTER_WINDOW = 0.4  # a window that is too long, when it is tried again
 RESOLVED = 2e-11  # the last coefficient of the polynomial in a window that is short enough
 SWEEPS = 10  # of collocation, each of which gains two digits, with one window
 MOST_SWEEPS = 4 * SWEEPS  # with four windows
-NEARLY_STILL = 3  # times the least speed of a slip: one that is slower than that may end in the next step
+NEARLY_STILL = 3  # times the least speed of a slip: a slower one may end in the next step
 SAME_SPEED = 1e-9  # of a speed: what rounding may change
 PAST = 0.5  # of the least speed: a step is to end no slower than that
-TRUNCATED = 2e5  # tolerances: the most of a step's error beside the speed of a slip that ends, for its derivatives
-SLOW = 0.4  # power of rounding: of the speed of a body, the slip that is followed to its end in no step of a solve
+TRUNCATED = 2e5  # tolerances: the largest error of a step, relative to the speed of a slip that ends, for derivatives
+SLOW = 0.4  # power of rounding: a slip slower than this share of a body's speed is followed by `end`, not by steps
 UNTOLD = 10  # errors of the speed: steps cannot tell the direction of so slow a slip
-ERRORS = 30  # the same: a slip that ends may be faster by as much
+ERRORS = 30  # errors of the speed, by which a slip at its end may exceed twice the least one
 LONGEST_WINDOW = 0.1  # of √(r/g): the longest time for which the direction of a slip that begins is known beforehand
-BEFORE_KINK = 0.999  # of the time until the next kink: the same
+BEFORE_KINK = 0.999  # of the time until the next kink: no window is longer than that
 LONGEST_PAUSE = 0.25  # power of rounding: the longest time, in √(r/g), over which a slip is followed to its end
-COARSER = 0.3  # the same over the cube root of the tolerance, because the error of the response halfway grows like this
+COARSER = 0.3  # times the cube root of the tolerance: the same if that is loose, as the error is cubic in the time
 HALFWAY = 0.5  # through the time, and the speed, of a slip that ends
 STEPS_TO_END = 16  # in the time τ, to the end of a slip
 TURN = 1.5  # by which σ turns and ln s falls in one of them, at most
 
 
 class Beginning(NamedTuple):
-    """The direction of a slip that has begun, until the time ``until``: ``span`` before, it was ``sigma``.
+    """The direction of a slip in a window of time from its beginning, ``span`` long, which ends at ``until``.
 
-    It turns from there by the angle whose tangent is the polynomial Σ bends[k] uᵏ⁺¹ in the share u of the window.
+    It is ``sigma`` at first, and turns from there by the angle whose tangent is the polynomial Σ bends[k] uᵏ⁺¹ in the
+    share u of the window.
     """
 
     until: Float[Array, "*batch"]
@@ -73,6 +74,7 @@ class Beginning(NamedTuple):
     @classmethod
     def none(cls, like: Float[Array, ""]) -> "Beginning":
         """Returns the direction of a slip that began long ago."""
+        # Not −∞, nor the largest number: differences from it, and their squares, are to be finite.
         never = jnp.full_like(like, -(float(jnp.finfo(like.dtype).max) ** 0.5))
         return cls.along(never, jnp.zeros((2,), like.dtype))
 
@@ -83,6 +85,8 @@ class Beginning(NamedTuple):
 
     def direction(self, t: Float[Array, ""]) -> Float[Array, "2"]:
         """Computes σ at a time in the window."""
+        # Limited, because this is evaluated outside the window, too, where it is not used: powers of a long time would
+        # overflow, and their derivatives be NaN.
         u, tangent = jnp.clip(1 + (t - self.until) / self.span, 0.0, 1.0), jnp.zeros_like(t)
         for k in reversed(range(DEGREE)):
             tangent = u * (self.bends[k] + tangent)
@@ -90,7 +94,7 @@ class Beginning(NamedTuple):
 
 
 class Heading(NamedTuple):
-    """Along σ, the ``speed`` of a slip as a step begins, and the ``least`` one with which it is not about to end."""
+    """The direction σ of a slip as a step begins, and along it its ``speed``; slower than ``least``, it soon ends."""
 
     sigma: Float[Array, "2"]
     speed: Float[Array, ""]
@@ -109,6 +113,8 @@ class Heading(NamedTuple):
         their errors.
         """
         speed = jnp.maximum(jnp.sum(slip * sigma), 0.0)
+        # The guard of a slip is its speed along σ less ``least``: with at most half the speed, it is positive as a step
+        # begins.
         least = jnp.maximum(float(jnp.finfo(speed.dtype).eps) ** power * size, UNTOLD * errors)
         return cls(sigma, speed, jnp.minimum(least, 0.5 * speed))
 
@@ -189,6 +195,9 @@ def end(pull: Callable[[Any, Float[Array, "2"]], Pull], about: Any, slip: Float[
 
     It ends if the direction to which the slip turns is one in which it slows down.
     """
+    # In the time τ, x is: σ, the logarithm of the share of the speed that is left, the time over the speed, the work of
+    # friction over its square, and the impulse of the normal force over the speed. So x does not depend on how slow the
+    # slip is.
     speed = root(jnp.sum(slip**2))
     still = jax.lax.stop_gradient(about)
 
@@ -206,12 +215,14 @@ def end(pull: Callable[[Any, Float[Array, "2"]], Pull], about: Any, slip: Float[
         return root(jnp.sum(acting.acceleration**2)) + root(jnp.sum(turned.acceleration**2))
 
     def advance(x: Float[Array, "6"], _: None) -> tuple[Float[Array, "6"], None]:
+        # How fast σ may turn, which decides the step and is no part of the result, so it has no derivatives.
         rate = fastest(jax.lax.stop_gradient(x))
         h = jnp.where(rate > 0, TURN / jnp.where(rate > 0, rate, 1.0), 0.0)
         return cooper_verner.step(motion, x, h), None
 
     start = jnp.concatenate([unit(slip), jnp.zeros((4,), slip.dtype)])
     x = jax.lax.scan(advance, start, None, length=STEPS_TO_END)[0]
+    # By now σ hardly turns: from here on the slip slows down uniformly, in the time slower / −growth.
     growth, slower, power, normal = motion(x)[2:]
     comes = (growth < 0) & (x[2] < 0)
     left_of_it = 1 / jnp.where(comes, -growth, 1.0)
@@ -230,6 +241,7 @@ def longest_window(
     t: Float[Array, ""], kinks: Float[Array, " kinks"], unit_of_time: Float[Array, ""]
 ) -> Float[Array, ""]:
     """Computes the longest time from ``t`` on for which the direction of a slip that begins is computed beforehand."""
+    # A polynomial cannot follow a slip through a kink. Where the window ends is a choice, and has no derivatives.
     kink = jnp.min(jnp.where(kinks > t, kinks, jnp.inf), initial=jnp.inf)
     return jax.lax.stop_gradient(jnp.minimum(LONGEST_WINDOW * unit_of_time, BEFORE_KINK * (kink - t)))
 
@@ -247,6 +259,7 @@ def nears_its_end(before: Float[Array, ""], after: Float[Array, ""], least: Floa
     faster than the slip slows down. Steps are then too short to halve its speed, and would never meet a zero of the
     guard.
     """
+    # ``Heading.of`` limits ``least`` to half the speed: equality, up to rounding, says that this limit was in force.
     return (before <= (2 + SAME_SPEED) * least) & (after < before)
 
 
@@ -264,6 +277,7 @@ def longest_step(
     least speed at most half way to the end, because the stages of a step across the end pull in both directions, which
     a low-order method may not notice as an error.
     """
+    # Close to the end, the error of a step grows as its share of the time until then, to the power of order + 1.
     share = jnp.minimum((TRUNCATED * accuracy.tolerance) ** (1 / (accuracy.order + 1)), accuracy.approach)
     slows = (after > 0) & (before > after)
     until_end = after * length / jnp.where(slows, before - after, 1.0)
@@ -279,19 +293,25 @@ def beginning(
     window, or a shorter one in which a polynomial can follow it.
     """
     start = _Start(what, t, state, sigma)
+    # The search has no derivatives, for which ``settle`` makes some more sweeps, only where they are asked for.
     still, highest = without_derivatives(start), _lobatto(sigma.dtype).highest
     longest = jax.lax.stop_gradient(longest)
     begun = still.window(longest)
 
     def sweep(window: _Window) -> _Window:
+        # One sweep: accelerations at the nodes with the directions so far, their integrals, and better directions from
+        # these.
         a, rate, change = still.accelerations(window, turned=True)
         sigmas, aside, along, x = still.integrate(window, a, rate)
         window = window._replace(x=x, inverse=still.newton(window, sigmas, along, change))
         tangents, sweeps = window.turn(aside), window.sweeps + 1
+        # The polynomial is judged after a full number of sweeps: before, all its coefficients still change. Where v_s
+        # goes against σ, the sweeps have come to a direction in which no slip grows.
         done, converges = (
             sweeps % SWEEPS == 0,
             (jnp.abs(jnp.sum(highest * tangents)) <= RESOLVED) & jnp.all(along[1:] > 0),
         )
+        # If the shortest window fails as well, its last polynomial is used all the same.
         again = done & ~converges & (sweeps < MOST_SWEEPS)
         shorter = begun._replace(span=SHORTER_WINDOW * window.span, sweeps=sweeps)
         window = window._replace(tangents=tangents, sweeps=sweeps, found=done & converges)
@@ -320,6 +340,8 @@ class _Window(NamedTuple):
         """Computes the tangents after a step of Newton's method: at each node but the first, σ is to be the direction
         of v_s.
         """
+        # At the first node the slip is zero, and σ is the given one. Far from the solution a step of Newton's method
+        # may lead anywhere, so it is limited.
         turns = solutions(self.inverse[None], aside[None, 1:])[0]
         return self.tangents.at[1:].add(-jnp.clip(turns, -1.0, 1.0))
 
@@ -361,6 +383,7 @@ class _Start(NamedTuple):
             return a, rate, change
 
         times = self.t + window.span * _lobatto(window.x.dtype).nodes
+        # A loop over the nodes compiles in half the time of all nodes side by side, and runs as fast.
         return jax.lax.map(lambda node: at_node(*node), (times, window.x, window.tangents))
 
     def integrate(self, window: _Window, a: Array, rate: Array) -> tuple[Array, Array, Array, Array]:
@@ -373,6 +396,7 @@ class _Start(NamedTuple):
     def newton(self, window: _Window, sigmas: Array, along: Array, change: Array) -> Float[Array, "rows rows"]:
         """Computes the inverse of the matrix of Newton's method."""
         integrals = window.span * _lobatto(window.x.dtype).integrals
+        # The component of v_s across σ changes with all tangents, as v_s does, and with its own because σ turns away.
         slopes = integrals * jax.vmap(lambda sigma: jax.vmap(lambda two: across(sigma, two))(change))(sigmas)
         return inverses((slopes - jnp.diag(along / (1 + window.tangents**2)))[None, 1:, 1:])[0]
 
@@ -385,6 +409,8 @@ class _Start(NamedTuple):
             aside, x = self.integrate(window, *self.accelerations(window)[:2])[1::2]
             return window._replace(x=x, tangents=window.turn(aside)), None
 
+        # With the matrix at the end of the search. The values have converged, and the error of the derivatives shrinks
+        # with each sweep as that of the values did.
         return jax.lax.scan(sweep, window, None, length=SWEEPS)[0].tangents
 
 
@@ -407,6 +433,7 @@ def _lobatto(dtype: np.dtype) -> _Lobatto:
     x = np.concatenate([[-1.0], np.sort(inner), [1.0]])
     coefficients = np.linalg.inv(legendre.legvander(x, DEGREE))
     integrals = legendre.legval(x, legendre.legint(coefficients, lbnd=-1)).T / 2
+    # No time has passed at the first node; rounding would set off the slip there.
     integrals[0] = 0.0
     nodes = (x + 1) / 2
     parts = nodes, integrals, np.linalg.inv(np.vander(nodes, increasing=True)), coefficients[-1]

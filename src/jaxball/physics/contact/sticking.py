@@ -1,5 +1,7 @@
-"""A body that rolls, slides or flies, with joints that dry friction may hold: in each of its modes each joint sticks or
-slips, as in ``stick_slip``.
+"""A body that rolls, slides or flies, with joints that dry friction may hold.
+
+``simulate`` solves it in place of a body with such joints that is given a law of contact. In each of its modes each
+joint sticks or slips, as in ``stick_slip``.
 
 Joints that stick are held in the matrix of the equations, so that the response of the body to the ground is that of one
 in which they are locked, and so is the friction that holds them: linear in the slip acceleration. What ends a mode are
@@ -93,6 +95,7 @@ class StickingOnPlane(BodyOnPlane):
         return with_directions(self.body, state.slips)
 
     def response_to_impulse(self, t: Float[Array, ""], state: Any) -> Response:
+        # Any direction says that a joint is not held: friction in joints gives no impulse.
         return super().response_to_impulse(t, eqx.tree_at(lambda x: x.slips, state, jnp.ones_like(state.slips)))
 
     # The guards.
@@ -151,8 +154,10 @@ def transition(
 
     Events from ``FIRST_OF_JOINTS`` on are those of the guards of the joints.
     """
+    # Guards of joints come after all causes of the contact, so that one number says what has happened.
     of_joint = event >= FIRST_OF_JOINTS
     heading = without_derivatives(plane).step_reference(*without_derivatives((t, state, accuracy)))
+    # As in ``transition.transition``: the speed of a slip that ends here counts as fixed.
     heading = heading._replace(least=heading.speed)
     of_contact = jnp.argmax(jnp.asarray(CAUSES)[state.mode.astype(int)] == event)
     which = jnp.where(of_joint, OF_CONTACT + event - FIRST_OF_JOINTS, of_contact)
@@ -163,6 +168,7 @@ def transition(
     t, before, slope = at_zero(guards, plane, t, state, which, event >= 0)
     done = _next_mode(plane, t, before, event, accuracy.tolerance)
     stuck = jnp.any(_is_joint_of(event, state.slips.size) & (state.slips == 0))
+    # Which joint it was and what it does is in the directions before and after.
     changed = jnp.where(stuck, int(SwitchCause.JOINT_BREAKS_LOOSE), int(SwitchCause.JOINT_STOPS))
     cause = jnp.where(of_joint, changed, event)
     return done.finish(cause, slope, pauses=event == int(SwitchCause.STOPS))
@@ -198,6 +204,7 @@ def _strike(plane: StickingOnPlane, done: Progress) -> Progress:
     rate, gains = state.body.thetadot[slots], jnp.abs(of_impulse.yielding.thetaddot[:, slots])
     change = slip_velocity(plane.body, t, state.released) - slip_velocity(plane.body, t, before.released)
     least = jnp.sqrt(jnp.sum(change**2)) * jnp.max(gains, axis=0) + jnp.abs(before.body.thetadot[slots])
+    # The largest rate that such an impact could give the joint: what is rounding of it did not set the joint in motion.
     slips = jnp.where(jnp.abs(rate) <= ROUNDING_OF_STRIKE * eps * least, 0.0, jnp.sign(rate))
     return done._replace(state=eqx.tree_at(lambda x: x.slips, state, jax.lax.stop_gradient(slips)))
 
@@ -252,16 +259,20 @@ class _Deciding(NamedTuple):
         )
         N, static = acting.R[2], contact.static_friction
         holds = (friction.margin(acting.R, static) > -slack) & (-slack < N)
+        # As squares of shares of the largest friction, loads of the contact and of joints compare. The least divisor
+        # keeps the square and the quotient within the range of numbers.
         load = jnp.sum(acting.R[:2] ** 2) / jnp.maximum(static * N, float(jnp.finfo(N.dtype).tiny) ** 0.25) ** 2
         # A body that no friction presses on its ground leaves it before any joint lets go.
         of_ground = jnp.where(choice.sticks & ~holds, load, jnp.where(slides & ~(-slack < N), jnp.inf, -jnp.inf))
         overloaded = (choice.slips == 0) & (jnp.abs(holding) > largest)
         loads = jnp.concatenate([of_ground[None], jnp.where(overloaded, (holding / largest) ** 2, -jnp.inf)])
         most = (loads == jnp.max(loads)) & (loads > -jnp.inf)
+        # Of several that are equally overloaded the first alone lets go: that may relieve the others.
         most &= jnp.cumsum(most) == 1
         return choice._replace(
             sticks=choice.sticks & ~most[0],
             flies=choice.flies | most[0] & ~choice.sticks,
+            # A joint that breaks loose slips against the friction that held it.
             slips=jnp.where(most[1:], -jnp.sign(holding), choice.slips),
         )
 
@@ -276,6 +287,7 @@ def _decide(plane: StickingOnPlane, done: Progress, event: Int[Array, ""]) -> Pr
     sticks = still & (plane.contact.static_friction > 0) & (event != int(SwitchCause.GIVES_WAY)) & ~done.flies
     sigma = friction.slip_direction(slip, jnp.zeros_like(slip[:2]))
     first = _Choice(sticks, done.flies, sigma, switch_state.slips)
+    # What lets go is a yes or no without derivatives; the direction of the slip is found again afterwards, with them.
     fixed, held = without_derivatives((deciding, first))
     most = switch_state.slips.size + 2  # that let go: the contact, twice, and the joints
     held = jax.lax.fori_loop(0, most, lambda _, held: fixed.with_one_less(held), held)
@@ -305,6 +317,8 @@ def _change_joints(plane: StickingOnPlane, done: Progress, event: Int[Array, ""]
     state: Any = done.state
     slots, count = sticking_slots(plane.body), state.slips.size
     changes, stuck = _is_joint_of(event, count), state.slips == 0
+    # The first guard of a held joint is what friction has to spare against positive forces, the second against negative
+    # ones.
     loose = jnp.where(event - FIRST_OF_JOINTS < count, -1.0, 1.0)
     stops = ~stuck & (changes | (state.slips * state.body.thetadot[slots] < 0))
     slips = jnp.where(stops, 0.0, jnp.where(changes & stuck, loose, state.slips))

@@ -1,4 +1,7 @@
-"""What follows the end of a mode of a body on its ground: the next mode, and the state with which it begins."""
+"""Finds the next mode of a body on its ground where a mode ends, and the state with which it begins.
+
+``body_on_plane`` calls it; ``sticking`` and ``resting_transition`` use its parts.
+"""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -26,7 +29,10 @@ def transition(
 ) -> Transition:
     """Finds what follows a :class:`SwitchCause` for which a mode ends, the end of a window, or the start of a run."""
     heading = without_derivatives(plane).step_reference(*without_derivatives((t, state, accuracy)))
+    # The speed of a slip that ends here counts as fixed, so that its guard is exactly zero at this state, and the
+    # derivative of the time of the event is that of the time at which this speed is reached.
     heading = heading._replace(least=heading.speed)
+    # Back from a cause to its guard; 0 where no guard has the cause, as at a start, where ``at_zero`` does not apply.
     which = jnp.argmax(jnp.asarray(CAUSES)[state.mode.astype(int)] == cause)
 
     def guards(plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState) -> Float[Array, "3"]:
@@ -64,6 +70,7 @@ def only_if(happens: Bool[Array, ""], stage: Callable[..., "Progress"], plane: A
 
 def response_on_plane(plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState) -> Response:
     """Computes the response of a body that touches the ground."""
+    # A body that lands still has the mode of flight here; any mode on the ground says that it touches.
     return plane.response(t, eqx.tree_at(lambda x: x.mode, state, jnp.full_like(state.mode, int(Mode.SLIDING))))
 
 
@@ -72,11 +79,13 @@ def end_slip(plane: "BodyOnPlane", done: "Progress", tolerance: Float[Array, ""]
     t, state = done.t, done.state
     end, response = _end(plane, done, t, state)
     ends = end.comes & (end.time <= slips.longest_pause(tolerance, slips.unit_of_time(plane.body)))
+    # As in the midpoint rule: the end is found again with the response halfway, to which that of the start leads.
     halfway = _slow(plane, done, response, state, end, slips.HALFWAY)
     end, response = _end(plane, done, t + slips.HALFWAY * end.time, halfway)
     stopped = _slow(plane, done, response, halfway, end, 1.0)
     stopped = eqx.tree_at(lambda x: x.friction_loss, stopped, stopped.friction_loss + end.friction_loss)
     after = done._replace(t=t + end.time, before=stopped, state=stopped, still=jnp.asarray(True))
+    # Where no end is near, the slip has only been slow for a while, and the mode goes on.
     return select_tree(ends, after, done._replace(decides=jnp.asarray(False)))
 
 
@@ -84,6 +93,8 @@ def _end(
     plane: "BodyOnPlane", done: "Progress", t: Float[Array, ""], where: ContactState
 ) -> tuple[slips.End, Response]:
     """Computes the end of a slip with the response at some time and state, and that response."""
+    # The speed falls nearly in proportion to the time that is left, so that the mean coefficient is that of half the
+    # speed.
     response, slip = response_on_plane(plane, t, where), slip_velocity(plane.body, done.t, done.state.released)
     return slips.end(slips.pull_of_friction, (response, plane.coefficient(slip, slips.HALFWAY)), slip[:2]), response
 
@@ -91,10 +102,11 @@ def _end(
 def _slow(
     plane: "BodyOnPlane", done: "Progress", response: Response, where: ContactState, end: slips.End, share: float
 ) -> ContactState:
-    """Returns the state after a share of the time in which a slip ends, with the rates ``where`` the response was
-    found.
+    """Returns the state after a share of the time until a slip ends. ``where`` is the state of the response, whose
+    rates it uses.
     """
     time, slip = share * end.time, slip_velocity(plane.body, done.t, done.state.released)
+    # The mean slip acceleration until the end, not that of the response, so that v_s is then exactly zero.
     braking = jnp.where(end.time > 0, slip / jnp.where(end.time > 0, end.time, 1.0), 0.0).at[2].set(0.0)
     moved = rates(plane.body, where.released, response, -braking, end.normal)
     return done.state.move(jax.tree.map(lambda x, rate: x + time * rate, done.state.released, moved))
@@ -107,6 +119,7 @@ def strike(plane: "BodyOnPlane", done: "Progress") -> "Progress":
     rebounds = contact.restitution * -slip[2] > contact.slowest * plane.unit_of_speed(response)
     e = jnp.where(rebounds, contact.restitution, 0.0)
     after = impact(plane.body, t, state.released, response, plane.coefficient(slip), e)
+    # Without a rebound exactly zero: the rounding that is left would make the body fly, or sink.
     rise = jnp.where(rebounds, slip_velocity(plane.body, t, after.state)[2], 0.0)
     V = with_rise(plane.body, t, after.state, rise)
     bounced = state.move(ReleasedState(after.state.body, V, state.height))
@@ -122,7 +135,9 @@ def _decide(plane: "BodyOnPlane", done: "Progress", cause: Int[Array, ""]) -> "P
     slip = slip_velocity(body, t, released_state)
     still = done.still | plane.is_still(slip, state)
     R, slack = friction.rolling(response).R, plane.rounding_of_force(state, response)
+    # Without static friction a body never rolls, not even one that would need no friction to.
     holds = (friction.margin(R, contact.static_friction) > -slack) & (R[2] > -slack) & (contact.static_friction > 0)
+    # Friction that has just given way is at its limit, so by rounding it may seem to be enough.
     rolls = still & holds & (cause != int(SwitchCause.GIVES_WAY))
     sigma = jax.lax.cond(
         still & ~rolls & ~flies,
@@ -136,8 +151,10 @@ def _decide(plane: "BodyOnPlane", done: "Progress", cause: Int[Array, ""]) -> "P
     stopped = with_slip(body, released_state, response, slip, jnp.zeros_like(slip))
     state = select_tree(still & ~flies & (rolls | plane.slips_end), state.move(stopped), state)
     rise = slip_velocity(body, t, state.released)[2]
+    # Where the normal force falls to zero, a body leaves with no speed: what there is of it is rounding.
     V = with_rise(body, t, state.released, jnp.where(flies & (cause != int(SwitchCause.LIFTS)), rise, 0.0))
     begins = (mode == int(Mode.SLIDING)) & still
+    # Takes σ to ``begin_slip``, which puts the window in its place, or none.
     begun = slips.Beginning.along(t, sigma)
     after = eqx.tree_at(lambda x: (x.V, x.mode, x.begun), state, (V, mode.astype(V.dtype), begun))
     return done._replace(state=after, begins=begins)
@@ -149,6 +166,7 @@ def begin_slip(plane: "BodyOnPlane", done: "Progress") -> ContactState:
     begins = done.begins & plane.slips_end
     longest = slips.longest_window(t, plane.driving_kinks(), slips.unit_of_time(plane.body))
     sigma, slipping = state.begun.sigma, slips.OnPlane(plane.moving(state), plane.coefficient)
+    # A disk slips along a line, so its direction needs no search.
     if plane.body.planar:
         begun = slips.Beginning.along(t + longest, sigma)
     else:
@@ -191,6 +209,7 @@ class Progress(NamedTuple):
         """Begins the transition. With ``keeps_flying``, what has happened does not concern a body in flight."""
         starts, rise = cause == START, plane.rise(t, state)
         flies = keeps_flying | starts & ((state.height > 0) | (rise > 0))
+        # All other events happen on the ground, where a landing is met only up to rounding.
         height = jnp.where(starts | keeps_flying, state.height, 0.0)
         return cls(
             t=t,
@@ -213,9 +232,11 @@ class Progress(NamedTuple):
             t=self.t,
             before=self.before,
             after=self.state,
+            # A start is no switch, except for a body that starts with an impact.
             event=jnp.where(starts, int(SwitchCause.LANDS), cause),
             slope=slope,
             switches=jnp.where(starts, self.lands, self.decides & (cause != WINDOW)),
+            # Bounces follow each other in ever shorter times, but ``slowest`` of the Contact puts an end to them.
             crowds=cause != int(SwitchCause.LANDS),
             pauses=pauses & self.decides,
             status=jnp.where(cause == int(SwitchCause.JAMS), int(Status.JAMMED), int(Status.SUCCESS)),

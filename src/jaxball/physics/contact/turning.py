@@ -1,4 +1,4 @@
-"""How a body turns that exact dry resistance may hold: against rolling, against spinning, or both, at rest.
+"""What ``resting`` and ``dry_rolling`` share: a body that exact dry resistance may hold against rolling or spinning.
 
 With a law of contact (``resting``) or without (``dry_rolling``), it rolls in the direction of ω_h until that vanishes,
 and rests until the torque that holds it exceeds the largest one; spinning, ω₃, has a mode of rest of its own. All
@@ -81,11 +81,13 @@ class AbstractTurning(AbstractBodyWithModes[Any]):
         size = root(jnp.sum(omega**2))
         g, r, rate = jax.lax.stop_gradient((jnp.abs(self.body.gravity), self.body.radius, size))
         heading = Heading.of(sigma, omega[:2], root(g / r) + rate, accuracy.atol + accuracy.rtol * size)
+        # The direction of a disk's rolling does not turn as that ends, so nothing has to stop short of zero.
         return heading._replace(least=jnp.zeros_like(heading.least)) if self.body.planar else heading
 
     def guards_of_turning(self, t: Float[Array, ""], state: Any, spare: Needs, heading: Heading) -> Float[Array, "2"]:
         """Computes the rate in the direction of rolling, and of spinning, or what friction that holds has to spare."""
         omega = self.over_ground(t, state)
+        # A guard that the body does not have is always positive.
         rolling = spinning = jnp.ones_like(state.rolls)
         if self.resists_rolling:
             forward = jnp.sum(omega[:2] * heading.sigma) - heading.least

@@ -55,6 +55,8 @@ class Inertia(NamedTuple):
         c, H = [], []
         for coupling, block, which in zip(self.c, self.H, held, strict=True):
             if which is not None:
+                # A held joint has the row and the column of the identity: with an effort of 0 its acceleration is
+                # exactly 0.
                 coupling = jnp.where(which[..., None], 0.0, coupling)
                 between = which[:, :, None] | which[:, None, :]
                 block = jnp.where(between, jnp.eye(which.shape[1], dtype=block.dtype), block)

@@ -37,13 +37,14 @@ SOLVABLE = (
 class Accelerations(NamedTuple):
     """Ω̇ in body axes, with θ, θ̇ and θ̈ of all that a state's ``theta`` holds.
 
-    ``at`` are all moments, ``dry`` is the torque of dry friction in body axes, and ``holding`` the friction in joints
-    that stick, among those of :func:`~jaxball.physics.dynamics.sticking.sticking_slots`; None without such joints.
+    ``body_moments`` are all moments, ``dry`` is the torque of dry friction in body axes, and ``holding`` the friction
+    in joints that stick, among those of :func:`~jaxball.physics.dynamics.sticking.sticking_slots`; None without such
+    joints.
     """
 
     Omegadot: Float[Array, "3"]
     angles: Rates
-    at: Moments
+    body_moments: Moments
     dry: Float[Array, "3"] | None
     holding: Float[Array, " sticking"] | None
 
@@ -51,15 +52,15 @@ class Accelerations(NamedTuple):
 class Equations(NamedTuple):
     """The equations for Ω̇ and for θ̈ of free joints at a state, which are linear with the matrix of ``coupling``.
 
-    ``angles`` and ``at`` hold no acceleration of a free joint, nor does ``apparent``, Ω × (Ω × p + 2ṗ) + p̈. In
-    ``matrix`` the joints that stick are ``held``; in ``inertia`` none is.
+    ``angles`` and ``body_moments`` hold no acceleration of a free joint, nor does ``apparent``, Ω × (Ω × p + 2ṗ) + p̈.
+    In ``matrix`` the joints that stick are ``held``; in ``inertia`` none is.
     """
 
     Omega: Float[Array, "3"]
     Gamma: Float[Array, "3"]
     angles: Rates
     links: list[Linkage]
-    at: Moments
+    body_moments: Moments
     apparent: Float[Array, "3"]
     inertia: Inertia
     held: list[Bool[Array, "_ _"] | None]
@@ -74,7 +75,7 @@ class Equations(NamedTuple):
         self, r: Float[Array, ""], t: Float[Array, ""], state: State, acting: Load
     ) -> tuple[Float[Array, "3"], Joints]:
         """Solves for Ω̇ and θ̈ of the body of radius ``r`` under a load."""
-        Omega, Gamma, body_moments = self.Omega, self.Gamma, self.at
+        Omega, Gamma, body_moments = self.Omega, self.Gamma, self.body_moments
         turning = (
             cross(Omega, apply(body_moments.J, Omega) + body_moments.l)
             + apply(body_moments.Jdot, Omega)
@@ -111,17 +112,17 @@ class Equations(NamedTuple):
 
     def reaction_without_motion(self, acting: Load) -> Float[Array, "3"]:
         """Computes the reaction R̃ of the plane as it would be if Ω̇ and θ̈ were 0."""
-        resting = self.apparent + self.at.M * acting.weight
+        resting = self.apparent + self.body_moments.M * acting.weight
         return resting if acting.force is None else resting - acting.force
 
     def complete(self, thetaddot: Joints) -> Moments:
         """Completes the moments with the accelerations of free joints: p̈ + Σ p_a θ̈_a and ℓ̇ + Σ ℓ_a θ̈_a."""
-        pddot, ldot = self.at.pddot, self.at.ldot
+        pddot, ldot = self.body_moments.pddot, self.body_moments.ldot
         for link, rate in zip(self.free, thetaddot, strict=True):
             momenta = link.m[..., None] * along(link.partial, rate)
             pddot = pddot + jnp.sum(momenta, axis=(0, 1))
             ldot = ldot + jnp.sum(cross(link.chi, momenta), axis=(0, 1))
-        return dataclasses.replace(self.at, pddot=pddot, ldot=ldot)
+        return dataclasses.replace(self.body_moments, pddot=pddot, ldot=ldot)
 
 
 def equations(
@@ -150,14 +151,16 @@ def accelerations(
     normal force that is linear in Ω̇ and θ̈ as well, adds one solution with the same factors.
     """
     acting = load(system, t, state) if acting is None else acting
+    # A solve has put in the directions; from a state alone they are found here.
     if not has_directions(system):
         system = with_directions(system, _directions(*without_derivatives((system, t, state, acting))))
     r, motion_equations = system.radius, equations(system, t, state)
-    Gamma, body_moments, free = motion_equations.Gamma, motion_equations.at, motion_equations.free
+    Gamma, body_moments, free = motion_equations.Gamma, motion_equations.body_moments, motion_equations.free
     Omegadot, thetaddot = motion_equations.solve(r, t, state, acting)
     dry = None if system.resistance is None else system.resistance.dry_torque(r, acting.resisted, Gamma)
     if isinstance(system.resistance, Resistance) and system.resistance.holds:
         turns = _turning(system, motion_equations, acting, Omegadot, thetaddot, rate_of_carrier(system, t, state))
+        # A solve has put in the mode; from a state alone it is found here.
         mode = mode_of(system.resistance, turns, acting.resisted)
         dry = resist(system.resistance, turns, mode).torque
         change, joint_changes, _ = _dry_friction(body_moments, Gamma, free, motion_equations.matrix, dry)
@@ -201,7 +204,7 @@ def _turning(
     thetaddot: Joints,
     carried: Float[Array, "3"] | None,
 ) -> Turning:
-    body_moments, Gamma, free = motion_equations.at, motion_equations.Gamma, motion_equations.free
+    body_moments, Gamma, free = motion_equations.body_moments, motion_equations.Gamma, motion_equations.free
     torques = np.eye(3, dtype=Gamma.dtype)
     changes = jax.vmap(lambda torque: _dry_friction(body_moments, Gamma, free, motion_equations.matrix, torque))(
         jnp.asarray(torques)
@@ -284,12 +287,16 @@ def _normal(
     return normal
 
 
-def inertia_about_contact(at: AbstractMoments, r: Float[Array, ""], Gamma: Float[Array, "3"]) -> Float[Array, "3 3"]:
+def inertia_about_contact(
+    body_moments: AbstractMoments, r: Float[Array, ""], Gamma: Float[Array, "3"]
+) -> Float[Array, "3 3"]:
     """Computes B = 𝕀 − Σ m ŝ², the inertia about the contact point, with s = rΓ + χ. Symmetric positive definite."""
     identity = jnp.eye(3, dtype=Gamma.dtype)
-    mixed = outer(Gamma, at.p)
+    mixed = outer(Gamma, body_moments.p)
     return (
-        at.J + at.M * r**2 * (identity - outer(Gamma, Gamma)) + r * (2 * dot(Gamma, at.p) * identity - mixed - mixed.T)
+        body_moments.J
+        + body_moments.M * r**2 * (identity - outer(Gamma, Gamma))
+        + r * (2 * dot(Gamma, body_moments.p) * identity - mixed - mixed.T)
     )
 
 

@@ -1,4 +1,7 @@
-"""How a ground of any form holds a body at a state: its footing, in body axes where the equations need them."""
+"""The ground under a body at a state, whatever its form: footing, normal, contact axes, and rates of a rolling body.
+
+The equations of motion and the laws of contact ask here, and so need not know which ground it is.
+"""
 
 from typing import Any, NamedTuple
 

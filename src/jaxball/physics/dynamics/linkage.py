@@ -21,13 +21,13 @@ RatesOfGroup = tuple[Float[Array, "mechanisms k"], Float[Array, "mechanisms k"],
 class Linkage:
     """A group of mechanisms at a state. The first axis of arrays is that of the mechanisms.
 
-    What is computed of it is kept, so that it is traced once.
+    Its results are kept, so that each is traced once.
     """
 
     group: AbstractMechanism
     slots: Int[np.ndarray, "mechanisms free"]  # where the free joints are in a state's theta
     rates: RatesOfGroup  # θ, θ̇ and θ̈ of all joints
-    at: Places
+    places: Places
 
     @property
     def m(self) -> Float[Array, "mechanisms n"]:
@@ -42,12 +42,12 @@ class Linkage:
     @property
     def chi(self) -> Float[Array, "mechanisms n 3"]:
         """χ."""
-        return self.at.chi
+        return self.places.chi
 
     @functools.cached_property
     def partial(self) -> Float[Array, "mechanisms free n 3"]:
         """χ_a of the free joints."""
-        return self.at.partial[:, self.free]
+        return self.places.partial[:, self.free]
 
     @functools.cached_property
     def weights(self) -> Float[Array, "mechanisms free 3"]:
@@ -57,19 +57,19 @@ class Linkage:
     @functools.cached_property
     def chidot(self) -> Float[Array, "mechanisms n 3"]:
         """χ̇."""
-        return along(self.at.partial, self.rates[1])
+        return along(self.places.partial, self.rates[1])
 
     @functools.cached_property
     def slope(self) -> Float[Array, "mechanisms k n 3"]:
         """The rates of χ_a of all joints."""
         return eqx.filter_vmap(lambda group, places, rate: group.slopes(places, rate))(
-            self.group, self.at, self.rates[1]
+            self.group, self.places, self.rates[1]
         )
 
     @functools.cached_property
     def chiddot(self) -> Float[Array, "mechanisms n 3"]:
         """χ̈."""
-        return along(self.slope, self.rates[1]) + along(self.at.partial, self.rates[2])
+        return along(self.slope, self.rates[1]) + along(self.places.partial, self.rates[2])
 
     def own(self, values: Float[Array, " coordinates"]) -> Float[Array, "mechanisms free"]:
         """Returns the entries of the free joints in an array of all coordinates."""

@@ -62,13 +62,14 @@ class Load(NamedTuple):
             return self
         return self._replace(torque=torque if self.torque is None else self.torque + torque)
 
-    def about_contact(self, at: AbstractMoments, r: Float[Array, ""]) -> Float[Array, "3"]:
+    def about_contact(self, body_moments: AbstractMoments, r: Float[Array, ""]) -> Float[Array, "3"]:
         """Computes the torque of the load about the contact point: γ × (MrΓ + p) + rΓ × F̃ + T̃."""
         if self.gamma is None:
-            push = self.g * at.p if self.force is None else self.g * at.p + r * self.force
+            # γ = gΓ is along rΓ, so only p is left of its lever, and weight and force share one product with Γ.
+            push = self.g * body_moments.p if self.force is None else self.g * body_moments.p + r * self.force
             torque = cross(self.Gamma, push)
         else:
-            torque = cross(self.gamma, at.M * r * self.Gamma + at.p)
+            torque = cross(self.gamma, body_moments.M * r * self.Gamma + body_moments.p)
             torque = torque if self.force is None else torque + r * cross(self.Gamma, self.force)
         return torque if self.torque is None else torque + self.torque
 
@@ -91,6 +92,7 @@ def load(
     """
     r, g, Gamma, resisted = system.radius, system.gravity, state.Gamma, state.Omega
     normal_rate = gamma = force = torque = applied = velocity = W = None
+    # With ``slip`` the caller knows the footing, which then is that of its own velocity.
     under = footing(system, t, state) if under is None else under
     if system.force is not None:
         assert not isinstance(state, ReducedState)
@@ -99,6 +101,7 @@ def load(
     if under is not None:
         assert not isinstance(state, ReducedState)
         assert system.ground is not None
+        # Whatever acceleration the contact imposes on the body acts on its masses like a weight.
         into_body, turning = state.Lambda.T, apply(state.Lambda, state.Omega)
         Gamma, normal_rate = apply(into_body, under.normal), apply(into_body, under.normal_rate)
         velocity, resisted = apply(into_body, under.velocity), resisted - apply(into_body, under.spin)
@@ -115,6 +118,7 @@ def load(
         gamma = apply(state.Lambda.T, lift)
     if slip is not None:
         assert not isinstance(state, ReducedState)
+        # ``velocity`` is that of the lowest point, to which rolling adds what the centre has.
         over = apply(state.Lambda.T, slip)
         velocity = over if velocity is None else velocity + over
     if system.resistance is not None:
@@ -122,6 +126,7 @@ def load(
         rolling = r * cross(Omega, Gamma)
         medium = resistance.medium(rolling if velocity is None else rolling + velocity, Omega)
         resisting = resistance.contact_torque(resisted, Gamma, W)
+        # In flight the ground resists nothing, but the medium does.
         resisting = resisting if touching is None else jnp.where(touching, resisting, 0.0)
         if medium is not None:
             force = medium[0] if force is None else force + medium[0]

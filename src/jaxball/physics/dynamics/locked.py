@@ -53,15 +53,18 @@ def field_of_locked(system: BodyParameters, t: Float[Array, ""], packed: AnyStat
     locked = [link.own(packed.thetadot) for link in free]
     matrix = inertia(inertia_about_contact(body_moments, r, Gamma), r, Gamma, links)
     factors = matrix.factorise()
+    # By so much the locked velocities exceed the real ones, which forces and the directions of friction depend on.
     excess = factors.solve(*_momenta_of_motions(t, body_moments, r, Gamma, free))
     state = _with_velocities(packed, links, -1.0, *excess)
     Omega, angles = W - excess[0], angles_in_state(system, t, state)
+    # So far the free joints were still; from here on they have their real rates.
     if free:
         links = [link.moving(link.own(state.thetadot)) if link.group.free else link for link in links]
         body_moments, free = velocity_moments(system, t, angles[:2], links), with_free_joints(links)
     acting = _with_dry_friction(system, t, state, load(system, t, state))
     Gammadot = acting.Gammadot(Omega)
     acting = acting.of_momenta(r, Omega)
+    # By their definition, the locked velocities have the whole momentum.
     Pi, _ = matrix.times(W, locked)
     Pidot = contact_momentum_rate(body_moments, r, acting, Pi, Omega)
     forces = joint_forces(t, state, links, impulses=False)
@@ -76,14 +79,14 @@ def field_of_locked(system: BodyParameters, t: Float[Array, ""], packed: AnyStat
 
 
 def inertia_about_contact_rate(
-    at: AbstractMoments, r: Float[Array, ""], Gamma: Float[Array, "3"], Gammadot: Float[Array, "3"]
+    body_moments: AbstractMoments, r: Float[Array, ""], Gamma: Float[Array, "3"], Gammadot: Float[Array, "3"]
 ) -> Float[Array, "3 3"]:
     """Computes Ḃ, by the rule of products."""
     turn = outer(Gammadot, Gamma)
-    mixed = outer(Gammadot, at.p) + outer(Gamma, at.pdot)
-    trace = dot(Gammadot, at.p) + dot(Gamma, at.pdot)
+    mixed = outer(Gammadot, body_moments.p) + outer(Gamma, body_moments.pdot)
+    trace = dot(Gammadot, body_moments.p) + dot(Gamma, body_moments.pdot)
     identity = jnp.eye(3, dtype=Gamma.dtype)
-    return at.Jdot - at.M * r**2 * (turn + turn.T) + r * (2 * trace * identity - mixed - mixed.T)
+    return body_moments.Jdot - body_moments.M * r**2 * (turn + turn.T) + r * (2 * trace * identity - mixed - mixed.T)
 
 
 def _move(system: BodyParameters, t: Float[Array, ""], state: AnyState, sign: float) -> AnyState:
@@ -146,4 +149,6 @@ def _momentum_rate(
 def _with_dry_friction(system: BodyParameters, t: Float[Array, ""], state: State, acting: Load) -> Load:
     if system.resistance is None or not system.resistance.is_dry:
         return acting
+    # It is proportional to the normal force, which the accelerations determine: these are solved for first, in any
+    # form.
     return acting.with_torque(accelerations(system, t, state, acting).dry)

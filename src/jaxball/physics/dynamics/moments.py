@@ -62,6 +62,8 @@ def velocity_moments(
     ``links`` are the mechanisms then, if they have been found.
     """
     m0, chi0 = system.mass, system.offset
+    # J and J̇ follow from S = Σ m χχᵀ and V = Σ m χχ̇ᵀ, of which ℓ is the antisymmetric part: fewer sums than one for
+    # each.
     M, p, S = m0, m0 * chi0, m0 * outer(chi0, chi0)
     pdot, V = jnp.zeros_like(chi0), jnp.zeros_like(S)
     for m, (chi, chidot) in _velocities_by_group(system, t, angles, links):
@@ -141,7 +143,7 @@ def joint_motion(
     for link, indices in zip(linkages(system, t, angles), system.mechanism_order, strict=True):
         count = link.m.size
         forces = link.m[..., None] * lifted[back[start : start + count]].reshape(*link.m.shape, 3)
-        parts.append((link.rates[0], link.rates[1], jnp.sum(link.at.partial * forces[:, None], axis=(-2, -1))))
+        parts.append((link.rates[0], link.rates[1], jnp.sum(link.places.partial * forces[:, None], axis=(-2, -1))))
         keys += [(index, a) for index in indices for a in range(link.group.n_joints)]
         start += count
     places = np.asarray(sorted(range(len(keys)), key=keys.__getitem__), dtype=int)

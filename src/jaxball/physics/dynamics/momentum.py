@@ -16,26 +16,28 @@ from .moments import AbstractMoments
 
 
 def linear_momentum(
-    at: AbstractMoments, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
+    body_moments: AbstractMoments, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
 ) -> Float[Array, "3"]:
     """Computes P = Σ m (Ω × s + χ̇)."""
-    return cross(Omega, at.M * r * Gamma + at.p) + at.pdot
+    return cross(Omega, body_moments.M * r * Gamma + body_moments.p) + body_moments.pdot
 
 
 def contact_momentum(
-    at: AbstractMoments, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
+    body_moments: AbstractMoments, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
 ) -> Float[Array, "3"]:
     """Computes Π = 𝕀Ω + Σ m s × (Ω × s + χ̇) = BΩ + rΓ × ṗ + ℓ, the angular momentum about the contact point."""
-    return apply(inertia_about_contact(at, r, Gamma), Omega) + internal_momentum(at, r, Gamma)
+    return apply(inertia_about_contact(body_moments, r, Gamma), Omega) + internal_momentum(body_moments, r, Gamma)
 
 
-def internal_momentum(at: AbstractMoments, r: Float[Array, ""], Gamma: Float[Array, "3"]) -> Float[Array, "3"]:
+def internal_momentum(
+    body_moments: AbstractMoments, r: Float[Array, ""], Gamma: Float[Array, "3"]
+) -> Float[Array, "3"]:
     """Computes rΓ × ṗ + ℓ, the part of Π that the masses have by moving in the ball."""
-    return r * cross(Gamma, at.pdot) + at.l
+    return r * cross(Gamma, body_moments.pdot) + body_moments.l
 
 
 def contact_momentum_rate(
-    at: AbstractMoments, r: Float[Array, ""], acting: Load, Pi: Float[Array, "3"], Omega: Float[Array, "3"]
+    body_moments: AbstractMoments, r: Float[Array, ""], acting: Load, Pi: Float[Array, "3"], Omega: Float[Array, "3"]
 ) -> Float[Array, "3"]:
     """Computes Π̇ = Π × Ω + T + rΓ̇ × P, with T the torque of the load about the contact point, gΓ × p + rΓ × F̃ and
     more.
@@ -43,8 +45,8 @@ def contact_momentum_rate(
     The last term is there because the contact point moves along the plane. Where p = 0 at all times
     and no force acts, ΛΠ is constant (Chaplygin's sphere), also while the masses move.
     """
-    P = linear_momentum(at, r, Omega, acting.Gamma)
-    return cross(Pi, Omega) + acting.about_contact(at, r) + cross(r * acting.Gammadot(Omega), P)
+    P = linear_momentum(body_moments, r, Omega, acting.Gamma)
+    return cross(Pi, Omega) + acting.about_contact(body_moments, r) + cross(r * acting.Gammadot(Omega), P)
 
 
 class RouthIntegrals(NamedTuple):
@@ -55,15 +57,15 @@ class RouthIntegrals(NamedTuple):
 
 
 def jellett(
-    at: AbstractMoments, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
+    body_moments: AbstractMoments, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
 ) -> Float[Array, ""]:
     """Computes L·s, with L about the centre of mass of the whole and s = rΓ + χ to it from the contact point."""
-    L, s, _ = _about_centre_of_mass(at, r, Omega, Gamma)
+    L, s, _ = _about_centre_of_mass(body_moments, r, Omega, Gamma)
     return dot(L, s)
 
 
 def jellett_rate(
-    at: AbstractMoments,
+    body_moments: AbstractMoments,
     r: Float[Array, ""],
     Omega: Float[Array, "3"],
     Gamma: Float[Array, "3"],
@@ -75,20 +77,20 @@ def jellett_rate(
     The reaction of the plane, friction included, has no moment along s and does not appear; nor do gravity and the
     motion of the plane, which act at the centre of mass. ``force`` is F̃, at the geometric centre, and ``torque`` T̃.
     """
-    L, s, velocity = _about_centre_of_mass(at, r, Omega, Gamma)
+    L, s, velocity = _about_centre_of_mass(body_moments, r, Omega, Gamma)
     rate = dot(L, velocity)
-    rate = rate if force is None else rate - dot(s, cross(at.p / at.M, force))
+    rate = rate if force is None else rate - dot(s, cross(body_moments.p / body_moments.M, force))
     return rate if torque is None else rate + dot(s, torque)
 
 
 def routh_integrals(
-    at: AbstractMoments, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
+    body_moments: AbstractMoments, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
 ) -> RouthIntegrals:
     """Computes the integrals of Jellett and Routh, constant for d1 = d2, every mass fixed on E3, and no force."""
-    height = at.p[2] / at.M
-    d1, d3 = at.J[0, 0] - at.M * height**2, at.J[2, 2]
+    height = body_moments.p[2] / body_moments.M
+    d1, d3 = body_moments.J[0, 0] - body_moments.M * height**2, body_moments.J[2, 2]
     axial = height + r * Gamma[2]
-    spin = d1 * d3 + at.M * (d1 * r**2 * (1 - Gamma[2] ** 2) + d3 * axial**2)
+    spin = d1 * d3 + body_moments.M * (d1 * r**2 * (1 - Gamma[2] ** 2) + d3 * axial**2)
     return RouthIntegrals(
         jellett=d1 * r * (Omega[0] * Gamma[0] + Omega[1] * Gamma[1]) + d3 * Omega[2] * axial,
         routh=Omega[2] * jnp.sqrt(spin),

@@ -1,6 +1,6 @@
 """The parameters of a rolling body: a shell, what acts on it, and the point masses and mechanisms that it carries.
 
-The equations of motion (``moments``, ``dynamics``, ``locked``) are functions of these; ``body`` has the systems.
+The equations of motion (``moments``, ``equations``, ``locked``) are functions of these; ``body`` has the systems.
 """
 
 import dataclasses
@@ -13,10 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ...compat import is_traced
 from ...interface.arguments import require, require_each
 from ...interface.printing import Printed, entry, format_fields, format_value
 from ...interface.wording import all_of
-from ...numerics.arrays import Numbers, is_traced, numbers
+from ...numerics.arrays import Numbers, numbers
 from ..feedback import AbstractLaw
 from ..forces.force import AbstractWrench, FunctionForce, HarmonicForce, require_wrench
 from ..forces.resistance import AbstractResistance, Resistance

@@ -27,13 +27,13 @@ class ContactForce(NamedTuple):
 
 
 def reaction_in_body(
-    at: Moments, r: Float[Array, ""], acting: Load, Omega: Float[Array, "3"], Omegadot: Float[Array, "3"]
+    body_moments: Moments, r: Float[Array, ""], acting: Load, Omega: Float[Array, "3"], Omegadot: Float[Array, "3"]
 ) -> Float[Array, "3"]:
     """Computes R̃ = Σ m a + Mγ − F̃ by Newton's second law for the whole system, in body axes.
 
     With a_i = Ω̇ × s_i + Ω × (Ω × χ_i + 2χ̇_i) + χ̈_i, Σ m a depends only on the moments.
     """
-    R = total_inertial_force(at, r, acting.Gamma, Omega, Omegadot) + at.M * acting.weight
+    R = total_inertial_force(body_moments, r, acting.Gamma, Omega, Omegadot) + body_moments.M * acting.weight
     return R if acting.force is None else R - acting.force
 
 
@@ -41,16 +41,20 @@ def reaction(system: BodyParameters, t: Float[Array, ""], state: State) -> React
     """Computes N and |f|² from any kind of state, in body axes, so that the heading need not be known."""
     acting = load(system, t, state)
     solution = accelerations(system, t, state, acting)
-    R = reaction_in_body(solution.at, system.radius, acting, state.Omega, solution.Omegadot)
+    R = reaction_in_body(solution.body_moments, system.radius, acting, state.Omega, solution.Omegadot)
     return Reaction.of(R, acting.Gamma)
 
 
 def total_inertial_force(
-    at: Moments,
+    body_moments: Moments,
     r: Float[Array, ""],
     Gamma: Float[Array, "3"],
     Omega: Float[Array, "3"],
     Omegadot: Float[Array, "3"],
 ) -> Float[Array, "3"]:
     """Computes Σ m a in body axes, with a the accelerations in space."""
-    return cross(Omegadot, at.M * r * Gamma + at.p) + cross(Omega, cross(Omega, at.p) + 2 * at.pdot) + at.pddot
+    return (
+        cross(Omegadot, body_moments.M * r * Gamma + body_moments.p)
+        + cross(Omega, cross(Omega, body_moments.p) + 2 * body_moments.pdot)
+        + body_moments.pddot
+    )

@@ -1,4 +1,6 @@
-"""What exact dry friction does to the turning of a body over its plane: it brakes it, or holds it at rest.
+"""Exact dry friction against the turning of a body over its plane: the torque that brakes it, or holds it at rest.
+
+``equations`` adds the torque; ``dry_rolling`` and the contact ask whether it can hold the body.
 
 Without it, ω has some rate and the plane presses with some normal force, and a torque T at the contact adds to both in
 proportion: ω̇ = ω̇₀ + G T, N = N₀ + ν·T. Where the body rolls and spins, T is −N r times the coefficients and the
@@ -74,6 +76,8 @@ def resist(resistance: Resistance, turning: Turning, mode: TurningMode) -> Resis
     by_normal = d - hold(apply(G, d))
     slope = dot(turning.lift, by_normal)
     without = turning.normal + dot(turning.lift, still)
+    # Dry friction would drive the body if N were negative. Where a unit of N adds more than itself to N, there is no
+    # solution, and NaN ends the run.
     N = jnp.maximum(without, 0.0) / jnp.where(slope < 1, 1 - slope, jnp.nan)
     torque = still + N * by_normal
     return Resisted(torque, turning.rate + apply(G, torque), jnp.where(without > 0, N, without))
@@ -129,6 +133,8 @@ def needs(resistance: Resistance, turning: Turning, acting: Resisted) -> Needs:
         limits = jnp.finfo(largest.dtype)
         size = jax.lax.stop_gradient(root(square) + jnp.abs(largest))
         slack = TORQUES * float(limits.eps) * size + float(limits.tiny) ** 0.25
+        # |T| ≤ largest with both sides squared, because |T| has no derivative where it is 0; a negative largest torque,
+        # where the plane would have to pull, keeps its sign.
         spare.append(largest * jnp.abs(largest) - square + slack**2 + 2 * slack * size)
         loads.append(square / jnp.maximum(largest, float(limits.tiny) ** 0.25) ** 2)
     return Needs(spare[0], spare[1], jnp.stack(loads))
@@ -171,6 +177,7 @@ def begin(
     """
     first = mode.rests
     mode = _let_go(turning, mode, resist(resistance, turning, mode), mode.rests & rolls, mode.still & spins)
+    # Letting go of one changes the load of the other.
     for _ in range(2):
         acting = resist(resistance, turning, mode)
         need = needs(resistance, turning, acting)
@@ -217,6 +224,7 @@ def with_direction(turning: Turning, mode: TurningMode, sigma: Float[Array, "2"]
 
 def axes(up: Float[Array, "3"]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
     """Returns two unit vectors along the plane; e1 and e2 in space axes."""
+    # The axis that is most nearly along the plane, so that its projection on it is not short.
     small = jnp.argmin(jnp.abs(up))
     axis = jnp.where(jnp.arange(3) == small, 1.0, 0.0).astype(up.dtype)
     first = axis - dot(axis, up) * up

@@ -102,6 +102,7 @@ def release_joints(
         goes = (order == jnp.argmax(excess)) & (excess > 0)
         return jnp.where(goes, -jnp.sign(friction), directions)
 
+    # Nothing else can become overloaded, so a loop is not needed.
     if directions.size == 1:
         return with_one_less(directions)
     return jax.lax.fori_loop(0, directions.size, lambda _, directions: with_one_less(directions), directions)
@@ -118,6 +119,7 @@ def sticking_guards(
     """
     sticks, largest = directions == 0, largest_frictions(system)
     onward = directions * thetadot[sticking_slots(system)]
+    # Two guards for a held joint: which of them falls says in which direction it breaks loose.
     first = jnp.where(sticks, largest - holding, onward)
     return jnp.concatenate([first, jnp.where(sticks, largest + holding, 1.0)])
 

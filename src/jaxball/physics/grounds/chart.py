@@ -1,4 +1,7 @@
-"""How the coordinates of a surface move with the foot and the centre of a ball, and whether the ball fits there."""
+"""How the coordinates of a surface move with the foot and the centre of a ball, and whether the ball fits there.
+
+``surface`` computes the rates of the contact point by it.
+"""
 
 from typing import NamedTuple
 

@@ -1,7 +1,7 @@
 """The ground: its contract, and a plane that may be tilted, move without turning, and carry a turntable.
 
 Space axes move with that plane and never turn; e3 is its normal, and the position z and all velocities are relative to
-these axes. Grounds of any other form and motion are ``surfaces``, in space axes that are at rest.
+these axes. A ground of any other form or motion is a ``surface``, in space axes that are at rest.
 """
 
 import abc

@@ -1,4 +1,4 @@
-"""The motion of a surface as a rigid body: its pose, by schedules."""
+"""The motion of a surface as a rigid body: turns by schedules, and a displacement."""
 
 from collections.abc import Iterator, Sequence
 

@@ -1,4 +1,7 @@
-"""The piece of a surface that is nearest to a point, by Newton's method on its two coordinates."""
+"""The piece of a surface that is nearest to a point, by Newton's method on its two coordinates.
+
+A ``surface`` without a closed form finds by it what is under a body in flight.
+"""
 
 from typing import Any, NamedTuple
 
@@ -101,6 +104,8 @@ class _Trial(NamedTuple):
         """Returns the trial after one more step, unless that leads away."""
         value, gradient, hessian, metric = search.slopes(self.u)
         convex = (hessian[0, 0] > 0) & (determinant(hessian) > 0)
+        # Where the distance is not convex, Newton's step may lead to a saddle; with the metric it leads down from
+        # anywhere.
         matrix = jnp.where(convex, hessian, metric) + self.damping * metric
         step = -_solve(matrix, gradient)
         u = self.u + step
@@ -108,6 +113,7 @@ class _Trial(NamedTuple):
         there = 0.5 * dot(d, d)
         length = root(jnp.sum(step[:, None] * metric * step[None]))
         arrives = convex & (self.damping == 0) & (length <= ARRIVED * root(2 * value))
+        # At the nearest piece no step leads nearer, and by rounding one may seem to lead away.
         nearer = (there <= value * (1 + ROUNDING_OF_DISTANCE * float(jnp.finfo(value.dtype).eps))) | arrives
         less = jnp.where(self.damping > UNDAMPED, DAMPED_LESS * self.damping, 0.0)
         more = jnp.maximum(DAMPED_MORE * self.damping, STRONGEST_DAMPING)
@@ -117,6 +123,8 @@ class _Trial(NamedTuple):
 
 def _refine(search: _Search, u: Float[Array, "2"]) -> Float[Array, "2"]:
     """Applies two steps of Newton's method, which change nothing but have the derivatives of the solution."""
+    # Each step doubles the order to which the result follows a change: the first has first derivatives, the second
+    # those up to the third.
     for _ in range(2):
         _, gradient, hessian, _ = search.slopes(u)
         u = u - _solve(hessian, gradient)

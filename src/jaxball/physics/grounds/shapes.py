@@ -256,6 +256,7 @@ class Cylinder(AbstractSurface):
         arc = self.radius * jnp.arctan2(jnp.where(off, aside, 0.0), jnp.where(off, ahead, 1.0))
         arc = -arc if self.outside else arc
         turn = 2 * math.pi * self.radius  # all around
+        # Around the cylinder coordinates go on beyond a full turn: of those of the same place, the ones next to before.
         return jnp.stack([along, arc + turn * jnp.round(jax.lax.stop_gradient((near[1] - arc) / turn))])
 
     @property
@@ -406,8 +407,8 @@ class TiltingPlane(AbstractSurface):
 
     def conditions(self, planar: bool = False) -> Iterator[Condition]:
         if planar:
-            level = not isinstance(self.about_e1, Accelerated)
-            yield Condition(namespace_of(self.pivot).asarray(level), "ground.about_e1", self.pivot, STAYS_IN_PLANE)
+            level = namespace_of(self.pivot).asarray(not isinstance(self.about_e1, Accelerated))
+            yield Condition(level, "ground.about_e1", self.about_e1, STAYS_IN_PLANE)
         yield from AbstractSurface.conditions(self, planar)
 
     def following(
@@ -447,6 +448,7 @@ class _Near(AbstractSchedule):
     acceleration: Float[Array, ""]
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        # A law gives θ̈ at this time only; the two derivatives that equations take of the angle are right there.
         since = t - self.time
         return self.theta + since * (self.rate + 0.5 * since * self.acceleration)
 

@@ -97,6 +97,7 @@ class SignedDistance(OfKinkedFunctionOfState, AbstractSurface):
 
     def at(self, t: Time, u1: Coordinate, u2: Coordinate) -> "_Met":
         """Returns the ground where the line or ray with these coordinates meets it, which is sought once."""
+        # Heights may have either sign, and grow with the coordinates; distances along a ray are positive.
         side = self.side(t)
         if self.centre is None:
             lowest, scale = -jnp.inf, jnp.maximum(jnp.abs(u1), jnp.abs(u2))

@@ -1,4 +1,4 @@
-"""Stereographic coordinates of directions, about the one straight down or straight up."""
+"""Stereographic coordinates of directions, about the one straight down or straight up, for bowls and spheres."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float

@@ -317,11 +317,14 @@ class AbstractSurface(AbstractGround):
         if not u.ndim:
             return self._footing_along(t, r, u, omega, V, height)
         contact, (by_u1, by_u2, by_t) = self._slopes(t, u)
+        # Above the ground the centre moves over a surface parallel to it, which bends as if the ball were larger.
         reach = r if height is None else r + height
         chart = Chart.of(contact.n, by_u1, by_u2, reach)
         rolling = r * cross(omega, contact.n)
         over = rolling if V is None else V - contact.w
+        # (∂c/∂u) u̇ = ċ − ∂c/∂t along the ground, with c = p + reach n and w = ∂p/∂t.
         rates = chart.coordinates(over - reach * by_t.n)
+        # A body that slips or flies may be beyond the edge: ``footing_of_released`` knows whether it touches.
         if V is None:
             rates = jnp.where(self.way_to_edge(t, u) > margin(LEAST_MARGIN, r), rates, jnp.nan)
         # The gradient of w along both tangents, of which the antisymmetric part is the turning of the ground's matter.

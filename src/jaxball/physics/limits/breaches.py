@@ -1,4 +1,4 @@
-"""Violations of the rule of ``confinement``: which mass, where and when, and how far it is from the centre.
+"""Describes violations of the rule of ``confinement``: which mass, where and when, and how far it is from the centre.
 
 A force or a ground that would turn a disk out of its plane is reported here too.
 """
@@ -233,7 +233,8 @@ def in_plane(system: BodyParameters, times: Float[Array, " T"]) -> Iterator[Cond
         seen = jax.vmap(vector)(time_samples(times))
         largest = jnp.max(jnp.abs(seen), axis=0)
         holds = ~(largest[1] > rounding(seen) * jnp.max(largest))
-        yield Condition(holds, name, seen[0], "in the plane of a disk, E1 and E3, at all times")
+        worst = seen[jnp.argmax(jnp.abs(seen[:, 1]))]
+        yield Condition(holds, name, worst, "in the plane of a disk, E1 and E3, at all times")
     frame = system.ground.motion if isinstance(system.ground, AbstractSurface) else None
     if system.planar and frame is not None:
         corners = system.radius * jnp.asarray(((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)), times.dtype)

@@ -136,6 +136,7 @@ def clearance(system: BodyParameters, t: Time, theta: Float[Array, " driven"]) -
     These are the masses that a law drives along open rails, and those of mechanisms with sliders and carriages in the
     state; None without any. ``system`` is prepared.
     """
+    # Squares of distances are smooth also where a mass passes the centre, as what a solve watches should be.
     squares = []
     for group, places in _groups(system):
         if isinstance(group.motion, Driven) and not is_bounded(group.motion):
@@ -235,6 +236,7 @@ def _leaving(system: BodyParameters, motion: Any, t: Float[Array, " n"]) -> Floa
     def crossings(_):
         return eqx.filter_vmap(lambda motion, seen: time_of_crossing(system, motion, seen))(motion, seen)
 
+    # Most runs have no mass that leaves, and need no bisection.
     return jax.lax.cond(jnp.any(jnp.isfinite(seen.first)), crossings, lambda first: first, seen.first)
 
 
@@ -273,6 +275,7 @@ def is_moved_off(
 
     def one(mechanism, angles):
         places = mechanism.places(mechanism.rates(t, (angles, angles, angles))[0])
+        # At any rates: whether slopes leave the plane depends on the axes of the joints.
         slopes = mechanism.slopes(places, jnp.ones_like(places.partial[:, 0, 0]))
         size = jnp.maximum(jnp.max(jnp.abs(places.partial)), jnp.max(jnp.abs(slopes)))
         aside = jnp.maximum(jnp.max(jnp.abs(places.partial[..., 1])), jnp.max(jnp.abs(slopes[..., 1])))

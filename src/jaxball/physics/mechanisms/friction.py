@@ -74,6 +74,8 @@ class JointFriction(AbstractJointForce):
         if self.smoothing is not None:
             size = jnp.sqrt(thetadot**2 + self.smoothing**2)
             return -self._level(size) * thetadot / size - self.viscous * thetadot
+        # In a solve the direction is that of the mode, also where a step goes on beyond θ̇ = 0: the field is smooth
+        # there.
         direction = jnp.sign(thetadot) if self.direction is None else self.direction
         return -direction * self._level(direction * thetadot) - self.viscous * thetadot
 

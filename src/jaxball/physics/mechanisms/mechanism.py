@@ -77,7 +77,7 @@ class AbstractMechanism(Printed):
         """Computes χ of each mass, and its derivatives with respect to each θ."""
 
     @abc.abstractmethod
-    def slopes(self, at: Places, thetadot: Float[Array, " k"]) -> Float[Array, "k n 3"]:
+    def slopes(self, places: Places, thetadot: Float[Array, " k"]) -> Float[Array, "k n 3"]:
         """Computes the rates of the derivatives, Σ_b χ_ab θ̇_b, at the ``Places`` that :meth:`places` returned."""
 
     def arms(self, theta: Float[Array, " k"]) -> Float[Array, "n points 3"]:
@@ -279,14 +279,15 @@ class Mechanism(AbstractMechanism):
         w, c, v, bend = (jnp.stack(column) for column in zip(*(link[1:] for link in links), strict=True))
         return Places(chi, jnp.where(self._moved, _velocity(w, c, v, chi), 0.0), (w, c, v, bend))
 
-    def slopes(self, at: Places, thetadot: Float[Array, " k"]) -> Float[Array, "k n 3"]:
-        w, c, v, bend = at.details
+    def slopes(self, places: Places, thetadot: Float[Array, " k"]) -> Float[Array, "k n 3"]:
+        w, c, v, bend = places.details
+        # The rate of w × (χ − c) + v: joints before a joint carry its w, c and v, and all of them carry χ.
         rate = jnp.where(self._before, thetadot[None, :], 0.0)[..., None]  # of each joint's carriers
         omega = jnp.sum(rate * w[None], axis=1)
         cdot = jnp.sum(rate * jnp.swapaxes(_velocity(w, c, v, c), 0, 1), axis=1)
         vdot = cross(omega, v) + thetadot[:, None] * bend
-        chidot = jnp.sum(at.partial * thetadot[:, None, None], axis=0)
-        turned = _velocity(cross(omega, w), c, vdot, at.chi)
+        chidot = jnp.sum(places.partial * thetadot[:, None, None], axis=0)
+        turned = _velocity(cross(omega, w), c, vdot, places.chi)
         return jnp.where(self._moved, turned + _velocity(w, cdot, jnp.zeros_like(v), chidot), 0.0)
 
     def arms(self, theta: Float[Array, " k"]) -> Float[Array, "n points 3"]:
@@ -382,8 +383,8 @@ class FunctionMechanism(AbstractMechanism):
         units = jnp.eye(len(self.given), dtype=theta.dtype)
         return Places(at(theta), jnp.stack([jax.jvp(at, (theta,), (unit,))[1] for unit in units]), theta)
 
-    def slopes(self, at: Places, thetadot: Float[Array, " k"]) -> Float[Array, "k n 3"]:
-        return jax.jvp(lambda theta: self.places(theta).partial, (at.details,), (thetadot,))[1]
+    def slopes(self, places: Places, thetadot: Float[Array, " k"]) -> Float[Array, "k n 3"]:
+        return jax.jvp(lambda theta: self.places(theta).partial, (places.details,), (thetadot,))[1]
 
     def with_drives(self, drives: Sequence[Drive]) -> "FunctionMechanism":
         return eqx.tree_at(lambda m: m.given, self, tuple(drives), is_leaf=lambda x: x is None)

@@ -6,8 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ...compat import is_traced
 from ...interface.arguments import refusal
-from ...numerics.arrays import Numbers, is_traced, numbers
+from ...numerics.arrays import Numbers, numbers
 from ...numerics.vectors import cross, root
 from ..conditions import real_inertia
 from ..prescribed.frames import AbstractFrame, MatrixFrame

@@ -1,5 +1,7 @@
 """A body that exact dry resistance brings to rest, as one hybrid system with a mode of rest.
 
+``simulate`` solves it in place of a body with such resistance, if no law of contact is given.
+
 A body rolls until ω_h falls to zero. It then rests, with ω_h = 0 and ω̇_h = 0, if friction can hold it; if not, it rolls
 on in another direction. It rests until the torque that holds it exceeds the largest one. Spinning, ω₃, has a mode of
 rest of its own. As one of them begins or ends, the torque on the other jumps, which may break that loose, too.
@@ -217,6 +219,8 @@ class DryRolling(AbstractTurning):
             return Assessment(jnp.where(step.has_fallen, step.zero, NONE), never)
         rolls = step.state.rolls != 0
         slow, nears, longest = self.approach_rest(step, step.reference, ROLLING, accuracy)
+        # The rate along the heading also falls to zero where a ball turns aside at speed: only a slow one may be at its
+        # end.
         stops = rolls & (step.zero == ROLLING)
         ends = (step.zero != NONE) & jnp.where(stops, slow, step.has_fallen)
         otherwise = jnp.where(step.timed, WINDOW, jnp.where(rolls & nears, ROLLING, NONE))
@@ -235,6 +239,8 @@ class DryRolling(AbstractTurning):
         """Finds what follows the end of a mode, the end of a window, or the start of a run."""
         starts, decides = event == START, (event == START) | (event >= 0)
         heading = without_derivatives(self).step_reference(*without_derivatives((t, state, accuracy)))
+        # A ball is followed to its rest from this speed on, which counts as fixed, so that its guard is exactly zero
+        # here. A disk has no direction that turns, and rolls until its rate is zero.
         heading = heading._replace(least=jnp.zeros_like(heading.speed) if self.body.planar else heading.speed)
 
         def guards(system: "DryRolling", t: Float[Array, ""], state: DryRollingState) -> Float[Array, " guards"]:
@@ -271,6 +277,7 @@ class DryRolling(AbstractTurning):
 
         def follow(t: Float[Array, ""], state: DryRollingState) -> tuple[Array, DryRollingState, Array]:
             omega = self.over_ground(t, state)[:2]
+            # As in the midpoint rule: the end is found again with what acts halfway, to which the first end leads.
             first = self._end(t, state, state, omega)
             halfway = self._brake(t, state, state, omega, first.time, HALFWAY)
             end = self._end(t + HALFWAY * first.time, halfway, state, omega)
@@ -301,9 +308,11 @@ class DryRolling(AbstractTurning):
         share: float,
     ) -> DryRollingState:
         """Returns the state after a share of the time in which ω_h falls to 0, with rates as they are ``where``."""
+        # The mean rate until the end, so that ω_h is then zero; the torque is whatever this needs.
         rate = -omega / jnp.where(time > 0, time, 1.0)
         braking = in_three(rate)
         held = self.mode(t, state, unit(omega))._replace(rests=jnp.asarray(True), braking=braking)
+        # The whole way is gone with the rates halfway, which is then where ``where`` is.
         moved = rates(self.moving(state), t + (time * HALFWAY if share == 1.0 else 0.0), where.body, held)
         body = jax.tree.map(lambda x, rate: x + share * time * rate, state.body, moved)
         return eqx.tree_at(lambda x: x.body, state, body)
@@ -324,6 +333,8 @@ class DryRolling(AbstractTurning):
         omega = jnp.where(held, 0.0, omega)
         turns = self.turning(t, state)
         moving = candidates(self.resistance, turns, omega)
+        # A body that rolls comes to rest by an event that says so, and not because its rate is rounding, as just after
+        # it broke loose.
         may_rest = given.starts | given.stops | (state.rolls == 0)
         return moving._replace(rests=moving.rests & may_rest), omega, turns
 
@@ -344,6 +355,8 @@ class DryRolling(AbstractTurning):
         )
         if self.body.planar or self.resistance.dry is None:
             return after
+        # At ω_h = 0 the direction cannot be computed from the rate: a ball needs a window in which it is known
+        # beforehand.
         longest = slips.longest_window(t, self.driving_kinks(), slips.unit_of_time(self.body))
         window = jax.lax.cond(
             starts_to_roll,

@@ -1,5 +1,7 @@
 """A body that exact dry resistance brings to rest, with joints that stick and slip.
 
+``simulate`` solves it in place of a body with both, if no law of contact is given.
+
 Everything that dry friction may hold is held at once by one linear system: joints that stick are held in its matrix,
 and the torque at the contact is what then keeps ω_h and ω₃ as they are. Its guards are those of ``dry_rolling``, and
 those of ``stick_slip``. As one thing stops or lets go, the loads of all others jump, and the most overloaded lets go
@@ -101,6 +103,8 @@ class DryStickSlip(DryRolling):
         spins = given.spinning & self.is_held_still(state)
         last = self._release(t, state, moving, given.loosens & moving.rests, spins & moving.still)
         state = eqx.tree_at(lambda x: x.slips, state, last.slips)
+        # What has let go was decided without derivatives, and is let go again here, where the direction of rolling has
+        # them.
         rolls, loose = moving.rests & ~last.mode.rests, moving.still & ~last.mode.still
         mode = begin(self.resistance, self.turning(t, state), moving, rolls, loose)
         return self.with_mode(t, state, omega, mode, moving.rests & ~mode.rests)
@@ -137,9 +141,11 @@ class DryStickSlip(DryRolling):
             loads = jnp.concatenate([need.loads, (friction / largest) ** 2])
             loads = jnp.where(jnp.concatenate([fails, excess]), loads, -jnp.inf)
             most = (loads == jnp.max(loads)) & (loads > -jnp.inf)
+            # Of several that are equally overloaded the first alone lets go: that may relieve the others.
             most &= jnp.cumsum(most) == 1
             off = jnp.where(jnp.any(at_once), jnp.concatenate([at_once, jnp.zeros(count, bool)]), most)
             against = -apply(turns.plane, acting.torque)
+            # Nothing here is differentiated, so that the root of 0 does no harm.
             size = jnp.sqrt(jnp.sum(against**2))
             mode = held.mode._replace(
                 sigma=jnp.where(off[0], against / jnp.where(size > 0, size, 1.0), held.mode.sigma),

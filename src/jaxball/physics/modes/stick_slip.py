@@ -1,5 +1,7 @@
 """A body whose joints stick and slip, as one hybrid system with a mode for each joint with dry friction.
 
+``simulate`` solves it in place of a body with such joints, if no law of contact is given.
+
 A joint slips until its rate θ̇ falls to zero, and sticks until the friction that holds it reaches its static level. It
 is then held exactly, with θ̇ = 0 and θ̈ = 0. As one joint sticks or breaks loose, the load of others that stick jumps,
 and those that friction no longer holds break loose at the same time.
@@ -105,6 +107,7 @@ class StickSlip(AbstractBodyWithModes[StickSlipState]):
     def _release(
         self, t: Float[Array, ""], state: State, directions: Float[Array, " sticking"]
     ) -> Float[Array, " sticking"]:
+        # Which joints stick is a yes or no for each, and has no derivatives.
         body, t, state, directions = without_derivatives((self.body, t, state, directions))
         return release_joints(body, directions, lambda body: holding_friction(body, t, state))
 

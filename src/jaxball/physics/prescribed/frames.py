@@ -12,8 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ...compat import is_traced
 from ...interface.printing import Printed
-from ...numerics.arrays import is_traced, numbers
+from ...numerics.arrays import numbers
 from ...numerics.versor import normalize, rotation_matrix
 
 

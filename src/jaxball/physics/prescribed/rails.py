@@ -338,7 +338,7 @@ SAMPLES_PER_PIECE = 16
 
 
 class SplineRail(AbstractClosedRail):
-    """The closed cubic spline that passes ``points`` at θ = 0, 2π/n, 4π/n, …
+    """The closed cubic spline that passes ``points_on_rail`` at θ = 0, 2π/n, 4π/n, …
 
     ζ and ζ′ are smooth and ζ″ is continuous, so the motion of a mass has no jump of acceleration.
 
@@ -346,7 +346,7 @@ class SplineRail(AbstractClosedRail):
 
     - ``points_on_rail``: the points, body axes, length, shape (n, 3).
 
-    **Raises:** ``ValueError`` when ``points`` does not have the shape (n, 3) with n ≥ 3.
+    **Raises:** ``ValueError`` when ``points_on_rail`` does not have the shape (n, 3) with n ≥ 3.
 
     **Example:**
 

@@ -11,10 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ...compat import is_traced
 from ...interface.arguments import refusal
 from ...interface.printing import Printed
 from ...interface.wording import one_of
-from ...numerics.arrays import AnyArray, is_traced, numbers
+from ...numerics.arrays import AnyArray, numbers
 from ...numerics.functions import PiecewisePolynomial, not_a_knot_cubic_spline
 from ...numerics.kinks import CLOSE_KINKS
 from ..conditions import ExplainedCondition, Problem
@@ -226,6 +227,7 @@ class RecordedSchedule(AbstractRecorded, AbstractSchedule):
     def prepare(self) -> "PreparedSchedule":
         inner = not_a_knot_cubic_spline(self.times, self.values)
         h = self.times[-1] - self.times[-2]
+        # The last piece, expanded about the last time, goes on beyond it.
         _, slope, half_bend, third = inner[-1]
         end = [
             self.values[-1],
@@ -271,6 +273,7 @@ def _kinks(times: Float[Array, " n"], changes: Float[Array, " n_minus_two"] | No
     else:
         sizes = jnp.abs(jax.lax.stop_gradient(changes))
         outstanding = sizes > OUTSTANDING * jnp.mean(sizes)
+        # A traced array has a fixed size: places that are left over lead to the infinite entry at the end.
         (places,) = jnp.nonzero(outstanding, size=MOST_KINKS, fill_value=inner.shape[0])
         inner = jnp.concatenate([inner, jnp.full((1,), jnp.inf, inner.dtype)])[places]
     return jnp.concatenate([times[:1], inner, times[-1:]])

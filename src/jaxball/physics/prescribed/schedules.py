@@ -7,9 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ...compat import is_traced
 from ...interface.arguments import require_function
 from ...interface.printing import Printed
-from ...numerics.arrays import AnyArray, Numbers, a_number, is_traced, numbers, to_array
+from ...numerics.arrays import AnyArray, Numbers, a_number, numbers, to_array
 from ...numerics.calculus import two_derivatives
 from ...numerics.functions import HarmonicSeries, OfFunction, PiecewisePolynomial, cubic_spline_with_slopes
 from ...numerics.kinks import kinks_of_function, kinks_seen
@@ -249,6 +250,7 @@ class PiecewiseAcceleration(AbstractPiecewise):
         rate = self.rate + jnp.concatenate([jnp.zeros_like(self.rate)[None], jnp.cumsum(changes)])
         changes = rate[:-1] * h[:, 0] + jnp.sum(bends * h ** (power + 2)[None], axis=1)
         theta = self.theta + jnp.concatenate([jnp.zeros_like(self.theta)[None], jnp.cumsum(changes)])
+        # One piece for each interval and one after the last, where θ̈ = 0; another goes before the first.
         line = jnp.stack([theta, rate], axis=1)
         bends = jnp.concatenate([bends, jnp.zeros((1, k), dtype=bends.dtype)])
         pieces = jnp.concatenate([line, bends], axis=1)

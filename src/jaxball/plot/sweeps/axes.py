@@ -74,11 +74,13 @@ def add_colour_bar(ax: Axes, shown: ScalarMappable, label: str) -> None:
 
 def edges_of(values: Float[np.ndarray, " points"], logarithmic: bool) -> Float[np.ndarray, " edges"]:
     """Returns the edges of cells around ``values``, halfway between them, or between their logarithms."""
+    # The halves between logarithms are geometric means.
     if logarithmic and values[0] > 0:
         return np.exp(edges_of(np.log(values), False))
     if len(values) == 1:
         return values[0] + np.array([-0.5, 0.5])
     between = (values[1:] + values[:-1]) / 2
+    # The outer edges are as far outside as the inner ones are inside.
     return np.concatenate([[2 * values[0] - between[0]], between, [2 * values[-1] - between[-1]]])
 
 
@@ -139,6 +141,7 @@ def mark_failures(
 
     Without ``up``, each failure has a row of marks above the lower edge.
     """
+    # Many marks are small, or they would cover each other.
     keys, size = [], size if len(outcome) <= MANY_VALUES else min(size, 2.0)
     for k, (code, name) in enumerate(names.items()):
         look, here = LOOKS[code], outcome == code
@@ -165,6 +168,7 @@ def make_room(ax: Axes, names: Mapping[int, str]) -> None:
     share = ROW_OF_MARKS * len(names)
     low, high = ax.get_ylim()
     if share and ax.get_yscale() == "linear":
+        # The share of the marks in the axis after it has been extended.
         ax.set_ylim(low - share / (1 - share) * (high - low), high)
 
 

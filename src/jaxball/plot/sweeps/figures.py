@@ -175,6 +175,7 @@ def _cells(ax: Axes, rows: Rows, result: str, right: str, up: str) -> tuple[Any,
     names, size = names_of(outcomes(rows.status, values_of(rows, result))), len(rows)
     for path in (right, up):  # every k-th point, so that there are at most MOST_CELLS
         along = rows.indices[:, rows.axis_of(path)]
+        # The rounded-up quotient: never more than the most.
         rows = rows.choose(along % -(-(np.max(along) + 1) // MOST_CELLS) == 0)
     notes = [] if len(rows) == size else [f"{len(rows):,} of {size:,} rows drawn"]
     (columns, x), (lines, y) = _order_rows(rows, right), _order_rows(rows, up)
@@ -199,9 +200,11 @@ def _order_rows(rows: Rows, path: str) -> tuple[np.ndarray, Float[np.ndarray, " 
     along, numbers = rows.indices[:, rows.axis_of(path)], rows.number(path)
     indices, first = np.unique(along, return_index=True)
     steps = np.diff(numbers[first])
+    # Numbers that repeat, or go up and down, have no order of points; cells are those of the different values.
     if not (np.all(steps > 0) or np.all(steps < 0)):
         values, places = np.unique(numbers, return_inverse=True)
         return places, values
+    # With every k-th point drawn, steps between indices are multiples of k.
     step = np.gcd.reduce(np.diff(indices)) if len(indices) > 1 else 1
     points = np.arange(indices[0], indices[-1] + 1, step)
     if rows.is_logarithmic(path) and np.min(numbers) > 0:
@@ -289,6 +292,7 @@ def _paths(rows: Rows, results: list[str]) -> Float[np.ndarray, "rows saves 2"]:
     histories = [histories_of(rows, name) for name in results]
     times = rows.data["time"].isel(row=rows.places).values
     curves = np.stack(histories if len(histories) == 2 else [times, *histories], axis=-1)
+    # A failed row may have numbers beyond the time that it reached, which mean nothing.
     late = rows.failed[:, None] & ~(times <= rows.data["reached"].values[rows.places][:, None])
     return np.where(late[:, :, None], np.nan, curves)
 

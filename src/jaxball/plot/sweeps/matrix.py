@@ -1,4 +1,4 @@
-"""The numbers and results of a study against one another."""
+"""The figure of all numbers and results of a study against one another, a panel for each pair."""
 
 import math
 from collections.abc import Sequence

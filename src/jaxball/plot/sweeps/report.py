@@ -54,6 +54,7 @@ def sweep_figures(
     figure of this study.
     """
     rows = rows_of(data)
+    # Wrong names are found before anything is drawn.
     for name in results:
         parse_result(data, name)
     for path in against:
@@ -91,6 +92,7 @@ def _drawings(
     if any("save" in data[parse_result(data, name)[0]].dims for name in result_names(data)):
         for number in numbers:
             yield "fan", (number,), partial(sweep_fan, data, number, labels=labels)
+    # As many results as there is room for beside the numbers.
     fitting = results[: MOST_VARIABLES - len(numbers)]
     if len(numbers) >= 2 and fitting:
         yield "matrix", (), partial(sweep_matrix, data, fitting, numbers, labels=labels)

@@ -75,6 +75,7 @@ def number_label(
         return labels[path]
     indices = iter(re.findall(r"\[(\d+)\]", path))
     symbol, dimension = NUMBERS.get(re.sub(r"\[\d+\]", "[#]", path), ("", ""))
+    # A function, because a replacement text would take backslashes of the symbol as its own.
     numbered = re.sub("#", lambda _: str(int(next(indices)) + 1), symbol)
     unit = ("" if data is None else data[path].attrs.get("units", "")) or dimension
     return _with_unit(f"${numbered}$" if symbol else path, unit if with_unit else "")
@@ -86,6 +87,7 @@ def _with_unit(words: str, unit: str) -> str:
 
 def plain(path: str) -> str:
     """Returns a path as part of a file's name, without brackets: ``masses0.mass``, ``z0``."""
+    # A hyphen between two indices, which would otherwise become one number.
     return re.sub(r"[^\w.-]+", "_", re.sub(r"\[(\d+)\]", r"\1", path.replace("][", "]-["))).strip("_")
 
 
@@ -184,6 +186,7 @@ def rows_of(data: "xarray.Dataset") -> Rows:
             f"{', '.join(missing)}."
         )
     row, status = data["row"].values, data["status"].values.astype(int)
+    # Rows that were not computed yet have the fill value −1.
     computed = np.flatnonzero(row >= 0)
     if not computed.size:
         raise PictureError("Argument `data` must have a row that was computed, but none of its rows is done yet.")
@@ -243,6 +246,7 @@ def sample(rows: Rows, most: int) -> tuple[Int[np.ndarray, " some"], list[str]]:
     if len(rows) <= most:
         return np.arange(len(rows)), []
     generator, failed = np.random.default_rng(SEED), np.flatnonzero(rows.failed)
+    # Failed rows are few, but what a reader looks for: a sample without them would hide them.
     some = generator.choice(failed, min(len(failed), max(1, most // 20)), replace=False)
     others = generator.choice(np.setdiff1d(np.arange(len(rows)), some), most - len(some), replace=False)
     drawn = np.sort(np.concatenate([some, others]))

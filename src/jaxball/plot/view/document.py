@@ -2,10 +2,10 @@
 
 ``format`` and ``version`` say what the dictionary is. ``bodies`` are those of the runs, all of one kind and on one
 clock; each has its ``name``, its kind ``body``, which is ball, disk, rigid or particle, what else it is made of, and
-where its ``arrays`` are in the list ``arrays`` of the dictionary. There equal ones are once, each with its ``type``,
-float32 or float64, its ``shape`` and its ``data``: the bytes, the least significant first, in base64. They hold numbers
-at each saved time that the solve reached, or of a long run at evenly spaced ones of them, of which there were
-``saved``, as ``note`` says. A ball or a disk has
+where its ``arrays`` are in the list ``arrays`` of the dictionary. Equal arrays are there once, each with its ``type``,
+float32 or float64, its ``shape`` and its ``data``: the bytes, the least significant first, in base64. They have numbers
+at each saved time that the solve reached; where these are too many for the file, only evenly spaced ones are kept, as
+``note`` says, and ``saved`` is the number of all. A ball or a disk has
 
 - ``time`` (T,); ``centre`` (T, 3), of the shell, and ``quaternion`` (T, 4), the scalar last: from body axes to those of
   the page; ``moved`` (T, 3) and ``turned`` (T,), of a ground that moves and of a turntable;
@@ -16,11 +16,11 @@ at each saved time that the solve reached, or of a long run at evenly spaced one
 - ``masses`` (T, n, 3) and ``arms_j`` (T, n_j, points, 3), of the j-th mechanism, in body axes from the centre;
   ``rail_j`` (points, 3), which is at rest there. With the ``shell``, masses give the centre of mass;
 - ``normal_force`` (T,), ``friction`` (T, 2) in space axes, ``angular_velocity`` and ``angular_momentum`` (T, 3) in body
-  axes, the latter Π about the contact point, and what else the ``plots`` draw. Each of their ``series`` names an array
-  and the columns of it whose sum is drawn, or whose ``norm``, divided by the array ``over``, if there is one; ``dash``
-  is on and off in pixels. What is rounding beside the ``size`` of such a quantity is 0, and no line crosses a change of
-  mode where there are ``gaps``. Names stand beside values, unless ``valued`` is false; ``levels`` are names and values
-  of horizontal lines.
+  axes, the latter Π about the contact point, and whatever else the ``plots`` draw. Each of their ``series`` names an
+  array and some of its columns, and draws their sum, or with ``norm`` their length as a vector, divided by the array
+  ``over`` if there is one; ``dash`` is on and off in pixels. A value that is rounding beside the ``size`` of its graph
+  is drawn as 0, and no line crosses a change of mode where there are ``gaps``. Names stand beside values, unless
+  ``valued`` is false; ``levels`` are names and values of horizontal lines.
 - with a law of contact, ``spells``, its modes one after the other, each of them ``[mode, start, end]``, and
   ``switches``, the times of impacts and of all else that ends a mode, each of which is twice among the times, for what
   is just before it and what is just after; and ``height`` (T,) over the plane, ``slip``
@@ -124,6 +124,8 @@ def view_document(
     document |= _outcome(document["bodies"]) | {"note": "", "wanted": None}
     extra = {} if scene.wanted is None else {"wanted": scene.wanted}
     lengths = [body["saved"] for body in document["bodies"]]
+    # The numbers may take what all else leaves; room is kept for the note, whose numbers depend on the choice of
+    # rows.
     left = room - len(in_element(document).encode()) - len(_note(0, 0))
     rows = choose_rows([*scene.numbers, extra], [*lengths, 2], left)
     pool = Pool()

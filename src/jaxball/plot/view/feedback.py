@@ -1,4 +1,4 @@
-"""What a run under feedback shows besides its body: the motion that is held, and the estimate with its ellipse.
+"""What a view of a run under feedback shows besides its body: the motion that is held, the estimate and its ellipse.
 
 Its graphs are those of the deviation from the motion and, from sensors, of the normalised innovations.
 """
@@ -79,6 +79,7 @@ class Lying(NamedTuple):
 def _lying(trajectory: Trajectory[Any, Any], setting: Setting, states: Any, rows: np.ndarray, lift: float) -> Lying:
     z, theta = np.asarray(states.z)[rows], np.asarray(states.theta)[rows]
     if setting.contacts is None:
+        # On a plane coordinates are places; a disk has only the first.
         z = z[:, None] if z.ndim == 1 else z
         normal = setting.page[:, 2]
         centres = np.pad(z, ((0, 0), (0, 3 - z.shape[1]))) @ setting.page.T + setting.moved + lift * normal
@@ -114,6 +115,7 @@ def bounds(read: Int[np.ndarray, " T"]) -> list[Float[np.ndarray, " T"]]:
     was read.
     """
     tails = (1 + CONFIDENCE) / 2, (1 - CONFIDENCE) / 2
+    # `maximum`, because ppf has no value without degrees of freedom, and `where` computes both.
     return [np.where(read > 0, chi2.ppf(tail, np.maximum(read, 1)), np.nan) for tail in tails]
 
 
@@ -124,5 +126,7 @@ def half_axes(covariances: Float[np.ndarray, "T d d"]) -> Float[np.ndarray, "T 2
     size, d = np.sqrt(chi2.ppf(CONFIDENCE, covariances.shape[1])), covariances.shape[1]
     values, vectors = np.linalg.eigh(covariances)
     axes = np.zeros((len(covariances), 2, 3))
+    # The square of the distance, in standard deviations, is distributed as χ²; rounding can make an eigenvalue of a
+    # singular covariance negative.
     axes[:, :d, :d] = size * np.sqrt(np.maximum(values, 0.0))[:, :, None] * np.swapaxes(vectors, 1, 2)
     return axes

@@ -112,6 +112,7 @@ def ellipsoid_of(system: Any, inertia: Float[np.ndarray, "3"] | None) -> Ellipso
         return Ellipsoid(np.asarray(system.semiaxes, dtype=float), np.zeros(3), np.eye(3))
     if inertia is None:
         return Ellipsoid(np.ones(3), np.zeros(3), np.eye(3))
+    # Moments sum to twice the second moments: d1 = s2 + s3, and so on.
     second = np.sum(inertia) / 2 - inertia
     if not isinstance(system, HeavyTop):
         size = np.sqrt(np.maximum(second, 0.0) / np.max(second))
@@ -119,10 +120,13 @@ def ellipsoid_of(system: Any, inertia: Float[np.ndarray, "3"] | None) -> Ellipso
     mass, chi = float(system.mass), np.asarray(system.chi, dtype=float)
     about_centre = np.diag(second) - mass * np.outer(chi, chi)
     squares, turn = np.diag(about_centre), np.eye(3)
+    # Left as it is up to rounding: `eigh` would sort the axes, and exchange them.
     if np.any(np.abs(about_centre - np.diag(squares)) > 1e-12 * np.max(second)):
         squares, turn = np.linalg.eigh(about_centre)
+        # Eigenvectors may be left-handed, which is no rotation.
         turn = turn * np.sign(np.linalg.det(turn))
     size = np.sqrt(np.maximum(squares, 0.0) / mass)
+    # Where nothing has an extent, the distance of the centre stands for it, and else 1.
     return Ellipsoid(np.maximum(size, THINNEST * (np.max(size) or np.linalg.norm(chi) or 1.0)), chi, turn)
 
 
@@ -132,6 +136,7 @@ def _rigid_parts(body: Turning) -> dict[str, Any]:
     arm = np.zeros(3) if top is None else np.asarray(top.chi)
     length = np.linalg.norm(arm)
     k = axis_of_revolution(body.trajectory.system)
+    # A little beyond the surface, so that its path is seen.
     tip = (arm / length if length > 0 else np.eye(3)[k]) * REACH * shape.radius
     return make_body("rigid", body.trajectory, shape.radius, len(body.rows)) | {
         "ellipsoid": {
@@ -151,6 +156,7 @@ def axis_of_revolution(system: Any) -> int:
     if not isinstance(system, RollingEllipsoid):
         return 2
     semiaxes = np.asarray(system.semiaxes)
+    # The one that differs most from the middle one: of a spheroid, its axis.
     return int(np.argmax(np.abs(semiaxes - np.median(semiaxes))))
 
 
@@ -215,6 +221,7 @@ def particle_scene(trajectories: Sequence[Trajectory[Any, Any]]) -> Scene:
     """
     pairs = [(trajectory, require_finite_rows(trajectory)) for trajectory in trajectories]
     places = np.concatenate([_columns(trajectory, rows, "x", "y", "z") for trajectory, rows in pairs])
+    # A particle has no size of its own; without any motion, 1.
     radius = ARROW_RADIUS * (float(np.max(np.ptp(places, axis=0))) or 1.0)
     names, changes = zip(*(law_changes(*pair) for pair in pairs), strict=True)
     alike = all(isinstance(run.state, type(trajectories[0].state)) for run in trajectories)

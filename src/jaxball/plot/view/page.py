@@ -1,4 +1,4 @@
-"""The page of runs: the template, the program and their dictionary in one self-contained file."""
+"""Writes the page of a view: template, program and the dictionary of the runs in one self-contained HTML file."""
 
 import base64
 import functools
@@ -56,6 +56,7 @@ class View:
         largest = (
             LARGEST_PAGE_OF_SEVERAL if isinstance(trajectories, Mapping) and len(trajectories) > 1 else LARGEST_PAGE
         )
+        # Without the page itself, whose program takes most of it.
         room = np.inf if all_times else float(largest - len(page({}).encode()))
         return cls(view_document(trajectories, title, friction, wanted=wanted, discs=discs, scale=scale, room=room))
 
@@ -84,6 +85,7 @@ class View:
 
     def _repr_html_(self) -> str:
         return (
+            # The page runs in a frame of its own, in which its scripts cannot reach the notebook.
             f'<iframe srcdoc="{html.escape(self.html)}" sandbox="allow-scripts" title="jaxball" '
             f'style="width: 100%; height: {HEIGHT}px; border: 0"></iframe>'
         )
@@ -141,12 +143,14 @@ def page(document: Mapping[str, Any]) -> str:
     program = _read("view.bundle.js")
     pieces = {
         "mark": MARK,
+        # The page's policy lets a program with this hash run, and no other: nothing in a title or a name can be one.
         "hash": base64.b64encode(hashlib.sha256(program.encode()).digest()).decode("ascii"),
         "style": _read("page.css"),
         "licence": _read("three.LICENSE"),
         "program": program,
         "document": in_element(document),
     }
+    # In one pass, so that marks of this kind within a text are left as they are.
     return re.sub(r"\{\{(\w+)\}\}", lambda match: pieces[match[1]], _read("page.html"))
 
 

@@ -108,6 +108,7 @@ def body_numbers(one: Shown, plane: float, grid: Float[np.ndarray, "rows columns
     setting, seen, rows = placed.setting, run.observables, finite_rows(one.trajectory)
     numbers = {
         "time": Numbers(run.times, 0.0),
+        # Bodies of other radii stand on the floor of the first one, which is a radius below the origin.
         "centre": Numbers(placed.centre + (0.0 if grid is not None else r - plane) * setting.page[:, 2], r),
         "quaternion": Numbers(continuous(Rotation.from_matrix(placed.Lambda).as_quat()), 1.0),
         "masses": Numbers(seen.mass_positions_body, r),
@@ -131,6 +132,7 @@ def body_numbers(one: Shown, plane: float, grid: Float[np.ndarray, "rows columns
         "energies": Numbers(np.stack([seen.kinetic_energy, seen.potential_energy], axis=1)),
     }
     if system.planar:
+        # Turning about −E2 is positive for φ.
         numbers["turning"] = Numbers(-seen.angular_velocity_body[:, 1])
     quantities = one.trajectory.history.over_time
     if "height" in quantities:
@@ -163,6 +165,7 @@ def _surface_numbers(
         "mesh": Numbers(points.reshape(len(points), -1, 3), r, over_time=deforms),
     }
     if deforms:
+        # A mesh that changes its form carries the contact points along, each by its row and column.
         numbers["nodes"] = Numbers(nodes(grid, contacts.coordinates))
     if np.any(contacts.turns != np.eye(3)):
         numbers["carried"] = Numbers(continuous(Rotation.from_matrix(contacts.turns).as_quat()), 1.0)
@@ -212,6 +215,7 @@ def _on_plane(bodies: Sequence[Shown], desired_path: Float[np.ndarray, "k 2"] | 
     """Returns the stand of bodies on a plane, and the desired path, axes of the page."""
     first, setting, planar = bodies[0], bodies[0].placed.setting, bodies[0].system.planar
     # On the plane a disk's line is at e2 = 0.
+    # At the floor, a radius below the centre; `setting.page` turns it onto the page.
     goal = None if desired_path is None else np.column_stack([desired_path, np.full(len(desired_path), -first.radius)])
     corners = [[*(np.asarray(centre) + side * r), -first.radius] for centre, r in discs for side in (-1, 1)]
     coefficients = _coefficients(bodies)

@@ -38,6 +38,7 @@ class Pool:
     def add(self, numbers: Numbers, rows: Int[np.ndarray, " rows"] | None = None) -> int:
         """Returns the place of an array, of which ``rows`` are kept if it is over time and they are given."""
         is_partial = rows is not None and numbers.over_time
+        # Rows that are chosen do not matter for arrays that have no times, such as rails.
         array = pack(numbers.values[rows] if is_partial else numbers.values, numbers.scale)
         key = (array["type"], array["data"], tuple(array["shape"]))
         if key not in self._places:
@@ -51,8 +52,10 @@ def pack(values: Any, scale: float | None = None) -> dict[str, Any]:
 
     With a ``scale``, in float64 where float32 would be off by more than a millionth of that.
     """
+    # Little-endian, as the page reads it on any machine.
     exact = np.asarray(values, dtype="<f8")
     with np.errstate(over="ignore"):
+        # A number beyond float32 becomes infinite, and therefore off by more than is allowed.
         short = exact.astype("<f4")
     off = np.max(np.abs(short - exact), initial=0.0) if scale is not None else 0.0
     array = short if scale is None or off <= CLOSE_TO_PATH * scale else exact
@@ -68,6 +71,7 @@ def choose_rows(
     Both ends are included, and the same fraction is kept for all bodies.
     """
     sizes = {True: 0, False: 0}  # of arrays over time, and of others
+    # All is packed in full once, because only that shows which arrays are equal.
     pool = Pool()
     for body in bodies:
         for numbers in body.values():
@@ -82,11 +86,13 @@ def choose_rows(
 
 def evenly(length: int, count: int) -> Int[np.ndarray, " rows"]:
     """Returns up to ``count`` of the indices below ``length``, evenly spaced, both ends among them."""
+    # `unique`, because with a single index both ends are the same.
     return np.unique(np.round(np.linspace(0, length - 1, max(2, min(count, length)))).astype(int))
 
 
 def thin_curve(points: Float[np.ndarray, "points 3"], close: float) -> Float[np.ndarray, "some 3"]:
     """Keeps every k-th of the points of a curve, k as large as leaves the others within ``close`` of the chords."""
+    # From the largest k on; it must divide the number of steps, so that the last point is kept.
     for k in range(len(points) // 3, 1, -1):
         if (len(points) - 1) % k == 0 and _farthest(points, k) <= close:
             return points[::k]
@@ -99,6 +105,7 @@ def _farthest(points: Float[np.ndarray, "points 3"], k: int) -> float:
     inner = points[:-1].reshape(-1, k, points.shape[1])
     chords = ends - starts
     square = np.sum(chords**2, axis=-1, keepdims=True)
+    # Two points in one place have no chord; the distance is that from the first one then.
     along = np.sum((inner - starts) * chords, axis=-1, keepdims=True) / np.where(square > 0, square, 1.0)
     return float(np.max(np.linalg.norm(inner - starts - np.clip(along, 0.0, 1.0) * chords, axis=-1)))
 

@@ -1,4 +1,7 @@
-"""Which results of a program depend on which of its operands, and programs of which only a part is computed."""
+"""Which results of a program depend on which of its operands, and programs of which only a part is computed.
+
+A ``reversible_loop`` pulls back only what varies.
+"""
 
 from collections.abc import Callable, Sequence
 from typing import Any

@@ -1,4 +1,6 @@
-"""Which derivatives numbers have: none where they are unused or unknown, and a clear error in modes without any.
+"""Restricts the derivatives of numbers: to none, to one mode or to first ones, with a clear error for any other.
+
+Solves, events and searches mark their numbers by these functions while they are traced.
 
 A loop that goes back over its steps only has reverse mode, and only once; a plain loop only has forward mode. JAX finds
 out after the solve is traced, and reports it in terms of its internals. Numbers that go into the former are marked:

@@ -1,4 +1,4 @@
-"""Functions with rules of their own for reverse mode, which are told what varies and need not compute anything else.
+"""Gives functions rules of their own for reverse mode, which are told what varies and need not compute anything else.
 
 Among them are loops that write rows of arrays.
 """

@@ -1,5 +1,7 @@
 """A loop of an unknown number of steps that is differentiated in reverse mode by going back over the steps taken.
 
+The loop of a solve (``simulation.loop``) is one, where it is to have reverse mode.
+
 On the way forward, what a step begins with is recorded: of every step, or of every second, fourth, … as soon as there
 are more steps than rows. On the way back, the steps in between are taken again from there, and each is pulled back: the
 cotangents at its end become those at its beginning. This is the derivative of the steps taken, to rounding.

@@ -1,9 +1,10 @@
-"""Functions that users write within functions, by what they consist of and what they have captured.
+"""Takes captured arrays out of users' functions before a computation, and puts them back where it is traced.
 
 A law or the function of an event may use arrays that are traced where it is written, such as a gain that is mapped or
 differentiated. JAX's rules for derivatives take a function as a constant, and would give the derivative zero. So before
-a computation, such arrays are taken out of the functions among its arguments, and put back where it is traced. And a
-function that is written within another is a new one at each call of that, but the same by its code and what it holds.
+a computation, such arrays are taken out of the functions among its arguments, and put back where it is traced. A
+function that is written within another is a new object at each call of the outer one. Here two of them are equal if
+their code and what they hold are.
 """
 
 import functools

@@ -1,4 +1,4 @@
-"""Classes and functions of libraries whose versions are known, by their names."""
+"""The names by which fingerprints and kept programs refer to classes and functions of libraries of known versions."""
 
 import sys
 import types

@@ -1,4 +1,6 @@
-"""What of jaxball reads more than its arguments: files, the time, the environment. It is found in jaxball's own code.
+"""Finds which functions of jaxball read more than their arguments, such as files, the time and the environment.
+
+``fingerprints`` refuses users' functions that use one, because a program kept for them could be out of date.
 
 A function is impure if its code names something outside jaxball that can be read, or another impure function, and so
 on. Which methods are called is told by their names: those of every class in reach that any code in reach loads as an

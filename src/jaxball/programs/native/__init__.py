@@ -35,8 +35,8 @@ from .choice import (
     settings,
     warn_if_chosen_by_name,
 )
-from .executable import CallbackReachedError, Form, Program
-from .gpu import GridForm, GridProgram
+from .executable import CallbackReachedError, Executable, Form
+from .gpu import GridExecutable, GridForm
 from .limits import FEWEST, LANES
 from .targets.cuda import CudaError
 from .targets.machine import identity
@@ -47,11 +47,11 @@ __all__ = [
     "LANES",
     "CallbackReachedError",
     "CudaError",
+    "Executable",
     "Form",
+    "GridExecutable",
     "GridForm",
-    "GridProgram",
     "Lowered",
-    "Program",
     "Refusal",
     "Rows",
     "are_numbers",

@@ -13,7 +13,7 @@ _OF_NUMPY = (np.ndarray, np.generic, bool, int, float, complex)  # all types oth
 
 
 class _Test(dict):
-    """A test of types, made once of each: JAX's and NumPy's own tests take a tenth of a short run."""
+    """A test of types, made once for each type: JAX's and NumPy's own tests take a tenth of a short run."""
 
     def __init__(self, find: Callable[[type], bool]):
         self._find = find

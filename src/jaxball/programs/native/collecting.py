@@ -1,4 +1,4 @@
-"""How often Python looks for objects that refer to each other and to which nothing else refers."""
+"""Makes Python's garbage collector run less often while functions are traced and compiled."""
 
 import contextlib
 import gc

@@ -25,7 +25,7 @@ Given: TypeAlias = tuple[tuple[int, ...], np.dtype, bool]  # shape, type, and wh
 
 
 class Form(NamedTuple):
-    """A compiled program as plain data, of which a :class:`Program` is made, in this process or in another one.
+    """A compiled program as plain data, of which a :class:`Executable` is made, in this process or in another one.
 
     Nothing here needs the compiler, which a process that finds its programs in a store never imports.
 
@@ -52,7 +52,7 @@ class CallbackReachedError(Exception):
     """A native run reached a callback in a branch, such as an error to be raised: XLA runs it, from the beginning."""
 
 
-class Program:
+class Executable:
     """A program for arrays of certain types: called with such arrays, it returns JAX arrays.
 
     It holds Python's lock only while it checks for signals, so that several threads can run it at once, and Ctrl-C

@@ -31,7 +31,7 @@ class GridForm(NamedTuple):
     longest_map: int
 
 
-class GridProgram:
+class GridExecutable:
     """A program that XLA runs on a GPU, each row in a thread."""
 
     def __init__(self, form: GridForm):

@@ -24,7 +24,7 @@ from .targets.processors import HOST, THREAD, Target, host_for
 
 
 class Emitted(NamedTuple):
-    """A program as LLVM IR, with its arguments and results as a row of each is.
+    """A program as LLVM IR, with its arguments and results as they are in one row.
 
     - ``block``: how many rows it computes at once.
     """

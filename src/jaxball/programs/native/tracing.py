@@ -1,4 +1,4 @@
-"""Functions traced for arguments, from which a program is made by either compiler."""
+"""Traces a function for arrays of certain types, and has either compiler make a program of it."""
 
 import contextlib
 import copy
@@ -15,8 +15,8 @@ from .. import traces
 from .arguments import type_of
 from .choice import Refusal
 from .collecting import seldom_collected
-from .executable import Given, Program
-from .gpu import GridProgram
+from .executable import Executable, Given
+from .gpu import GridExecutable
 from .ir.elements import UnsupportedError
 
 _asked: set[int] = set()  # the threads in which `is_traced_natively` was true since they last began to trace
@@ -62,7 +62,7 @@ class Lowered:
         self._depends, self._context = False, context
 
     @functools.cached_property
-    def traced(self) -> Any:
+    def trace(self) -> Any:
         """The trace."""
         _asked.discard(threading.get_ident())
         with self.as_traced():
@@ -82,7 +82,7 @@ class Lowered:
         return self.lowered if jax.default_backend() == "cpu" else self._lower("cpu")
 
     def _lower(self, *platforms: str) -> Any:
-        traced = self.traced
+        traced = self.trace
         with self.as_traced(), without_locations():
             return traced.lower(lowering_platforms=platforms or None)
 
@@ -95,9 +95,9 @@ class Lowered:
     @property
     def gives(self) -> list[Any]:
         """The types of the results."""
-        return [type_of(aval) for aval in self.traced.jaxpr.out_avals]
+        return [type_of(aval) for aval in self.trace.jaxpr.out_avals]
 
-    def natively(self, large: bool = True, quickly: bool = False, rows: Any = None) -> Program | Refusal:
+    def compile_natively(self, large: bool = True, quickly: bool = False, rows: Any = None) -> Executable | Refusal:
         """Returns the program; a refusal if it contains something unsupported.
 
         - ``large``: whether it is compiled even if its loops are over large arrays, which XLA runs faster.
@@ -108,15 +108,17 @@ class Lowered:
 
         try:
             with seldom_collected():
-                takes = list(map(_numpy_type, self.traced.jaxpr.in_avals))
-                gives = _describe_results(self.traced.jaxpr.out_avals)
+                takes = list(map(_numpy_type, self.trace.jaxpr.in_avals))
+                gives = _describe_results(self.trace.jaxpr.out_avals)
                 module = self.for_cpu().compiler_ir("stablehlo")
-                return Program(compile_for_cpu(module, takes, gives, large=large, quickly=quickly, rows=rows))
+                form = compile_for_cpu(module, takes, gives, large=large, quickly=quickly, rows=rows)
+                return Executable(form)
         except UnsupportedError as error:
             return Refusal(str(error))
 
-    def for_gpu(self, large: bool) -> GridProgram | Refusal:
-        """Returns the program of a GPU's threads, each of which computes a row; otherwise like :meth:`natively`.
+    def compile_for_gpu(self, large: bool) -> GridExecutable | Refusal:
+        """Returns the program of a GPU's threads, each of which computes a row; otherwise
+        like :meth:`compile_natively`.
 
         **Raises:** :class:`~.cuda.CudaError` where the driver cannot compile it.
         """
@@ -124,9 +126,9 @@ class Lowered:
 
         try:
             with seldom_collected():
-                gives = _describe_results(self.traced.jaxpr.out_avals)
+                gives = _describe_results(self.trace.jaxpr.out_avals)
                 module = self.for_cpu().compiler_ir("stablehlo")
-                return GridProgram(compile_for_gpu(module, len(self.takes), gives, large))
+                return GridExecutable(compile_for_gpu(module, len(self.takes), gives, large))
         except UnsupportedError as error:
             return Refusal(str(error))
 
@@ -139,18 +141,18 @@ class Lowered:
 
         return cpu_text(emit(read_functions(self.lowered.compiler_ir("stablehlo"), len(self.takes))))
 
-    def by_xla(self) -> Callable[[list[Any]], list[Any]]:
+    def compile_by_xla(self) -> Callable[[list[Any]], list[Any]]:
         """Returns the program."""
         return self.for_xla().lowered.compile()
 
     def for_xla(self) -> "Lowered":
         """Returns the same, traced for XLA; this one, where that does not matter."""
         # A function that asked who compiles it may have been traced differently for the other one.
-        if self.traced and not self._depends:
+        if self.trace and not self._depends:
             return self
         again = copy.copy(self)
         again._natively = False
-        for name in ("traced", "lowered"):
+        for name in ("trace", "lowered"):
             vars(again).pop(name, None)
         return again
 

@@ -1,4 +1,4 @@
-"""Converts compiled programs of both compilers to bytes and back, with classes and functions by their names."""
+"""Converts compiled programs of both compilers to bytes and back, for ``compiled``, with classes by their names."""
 
 import functools
 import io
@@ -42,8 +42,8 @@ def content(program: Any, takes: int, gives: int, result: Any, reached: Sequence
         # Objects compared by identity would differ after loading.
         if _Unpickler(pickled.getvalue(), reached).load() != result:
             return None
-        if isinstance(program, native.Program | native.GridProgram):
-            beginning = NATIVE if isinstance(program, native.Program) else GPU
+        if isinstance(program, native.Executable | native.GridExecutable):
+            beginning = NATIVE if isinstance(program, native.Executable) else GPU
             return beginning + pickle.dumps((program.form, pickled.getvalue()))
         payload, _, _ = serialize_executable.serialize(program)
         return XLA + pickle.dumps((payload, takes, gives, pickled.getvalue()))
@@ -82,12 +82,12 @@ def _of_xla(content: bytes) -> Loaded:
 
 def _native(content: bytes) -> Loaded:
     form, pickled = pickle.loads(content)
-    return Loaded(native.Program(form), pickled)
+    return Loaded(native.Executable(form), pickled)
 
 
 def _on_gpu(content: bytes) -> Loaded:
     form, pickled = pickle.loads(content)
-    return Loaded(native.GridProgram(form), pickled)
+    return Loaded(native.GridExecutable(form), pickled)
 
 
 _LOADERS: dict[bytes, Callable[[bytes], Loaded | native.Refusal]] = {

@@ -1,6 +1,7 @@
-"""The folder as a store of programs, which loads those of a command early.
+"""The store that ``jaxball.cache`` switches on: the programs of a folder; those of a command are loaded early.
 
-Besides by itself and JAX's settings, how a program is compiled is determined by sources, versions, flags and processor.
+Its identity has what decides how a program is compiled, besides the program and JAX's settings: jaxball's sources,
+versions, flags and the processor.
 """
 
 import concurrent.futures

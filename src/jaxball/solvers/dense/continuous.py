@@ -69,6 +69,7 @@ class ContinuousMethod(NamedTuple):
 
         def stage(K: Array, entry: tuple[Array, Array, Array]) -> tuple[Array, None]:
             place, node, row = entry
+            # The row is 0 for slopes that are not known yet.
             y = y0 + jnp.sum(row[:, None] * K, axis=0)
             return K.at[place].set(increment(jnp.minimum(t0 + node * (t1 - t0), t1), y)), None
 
@@ -119,6 +120,8 @@ class DenseOutput(NamedTuple):
             control = terms.contr(t0, t1)
             return method.coefficients(lambda t, y: terms.vf_prod(t, y, args, control), t0, t1, y0, k)
 
+        # Of rows side by side a condition would compute both branches: so all are computed if any of them is asked for,
+        # and none otherwise.
         return {"y0": y0, "coefficients": jax.lax.cond(unvmap_any(asked), curve, lambda: method.straight(k))}
 
     def sketch(
@@ -169,6 +172,8 @@ def continuous(solver: Any) -> ContinuousMethod | None:
     method = _make_extension(solver.tableau, base_order, order)
     if base_order == CUBIC:
         return method
+    # The states at the first nodes come from the method's own interpolation, of the order ``base_order``, not from the
+    # cubic.
     nodes, degree = method.nodes[: _count(base_order)], MOST_POWERS - 1
     from_places = legendre.legvander(2 * nodes - 1, degree) @ np.linalg.inv(legendre.legvander(2 * PLACES - 1, degree))
     method.rows[: _count(base_order), : solver.tableau.num_stages] = from_places @ _own_weights(solver, default_dtype())

@@ -1,4 +1,4 @@
-"""Finds all times within a step of a solve at which functions of time cross zero, from left to right.
+"""Finds all times within a step of a solve at which functions of time cross zero, from left to right, for events.
 
 A step is cut into pieces, and pieces are halved, until of each function one thing is certain in a piece:
 
@@ -145,6 +145,7 @@ class Span(NamedTuple):
     def ends_run(self) -> Bool[Array, ""]:
         """Whether the run ends with the step."""
         first, last = self.run
+        # ``last`` of a step is a little before its end, and so is never the end of the run itself.
         near = ROUNDINGS * float(jnp.finfo(last.dtype).eps) * jnp.maximum(jnp.abs(last), last - first)
         return last - self.last <= near
 
@@ -172,6 +173,7 @@ def _matrices() -> _Matrices:
     x = -np.cos(np.pi * np.arange(SAMPLES_OF_PIECE) / (SAMPLES_OF_PIECE - 1))
     value = np.linalg.inv(chebyshev.chebvander(x, SAMPLES_OF_PIECE - 1))
     nodes = (1 + x) / 2
+    # Exactly, so that the end of a piece is the start of the next.
     nodes[0], nodes[-1] = 0.0, 1.0
     return _Matrices(nodes, value, chebyshev.chebder(value, axis=0))
 
@@ -260,6 +262,7 @@ def glance(functions: Functions, span: Span, log: Log) -> Glance:
             jnp.maximum(seen.largest, jnp.max(jnp.where(finite, samples, -jnp.inf), axis=0)),
         )
 
+    # Where the last step ended in short pieces, a look at the longest ones proves nothing.
     begin = Glance(log.first_halvings == 0, nothing, nothing + jnp.inf, nothing - jnp.inf)
     return jax.lax.while_loop(lambda carry: carry[0] < pieces.unit, look, (jnp.asarray(0), begin))[1]
 

@@ -1,4 +1,4 @@
-"""The largest values that functions of the state take within the steps of a solve."""
+"""Finds the largest values of functions of the state, such as the contact force, within the steps of a solve."""
 
 from typing import NamedTuple
 
@@ -69,12 +69,16 @@ def maxima(steps: Steps, values: Values, k: int) -> Largest:
     nodes, shares = (jnp.asarray(x, steps.start.dtype) for x in (sampling().nodes, WINDOW_SIZES))
 
     def look_again(r: Int[Array, ""], best: Largest) -> Largest:
+        # First all steps, ``width`` of them at a time; then ever narrower windows around the best points; last, the
+        # lines.
         looking, lines = r < rounds, r == rounds + LINES
         whole, around = _whole(steps, r, width), _around(steps, best, shares[jnp.maximum(r - rounds, 0)], width)
         here = select_tree(looking, whole, around)
 
         def evaluate(window: Int[Array, ""], t: Float[Array, ""]) -> tuple[Array, ...]:
             index = jnp.minimum(window, k - 1)
+            # In the last round along the tangent of the motion: the slope of the dense output is less accurate than its
+            # values, and the zero of a rate would be off by as much.
             tangent = best.vectors[index] + (t - best.time[index]) * best.rates[index]
             x = jnp.where(lines & (window < k), tangent, steps.state(here.step[window], t))
             return x, *jnp.split(values(t, x), [k])
@@ -146,8 +150,10 @@ def _largest(
     fractions = jnp.asarray(grid.fractions, samples.dtype)
     times = here.times(fractions)
     ends = (times == steps.start[here.step][:, None]) | (times == steps.end[here.step][:, None])
+    # At the ends of the run there is no next step to prefer.
     ends &= (times != steps.start[0]) & (times != steps.end[jnp.maximum(steps.count - 1, 0)])
     sizes = fine - jnp.where(ends, 1e-9 * jnp.maximum(jnp.abs(fine), 1.0), 0.0)
+    # A value that is not a number must not be passed over in silence: it counts as the largest.
     sizes = jnp.where(jnp.isnan(sizes), jnp.inf, sizes).reshape(k, -1)
     size, places = jnp.max(sizes, axis=1), jnp.arange(sizes.shape[1])
     # The first index of the largest, without argmax, at which XLA's CPU compiler fails in a loop.

@@ -1,4 +1,4 @@
-"""Dense output where steps do not follow each other without a gap.
+"""Dense output of a solve with pauses, where a step begins later than the one before it has ended.
 
 A body that slips or rolls ever more slowly is followed to its end by one formula, not by ever shorter steps. That takes
 a short time, the pause, in which the state moves along a straight line as nearly as the tolerance asks.

@@ -18,7 +18,7 @@ class Rows(NamedTuple):
 
 
 class Part(NamedTuple):
-    """An argument or a result of a program, as a row of it is.
+    """An argument or a result of a program, as it is in one row.
 
     - ``rank``: how many axes a row has; ``size``: its bytes.
     - ``in_rows``: whether the program takes or gives a block of rows of it.

@@ -1,4 +1,4 @@
-"""Functions that are not inlined: written once as functions of LLVM IR, and called."""
+"""Functions that are not inlined: written once as functions of LLVM IR, and called, for ``operations.control``."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -9,7 +9,8 @@ from ..ir.elements import Element, Vector, vector_type
 from ..ir.program import Block, Value
 from ..limits import LANES
 from .buffers import Buffer
-from .builder import BOOL, Builder
+from .builder import Builder
+from .instructions import BOOL
 from .lowering import Function
 from .passing import Passing
 from .values import Array, Memory

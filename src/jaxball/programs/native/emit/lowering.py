@@ -7,11 +7,12 @@ import numpy as np
 
 from ..ir.elements import Element, UnsupportedError
 from ..ir.lanes import Varying
+from ..ir.module import Module
 from ..ir.program import Block, Operation, Value
 from ..limits import MOST_INLINED
 from ..targets.processors import HOST, Target
 from .buffers import Buffer
-from .builder import Builder, Module
+from .builder import Builder
 from .rules import RULES
 from .scalars.dispatch import ELEMENTWISE, scalar
 from .storage import Storage

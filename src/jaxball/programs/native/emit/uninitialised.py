@@ -1,4 +1,7 @@
-"""Arrays with nothing in them yet, which a program fills before it reads them."""
+"""Arrays with nothing in them yet, which a program fills before it reads them.
+
+A ``reversible_loop`` makes them where it is traced; the compiler knows the function by its name.
+"""
 
 import jax
 import jax.numpy as jnp

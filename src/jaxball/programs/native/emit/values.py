@@ -38,7 +38,8 @@ from ..limits import (
     MOST_VECTORS,
 )
 from .buffers import Buffer
-from .builder import BOOL, INDEX, Builder
+from .builder import INDEX, Builder
+from .instructions import BOOL
 
 
 class Registers:

@@ -1,4 +1,4 @@
-"""The counters of loops: what tells how often a loop is turned, and between which bounds its indices lie.
+"""Finds the counters of loops, which tell how often a loop is turned and between which bounds its indices lie.
 
 JAX lets a negative index count from the end, and StableHLO clamps slices that would reach over an end; for a counter
 that runs from 0 to below the length of an array, neither happens, and neither is written.

@@ -1,4 +1,4 @@
-"""Loops with independent iterations, and what differs between iterations.
+"""Recognises loops with independent iterations, and what differs between iterations, for ``operations.loops``.
 
 A ``jax.lax.map`` is such a loop: turn i reads element i of arrays, and writes element i of others. Several iterations
 can be computed side by side, one in each lane of vectors; values that are the same in all of them stay single numbers.

@@ -1,4 +1,4 @@
-"""The shared parts of a program's functions."""
+"""The LLVM module of a program: what all its functions share, and its text."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from .elements import Name, UnsupportedError
 
 
 class Module:
-    """Shared by functions: declarations, constants, the size of the workspace.
+    """What the functions of a program share: declarations, constants, the size of the workspace.
 
     **Arguments:**
 

@@ -23,7 +23,7 @@ _OF_STABLEHLO: dict[str, Callable[[Any], Any]] = {
 class Value:
     """An array that an operation makes or a block is given.
 
-    - ``reads``: how many operands it is, those of operations within regions counted.
+    - ``reads``: how often operations have it as an operand, those within regions included.
     - ``captured``: whether an operation within a region of its own block reads it.
     """
 
@@ -41,7 +41,7 @@ class Value:
 class Operation:
     """An operation: a name, operands, results, attributes, and regions of one block each.
 
-    - ``reads``: the values that it and what is within its regions read, with how often.
+    - ``reads``: the values that it and the operations in its regions read, each with how often.
     - ``last``: those that nothing reads after it.
     """
 

@@ -1,4 +1,4 @@
-"""From LLVM IR as text to machine code in memory or to PTX, by llvmlite, which is imported when it is first needed."""
+"""Compiles LLVM IR to machine code in memory or to PTX, by llvmlite, which is imported when it is first needed."""
 
 import contextlib
 import ctypes

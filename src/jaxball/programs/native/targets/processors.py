@@ -1,4 +1,4 @@
-"""What the processors can do that programs are written for."""
+"""The kinds of processors that programs are written for, this machine and a thread of a GPU, and what each can do."""
 
 from typing import NamedTuple
 
@@ -6,7 +6,7 @@ from ..limits import MOST_ON_STACK, MOST_ON_STACK_OF_GPU
 
 
 class Target(NamedTuple):
-    """A kind of processor, by what programs use there.
+    """What a kind of processor offers to programs.
 
     - ``has_library``: elementary functions of the C library, where they take less time than this package's own.
     - ``has_routines``: LAPACK and BLAS.

@@ -8,8 +8,8 @@ from ...ir.elements import Element, Vector
 from ...ir.program import Block, Operation
 from .. import uninitialised
 from ..buffers import OwnersBefore
-from ..builder import BOOL
 from ..functions import call_function
+from ..instructions import BOOL
 from ..lowering import Function
 from ..passing import Passing
 from ..rules import rule

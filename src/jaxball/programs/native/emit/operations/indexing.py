@@ -7,7 +7,7 @@ import numpy as np
 
 from ...ir.elements import Element, Index, in_lanes
 from ...ir.program import Operation
-from ..builder import BOOL
+from ..instructions import BOOL
 from ..lowering import Function
 from ..rules import rule
 from ..values import Array, Formula, Memory, Registers, is_small, size_of

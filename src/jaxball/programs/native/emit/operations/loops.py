@@ -11,7 +11,8 @@ from ...ir.lanes import Independent, independent
 from ...ir.program import Block, Operation
 from ...limits import LANES, MOST_NUMBERS, MOST_TURNS, MOST_UNCHANGED
 from ..buffers import OwnersBefore
-from ..builder import BOOL, INDEX
+from ..builder import INDEX
+from ..instructions import BOOL
 from ..lowering import Function
 from ..passing import Passing
 from ..rules import rule

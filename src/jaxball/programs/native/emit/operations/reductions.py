@@ -8,7 +8,8 @@ import numpy as np
 from ...ir.elements import Element, Index, in_lanes
 from ...ir.program import Operation
 from ...limits import MOST_LOOPS, MOST_TERMS
-from ..builder import BOOL, INDEX
+from ..builder import INDEX
+from ..instructions import BOOL
 from ..lowering import Function
 from ..rules import rule
 from ..storage import join_parts, parts

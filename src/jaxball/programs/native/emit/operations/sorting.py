@@ -5,7 +5,8 @@ import numpy as np
 from ...ir.elements import Element, Index
 from ...ir.program import Operation
 from ...limits import LANES
-from ..builder import BOOL, INDEX
+from ..builder import INDEX
+from ..instructions import BOOL
 from ..lowering import Function
 from ..rules import rule
 from ..scalars import complex, real

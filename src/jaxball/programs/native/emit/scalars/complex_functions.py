@@ -1,7 +1,7 @@
-"""Elementary functions of complex numbers in double precision, of those of real numbers in :mod:`elementary`.
+"""Elementary functions of complex numbers in double precision, composed of the real ones in :mod:`elementary`.
 
-Both parts are right to three units of the last place of themselves, but for powers, and on that side of a branch cut
-that the sign of zero says; of infinite arguments they are what C99 says, but where one of those is NaN, both may be.
+Each part is right to three units of its own last place, except in powers. On a branch cut the sign of zero chooses the
+side. For infinite arguments the parts are what C99 says; where it says NaN for one of them, both may be NaN.
 
 Sources: W. Kahan, Branch cuts for complex elementary functions, in The State of the Art in Numerical Analysis, 1987,
 for the inverse functions and tanh; C99, annex G, for the symmetries.

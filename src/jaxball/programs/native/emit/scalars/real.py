@@ -1,4 +1,4 @@
-"""Operations on single numbers: floating-point numbers, integers and booleans.
+"""Operations on single numbers: floating-point numbers, integers and booleans; ``elementwise`` maps them over arrays.
 
 Each function takes the builder, the type of its operands, and the operands. NaN, infinities and signed zeros mean what
 StableHLO says, which is what XLA computes.
@@ -10,7 +10,8 @@ import numpy as np
 
 from ...ir.elements import Element, UnsupportedError, in_lanes, is_known, llvm_type
 from ...targets import machine
-from ..builder import BOOL, Builder
+from ..builder import Builder
+from ..instructions import BOOL
 from . import elementary
 
 

@@ -20,7 +20,7 @@ def _half_sum(w: Writer, size: str, sign: float) -> str:
 
 
 def sinh(w: Writer, operands: list[str]) -> list[str]:
-    """Computes it by its series where |x| < 1."""
+    """Computes sinh x, by its series where |x| < 1."""
     (x,) = operands
     size = w.call("fabs", x)
     z = w.mul(size, size)

@@ -1,5 +1,7 @@
 """The quadratic program of a linear system over a horizon, solved by an interior-point method stage by stage.
 
+``prediction`` solves one in each sample.
+
 It is the elastic program, which always has a solution: each limit L G (ξ, δu) ≤ d may be exceeded by s ≥ 0 at the cost
 ``penalty`` s. Where the limits can be kept and the penalty exceeds their multipliers, nothing is exceeded. Steps are
 those of Mehrotra's predictor and corrector; each is a linear quadratic regulator, whose recursion takes a time in
@@ -130,7 +132,9 @@ class _Point(NamedTuple):
 def solve_stages(stages: Stages, xi: Float[Array, " n"], guess: Plan | None = None) -> Plan:
     """Finds the plan from the deviation ``xi``; ``guess`` is one near it, such as the last one, shifted by a stage."""
     unlimited = stages.follow(None, xi)
+    # The regulator without limits is the solution wherever it keeps them: no iteration, and the same numbers.
     feasible = jnp.max(stages.beyond(unlimited)) <= 0
+    # Through the iterations there would be many steps to differentiate, and no derivatives in reverse mode.
     solution, count, closed = _iterate(*jax.lax.stop_gradient((stages, xi, unlimited, feasible, guess)))
     point = _differentiable(stages, xi, solution)
     z = jnp.where(feasible, unlimited, point.z)
@@ -144,6 +148,7 @@ def _iterate(
 ) -> tuple[_Point, Int[Array, ""], Bool[Array, ""]]:
     """Iterates to the solution; also returns the number of iterations, and whether the gap is closed."""
     z = unlimited if guess is None else stages.follow(guess.z, xi)
+    # The least cost without limits is never above that with limits, and a scale for the gap.
     cost = stages.cost(unlimited)
     point = _inside(stages, z, CENTRED_PRODUCTS * cost / stages.d.size, 0.0 if guess is None else guess.multipliers)
 
@@ -164,6 +169,7 @@ def _differentiable(stages: Stages, xi: Float[Array, " n"], solution: _Point) ->
     conditions.
     """
     n, (z, t, s, λ, ν) = stages.n, solution
+    # Slacks and multipliers are eliminated from the step; this weight of each limit is what remains of them.
     D = 1 / (t / λ + s / ν)
     factors = _factorise(stages, D)
     # By how much the flow, the slacks and the multipliers miss their conditions: 0, but not their derivatives.
@@ -181,6 +187,7 @@ def _differentiable(stages: Stages, xi: Float[Array, " n"], solution: _Point) ->
     of_stages = of_stages + 2 * moved @ stages.M + stages.pull_back(λ + D * (b + stages.rows(moved)))
     dz = moved + _minimise(stages, factors, (of_stages, of_end + 2 * stages.end[:n, :n] @ end))
     dλ = D * (stages.rows(dz) + b)
+    # The difference is 0, and has the derivatives of the step.
     change = jax.tree.map(lambda x: x - jax.lax.stop_gradient(x), (dz, dλ))
     return solution._replace(z=z + change[0], λ=λ + change[1])
 
@@ -190,8 +197,11 @@ def _inside(stages: Stages, z: Array, product: Array, multipliers: Array | float
     less than ``product``, as far as the penalty allows.
     """
     beyond = stages.beyond(z)
+    # Far enough from the boundary that a first step is not cut short; multipliers of the last plan are kept where
+    # they allow it.
     s = jnp.maximum(beyond, 0.0) + SLACK
     t = s - beyond
+    # Between 0 and the penalty, or the other multiplier, which is the rest, would not be positive.
     λ = jnp.minimum(jnp.maximum(multipliers, product / t), 0.5 * stages.penalty)
     return _Point(z, t, s, λ, stages.penalty - λ)
 
@@ -208,6 +218,7 @@ class _Factors(NamedTuple):
 def _factorise(stages: Stages, weights: Float[Array, "H p"]) -> _Factors:
     """Factorises the quadratic cost ½ z·(2 M + Gᵀ Lᵀ diag(weights) L G) z."""
     n = stages.n
+    # G has few rows and L many, hence products with LᵀDL, of the size of G's rows.
     within = jnp.sum(stages.L[None, :, :, None] * (weights[..., None] * stages.L[None])[:, :, None], axis=1)
 
     def step(P: Array, stage: Any) -> Any:
@@ -218,6 +229,7 @@ def _factorise(stages: Stages, weights: Float[Array, "H p"]) -> _Factors:
         inverse = inverses((hessian[n:, n:] + B.T @ PB)[None])[0]
         K = inverse @ mixed
         before = hessian[:n, :n] + A.T @ PA - mixed.T @ K
+        # Rounding would make the matrix less symmetric with each stage.
         return 0.5 * (before + before.T), _Factors(K, inverse, A - B @ K, P)
 
     return jax.lax.scan(step, 2 * stages.end[:n, :n], (stages.A, stages.B, stages.G, within), reverse=True)[1]
@@ -255,8 +267,12 @@ def _advance(stages: Stages, point: _Point) -> _Point:
         return _Point(dz, (r1 - t * dλ) / λ, (r2 + s * dλ) / ν, dλ, -dλ)
 
     affine = direction(-t * λ, -s * ν)
+    # Mehrotra's centring: the cube of the share of the gap that remains after the first step. There are two products
+    # for each limit.
     target = (_move(point, affine, _longest(point, affine)).gap / point.gap) ** 3 * point.gap / (2 * t.size)
+    # Products of the first step's changes are what it neglected.
     step = direction(target - t * λ - affine.t * affine.λ, target - s * ν - affine.s * affine.ν)
+    # To the boundary would leave a slack or a multiplier of 0, from which steps no longer move.
     return _move(point, step, jnp.minimum(TO_BOUNDARY * _longest(point, step), 1.0))
 
 
@@ -267,6 +283,7 @@ def _move(point: _Point, step: _Point, length: Array) -> _Point:
 def _longest(point: _Point, step: _Point) -> Float[Array, ""]:
     """Returns the longest step that leaves slacks and multipliers positive, at most 1 / ``TO_BOUNDARY``."""
     shares = [
+        # The inner `where` keeps a division by 0 out of the branch that is not chosen.
         jnp.min(jnp.where(dx < 0, -x / jnp.where(dx < 0, dx, -1.0), jnp.inf))
         for x, dx in zip(point[1:], step[1:], strict=True)
     ]

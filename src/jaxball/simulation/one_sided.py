@@ -1,4 +1,4 @@
-"""A run with a law of contact, with the states just before and just after each switch of its mode."""
+"""Adds to a run with a law of contact the states just before and just after each switch of its mode, for figures."""
 
 import dataclasses
 import functools
@@ -24,7 +24,7 @@ from .trajectory import Trajectory
 STILL = 1e-9  # of the speeds of a body: a slower slip is at its beginning or at its end
 
 
-def with_limits(trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
+def with_one_sided_limits(trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
     """Returns the run with two more rows at each switch that was kept: the state and the mode just before it, and just
     after.
 
@@ -37,26 +37,27 @@ def with_limits(trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
 
     - ``trajectory``: one run, not a batch, of a state that has a place.
     """
-    return _with_limits(trajectory.history, trajectory)
+    return _with_one_sided_limits(trajectory.history, trajectory)
 
 
 @functools.singledispatch
-def _with_limits(history: AbstractHistory, trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
+def _with_one_sided_limits(history: AbstractHistory, trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
     return trajectory
 
 
-@_with_limits.register(RestingHistory)
-@_with_limits.register(StickingHistory)
+@_with_one_sided_limits.register(RestingHistory)
+@_with_one_sided_limits.register(StickingHistory)
 def _of_held(history: Any, trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
     return trajectory  # the switches of a file do not tell what dry friction holds on either side
 
 
-@_with_limits.register
+@_with_one_sided_limits.register
 def _of_contact(history: ContactHistory, trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
     times, state = np.asarray(trajectory.times), trajectory.state
     sides = _sides(trajectory, history)
     size = len(times) + 2 * history.law.capacity
     order = _order(times, sides)
+    # The rows that are left over take the entry behind all others, which is ``nothing``.
     rows = np.concatenate([order, np.full(size - len(order), len(times) + 2 * history.law.capacity)])
 
     def join_rows(saved: Any, limits: Any, nothing: float | int) -> Any:
@@ -142,6 +143,7 @@ def _directions(
     for row in np.flatnonzero(still[: 2 * count : 2]) * 2:
         start = row - 1
         earlier = np.flatnonzero(saved < sides.times[row])
+        # A slip that has ended has the direction last saved within it, or where none was, that with which it began.
         within = earlier.size and (start < 0 or saved[earlier[-1]] > sides.times[start])
         sigma[row] = directions[earlier[-1]] if within else sigma[start] if start >= 0 else 0.0
     return sigma
