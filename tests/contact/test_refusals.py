@@ -31,6 +31,16 @@ SENTENCES = {
         lambda: Contact(friction=0.3, slowest=0.0),
         "Argument `slowest` must be a positive number, or bounces would never end, but it is 0.0.",
     ),
+    "a function for friction": (
+        lambda: Contact(friction=abs),
+        "Argument `friction` must be a coefficient, or a law of friction such as SmoothedCoulomb(0.3, 0.01), but it is "
+        "the function abs; a function of the slip speed is a subclass of AbstractFriction.",
+    ),
+    "a class for friction": (
+        lambda: Contact(friction=jaxball.SmoothedCoulomb),
+        "Argument `friction` must be a coefficient, or a law of friction such as SmoothedCoulomb(0.3, 0.01), but it is "
+        "the class SmoothedCoulomb; make one with SmoothedCoulomb(...).",
+    ),
     "no capacity": (lambda: Contact(friction=0.3, capacity=0), "Argument `capacity` must be 1 or more, but it is 0."),
     "a slip without a law": (
         lambda: simulate(BALL, TIMES, THROWN),

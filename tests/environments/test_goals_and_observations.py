@@ -138,3 +138,29 @@ def test_other_arguments_are_refused_in_sentences(no_type_checks, wrong, sentenc
 def test_a_path_of_a_ball_needs_both_coordinates(somewhere):
     with pytest.raises(ValueError, match="`across` of FollowPath must be a schedule for a ball"):
         FollowPath(jaxball.ConstantRate(0.0, rate=1.0)).misses((), moment_of(somewhere))
+
+
+@pytest.mark.parametrize(
+    ("action", "error", "sentence"),
+    [
+        (0.5, ValueError, r"`action` must have the shape \(2,\), a number for each of .*, but its shape is \(\)"),
+        ([[0.5, 0.1]], ValueError, r"but its shape is \(1, 2\); take jax\.vmap over many episodes"),
+        (np.zeros(3), ValueError, r"but its shape is \(3,\)"),
+        ("left", TypeError, "`action` must be numbers, but it is 'left'"),
+    ],
+)
+def test_an_action_is_a_number_for_each_input(no_type_checks, somewhere, action, error, sentence):
+    """Of two inputs, a single number acted on both."""
+    robot = robots.ball_with_pendulum((MOTOR, MOTOR))
+    environment = Environment(robot, ReachPoint((0.0, 0.0)), sample=0.1, state=somewhere)
+    episode = jax.eval_shape(environment.reset, jax.random.key(0))[0]
+    with pytest.raises(error, match=sentence):
+        jax.eval_shape(lambda episode: environment.step(episode, action), episode)
+    listed = jax.eval_shape(lambda episode: environment.step(episode, [0.5, 0.1]), episode)
+    assert listed.reward.shape == ()
+
+
+def test_a_step_is_of_an_episode(no_type_checks):
+    environment = Environment(robots.with_pendulum(MOTOR), ReachPoint(0.0), sample=0.1)
+    with pytest.raises(TypeError, match="`episode` must be an episode, as reset"):
+        environment.step(np.zeros(12), np.zeros(1))

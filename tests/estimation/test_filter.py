@@ -222,6 +222,8 @@ GYRO = {"gyro": Gyroscope(errors=SensorErrors(noise=0.1))}
         ({"biases": {"gyr": 0.1}}, ValueError, "`biases` names 'gyr', which is no sensor; did you mean"),
         ({"biases": {"gyro": -0.1}}, ValueError, r"`biases\['gyro'\]` must be 0 or positive, but it is -0\.1"),
         ({"system": None}, TypeError, "`system` must be a Ball or a Disk, but it is None"),
+        ({"sample": 0.0}, ValueError, "`sample` must be a positive time, but it is 0"),
+        ({"sample": -0.1}, ValueError, r"`sample` must be a positive time, but it is -0\.1"),
     ],
 )
 def test_what_makes_no_filter_is_refused(change, error, words, no_type_checks):
@@ -236,6 +238,11 @@ def test_what_makes_no_filter_is_refused(change, error, words, no_type_checks):
     [
         ({"readings": {}}, ValueError, "`readings` must have those of every sensor, but 'gyro' is missing"),
         ({"readings": {"gyro": 1.0}}, TypeError, r"`readings\['gyro'\]` must be readings at each sample"),
+        (
+            {"readings": {"gyro": np.zeros((21, 1))}},
+            ValueError,
+            r"`readings` must have as many components .* as the sensors have, \{'gyro': 3\}, but they have 1 in all",
+        ),
         ({"start": BallState()}, TypeError, "a DiskState"),
         ({"spread": {"phi": -1.0}}, ValueError, "`spread` must be 0 or positive"),
         ({"spread": 0.1}, TypeError, "`spread` must be a dictionary of standard deviations by name"),

@@ -121,6 +121,13 @@ def test_what_a_log_does_not_tell_is_named_and_the_rest_is_in_closed_form():
         ({"log": Log([0.0], {})}, "Argument `log.times` must be two increasing times or more"),
         ({"log": Log([0.0, 1.0], {})}, "must have those of every sensor, but 'gyro' is missing"),
         ({"log": Log([0.0, 1.0], {"gyro": np.zeros((3, 3))})}, "must be readings at each of the 2 times"),
+        (
+            {"log": Log([0.0, 1.0], {"gyro": np.zeros((2, 1))})},
+            r"`log\.readings\['gyro'\]` must have 3 components at each time, as the sensor has, but it has 1",
+        ),
+        ({"robot": Disk(mass=1.0, inertia=0.5)}, r"Argument `robot` must be a function of \(parameters\)"),
+        ({"parameters": [1.0]}, "Argument `parameters` must be a dictionary of first guesses by name"),
+        ({"spread": 0.5}, "Argument `spread` must be a dictionary of numbers by name"),
         ({"spread": {"x": 1.0}}, "Argument `spread` must have names as keys, but one is 'x'"),
         ({"spread": {}, "parameters": {}}, "must name one unknown or more"),
         ({"biases": {"gyr": 1.0}}, "Argument `biases` must name sensors, which are gyro, but names 'gyr'"),

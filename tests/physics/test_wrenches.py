@@ -296,9 +296,17 @@ def branching(t, motion, p):
     return motion.velocity if t > 0 else motion.position
 
 
+class Bare(jaxball.AbstractWrench):
+    """Returns a force where it has to return a wrench."""
+
+    def wrench(self, t, motion):
+        return motion.velocity
+
+
 @pytest.mark.parametrize(
     ("make", "words"),
     [
+        (lambda: homogeneous(Bare()), r"`force` must give a Wrench, such as Wrench\(force\), but .* shape \(3,\)"),
         (lambda: homogeneous(FunctionWrench(two_numbers)), r"`function` must give .* \(3,\), but .* \(2,\)"),
         (lambda: homogeneous(FunctionWrench(angles_for_a_torque)), r"`function` must give .* \(3,\), but .* \(0,\)"),
         (lambda: homogeneous(FunctionWrench(branching)), "that JAX can trace, but branching needs to know a number"),

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+import jaxball
 from jaxball import plot
+from jaxball.classical import FreeRigidBody, RigidBodyState
 from tests.plot.lines import drawn
 
 FIGURES = [
@@ -65,6 +67,23 @@ def test_a_batch_is_refused_in_a_sentence(draw, ball_trajectory):
         draw(batch)
     with pytest.raises(ValueError, match=r"must be one trajectory, but it is a batch of shape \(2,\); take one"):
         batch.plot()
+
+
+@pytest.mark.parametrize(
+    "draw",
+    [
+        plot.overview,
+        plot.configuration,
+        plot.acceleration,
+        plot.centre_velocity,
+        plot.joint_angles,
+        plot.joint_efforts,
+    ],
+)
+def test_what_is_no_ball_or_disk_is_refused_in_a_sentence(draw):
+    run = jaxball.simulate(FreeRigidBody(inertia=(1.0, 2.0, 3.0)), [0.0, 1.0], RigidBodyState(Omega=(0.1, 1.0, 0.0)))
+    with pytest.raises(ValueError, match=r"must be of a ball or a disk, but it is of a FreeRigidBody; its method plot"):
+        draw(run)
 
 
 @pytest.mark.parametrize("draw", [plot.body_paths, plot.space_paths, plot.configuration])

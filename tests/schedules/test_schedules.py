@@ -164,3 +164,34 @@ def test_kinks_are_where_the_acceleration_breaks_and_nowhere_else(index):
 def test_shapes_that_do_not_fit_are_refused_in_a_sentence(make, sentence):
     with pytest.raises(ValueError, match=sentence):
         make()
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (
+            lambda: jaxball.Pulse(0.8, start=5.0),
+            r"`hold` must be not before `start` = 5\.0, but it is 0\.1; .* all three",
+        ),
+        (lambda: jaxball.Pulse(0.8, hold=0.2), r"`end` must be later than `hold` = 0\.2, but it is 0\.2"),
+        (lambda: jaxball.Waypoints([0.0, 3.0, 1.0], [0.0, 1.0, 2.0]), r"`times\[2\]` is 1\.0 after 3\.0; sort the way"),
+        (lambda: jaxball.Waypoints([0.0, 0.0, 1.0], [0.0, 1.0, 2.0]), r"`times\[1\]` is 0\.0 after 0\.0"),
+        (
+            lambda: jaxball.PiecewiseAcceleration(0.0, [1.0, 0.0, 2.0], [[1.0], [2.0]]),
+            r"`times\[1\]` is 0\.0 after 1\.0; sort the times",
+        ),
+        (
+            lambda: jaxball.PiecewiseSignal([0.0, 3.0, 1.0], [0.1, 0.2]),
+            r"`times\[2\]` is 1\.0 after 3\.0; sort the times",
+        ),
+    ],
+)
+def test_times_out_of_order_are_refused(make, sentence):
+    """As in files: the pieces of such a schedule overlap, and θ jumped by many turns in a run that succeeded."""
+    with pytest.raises(ValueError, match=sentence):
+        make()
+
+
+def test_a_schedule_of_traced_times_is_not_checked():
+    end = jax.jit(lambda start: jaxball.Pulse(0.8, start=start, hold=start + 0.1, end=start + 0.2)(jnp.array(9.0)))(5.0)
+    np.testing.assert_allclose(end, jaxball.Pulse(0.8)(jnp.array(4.0)), atol=scaled(1e-14))

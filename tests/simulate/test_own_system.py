@@ -160,3 +160,31 @@ class Bare(jaxball.AbstractSystem[Turning]):
 def test_a_contract_that_is_not_fulfilled_is_told(system, sentence):
     with pytest.raises(TypeError, match=sentence):
         jaxball.simulate(system, TIMES)
+
+
+class Counted(Turning):
+    """The same state, where it is annotated without a kind of numbers."""
+
+    turns: jax.Array = number(0)
+
+
+@pytest.mark.parametrize(
+    ("state", "field"),
+    [
+        (Turning(1, 0.5), "theta"),
+        (Turning(0.5, np.array(2)), "thetadot"),
+        (Turning(0.5, True), "thetadot"),
+        (Counted(), "turns"),
+    ],
+)
+def test_whole_numbers_in_a_state_are_no_mode(state, field):
+    """They were rounded at every step, without a word: only what is annotated as an integer is a mode."""
+    with pytest.raises(TypeError, match=rf"Argument `state\.{field}` must be floating-point numbers.*write 1\.0 for 1"):
+        jaxball.simulate(Reeled(), TIMES, state)
+
+
+def test_a_whole_number_put_into_a_state_is_refused():
+    ball = jaxball.Ball(mass=1.0, inertia=(1.0, 1.0, 1.0))
+    state = eqx.tree_at(lambda state: state.z, jaxball.BallState(), jnp.array([0, 0]))
+    with pytest.raises(TypeError, match=r"Argument `state\.z` must be floating-point numbers"):
+        jaxball.simulate(ball, TIMES, state)

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..compat import is_traced
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, default_dtype, numbers
 from ..numerics.vectors import apply
@@ -62,6 +63,10 @@ class SampledSystem(Printed):
     atol: Float[Array, ""]
     places: tuple[Place, ...] = eqx.field(static=True)
 
+    def __check_init__(self):
+        if not is_traced(self.sample) and not np.all(np.asarray(self.sample) > 0):
+            raise ValueError(f"Argument `sample` must be a positive time, but it is {self.sample:g}.")
+
     @classmethod
     def of(
         cls,
@@ -81,8 +86,8 @@ class SampledSystem(Printed):
           ``"mechanisms[0].joints[0]"`` or ``"masses[1]"``; by default all that a schedule, a law or a motor moves.
         - ``rtol``, ``atol``: tolerances of the solve of a sample.
 
-        **Raises:** ``ValueError`` for unknown names, and where there is nothing to set; ``TypeError`` for other
-        systems.
+        **Raises:** ``ValueError`` for unknown names, where there is nothing to set, and for a ``sample`` that is not
+        positive; ``TypeError`` for other systems.
         """
         places = places_of(system, inputs)
         h, relative, absolute = (numbers(name)(x) for name, x in (("sample", sample), ("rtol", rtol), ("atol", atol)))

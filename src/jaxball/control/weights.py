@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..compat import is_traced
+from ..interface.arguments import require
 from ..interface.wording import did_you_mean
 from ..numerics.arrays import AnyArray, Numbers, to_numpy
 
@@ -86,8 +87,9 @@ def by_name(name: str, given: Mapping[str, Any], names: Sequence[str], other: fl
 
     What is not named is ``other``.
 
-    **Raises:** ``ValueError`` for an unknown name.
+    **Raises:** ``TypeError`` for anything but a dictionary, ``ValueError`` for an unknown name.
     """
+    require(name, given, Mapping, 'a dictionary of numbers by name, such as {"z": 0.1}')
     values: list[Any] = [other] * len(names)
     # A group has entries such as "z[0]"; a name such as "mechanisms[0].joints[0]" is of a single coordinate.
     groups = [entry.partition("[")[0] for entry in names if entry.count("[") == 1 and "." not in entry]

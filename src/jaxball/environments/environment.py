@@ -17,7 +17,7 @@ from ..control.sampled import SampledSystem
 from ..interface.arguments import refusal, require, require_callable, whole_number
 from ..interface.printing import Printed
 from ..interface.status import Status
-from ..numerics.arrays import Numbers, number_or_none, numbers
+from ..numerics.arrays import Numbers, number_or_none, numbers, to_array
 from ..physics.body import System
 from ..physics.grounds import AbstractSurface
 from ..physics.grounds.ground import require_plane
@@ -169,8 +169,6 @@ class Environment(Printed):
         if not isinstance(ground, AbstractSurface):
             require_plane(ground, "an environment")
         self.sampled = _with_limits(SampledSystem.of(system, sample, inputs, rtol, atol), limits)
-        if not is_traced(self.sampled.sample) and not np.asarray(self.sampled.sample) > 0:
-            raise ValueError(f"Argument `sample` must be a positive time, but it is {self.sampled.sample:g}.")
         self.goal = goal
         self.observation = ObservedState() if observation is None else observation_of(observation)
         require("observation", self.observation, AbstractObservation, "an observation, or sensors by name")
@@ -224,8 +222,11 @@ class Environment(Printed):
 
         Where the solve fails, the robot stays where it was, and the episode is terminated with the status of the solve.
         An episode that is over can be stepped further, as if it went on; ``truncated`` stays true.
+
+        **Raises:** ``TypeError`` for anything but an episode and numbers, ``ValueError`` for another number of inputs.
         """
-        h, limits = self.sampled.sample, self.sampled.limits
+        require("episode", episode, Episode, "an episode, as reset(key) and step(...) return it")
+        h, limits, action = self.sampled.sample, self.sampled.limits, self._one_action(action)
         waiting = jnp.concatenate([(limits * jnp.clip(action, -1.0, 1.0))[None], episode.waiting[:-1]])
         u = waiting[episode.delay]
         system = self.robot(episode.parameters, u)
@@ -249,6 +250,16 @@ class Environment(Printed):
         after = Episode(state, k, waiting, episode.delay, episode.parameters, episode.target, memory, later)
         info = {"status": status, "misses": misses, "u": u}
         return Transition(after, seen, reward, terminated, (k >= self.samples) & ~terminated, info)
+
+    def _one_action(self, action: Any) -> Float[Array, " m"]:
+        """Returns the argument ``action`` as an array of a number for each input; one input may have a bare number."""
+        numbers_of_action, m = to_array(action, "action"), self.n_actions
+        if numbers_of_action.shape != (m,) and (numbers_of_action.shape != () or m > 1):
+            raise ValueError(
+                f"Argument `action` must have the shape ({m},), a number for each of {', '.join(self.sampled.inputs)}, "
+                f"but its shape is {numbers_of_action.shape}; take jax.vmap over many episodes."
+            )
+        return numbers_of_action.reshape(m)
 
     def step_or_reset(self, episode: Episode, action: Float[Array, " m"]) -> Transition:
         """Takes a step, after which an episode that is over is followed at once by a new one.

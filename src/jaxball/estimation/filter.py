@@ -258,6 +258,11 @@ class ErrorStateFilter(Printed):
         """Updates with a reading; returns the innovation, 0 where nothing was read, and its covariance, 1 there."""
         state, P = belief.state, belief.P
         h, H = self.expect_readings(t, belief, u)
+        if read.y.shape != h.shape:  # here, where it is traced once; other shapes would be broadcast
+            raise ValueError(
+                "Argument `readings` must have as many components at each sample as the sensors have, "
+                f"{self.sizes(state)}, but they have {read.y.size} in all."
+            )
 
         # A missing reading keeps its row, as shapes are fixed while tracing: without sensitivity, and with a variance
         # of 1 that makes S regular, it changes nothing.
@@ -295,8 +300,7 @@ class ErrorStateFilter(Printed):
 
     def sizes(self, state: PlacedState) -> dict[str, int]:
         """Counts the components that each sensor reads, in the order of the measurement."""
-        parts = jax.eval_shape(lambda s: self.measurement.parts(self.sampled.system, jnp.zeros(()), s), state)
-        return {name: int(np.prod(parts[name].shape)) for name in self.measurement.sensors}
+        return self.measurement.sizes(self.sampled.system, state)
 
     def _bias_sizes(self, state: PlacedState) -> dict[str, int]:
         return {name: size for name, size in self.sizes(state).items() if name in self.spread_of_biases}

@@ -20,9 +20,10 @@ from jaxtyping import Array, Float
 from .. import programs
 from ..control.sampled import in_words
 from ..control.weights import by_name
-from ..interface.arguments import refusal, require
+from ..interface.arguments import refusal, require, require_callable
 from ..interface.html import repr_html
 from ..interface.printing import Printed
+from ..interface.wording import number_of
 from ..numerics.arrays import Numbers, default_dtype, to_array, to_numpy
 from ..numerics.fitting import find_determined, fit_unknowns, where_finite
 from ..physics.body import Ball, Disk, System
@@ -237,6 +238,8 @@ def _problem(
     atol: Numbers,
 ) -> _Problem:
     require("log", log, Log, "a Log of times and readings")
+    require("parameters", parameters, Mapping, 'a dictionary of first guesses by name, such as {"mass": 1.0}')
+    require_callable("robot", robot, "parameters")
     before = {name: to_array(value, f"parameters[{name!r}]") for name, value in parameters.items()}
     system = robot(before)
     require("robot(parameters)", system, (Ball, Disk), "a Ball or a Disk")
@@ -247,8 +250,9 @@ def _problem(
     for name, values in (("spread", deviations), ("prior", of_parameters)):
         require_not_negative(name, jnp.asarray(values))
     places = tuple(np.flatnonzero(deviations).tolist())
-    ordered = measurement_of(sensors, system).sensors
-    times, readings = _read(log, ordered)
+    measurement = measurement_of(sensors, system)
+    ordered = measurement.sensors
+    times, readings = _read(log, ordered, measurement.sizes(system, start))
     sizes = {name: readings[name].shape[1] for name in ordered if name in biases}
     for name in biases:
         if name not in ordered:
@@ -277,9 +281,9 @@ def _problem(
 
 
 def _read(
-    log: Log, sensors: Mapping[str, AbstractSensor]
+    log: Log, sensors: Mapping[str, AbstractSensor], components: Mapping[str, int]
 ) -> tuple[Float[Array, " T"], dict[str, Float[Array, "T components"]]]:
-    """Reads the times, and the readings of each sensor in rows.
+    """Reads the times, and the readings of each sensor in rows of as many ``components`` as it has.
 
     **Raises:** ``ValueError`` for times and readings that do not fit each other or the errors of a sensor.
     """
@@ -293,6 +297,12 @@ def _read(
         rows = np.asarray(log.readings[name], dtype=float)
         if rows.ndim == 0 or len(rows) != times.size:
             raise refusal(f"log.readings[{name!r}]", f"readings at each of the {times.size} times", log.readings[name])
+        rows = rows.reshape(times.size, -1)
+        if rows.shape[1] != components[name]:
+            raise ValueError(
+                f"Argument `log.readings[{name!r}]` must have {number_of(components[name], 'component')} at each time, "
+                f"as the sensor has, but it has {rows.shape[1]}."
+            )
         assert sensor.errors is not None
         sensor.errors.require_times(f"sensors[{name!r}].errors", times)
         if np.asarray(sensor.errors.random_walk) > 0:
@@ -300,7 +310,7 @@ def _read(
                 f"Argument `sensors[{name!r}].errors.random_walk` must be 0, because a fit takes the errors of "
                 "readings for independent; an ErrorStateFilter estimates a bias that wanders."
             )
-        readings[name] = jnp.asarray(rows.reshape(times.size, -1), default_dtype())
+        readings[name] = jnp.asarray(rows, default_dtype())
     return jnp.asarray(times, default_dtype()), readings
 
 

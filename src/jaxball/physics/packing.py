@@ -3,6 +3,7 @@
 The phase space is the part of a state that the motion depends on.
 """
 
+import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Any, Generic, NamedTuple, overload
@@ -32,7 +33,11 @@ class Packing(eqx.Module, Generic[AnySystem, AnyState]):
 
     @staticmethod
     def of(system: AbstractSystem, state: AbstractState) -> "Packing[Any, Any]":
-        """Returns the packing of states of the kind of ``state``; ``system`` is prepared."""
+        """Returns the packing of states of the kind of ``state``; ``system`` is prepared.
+
+        **Raises:** ``TypeError`` for integers where a state has numbers with a rate.
+        """
+        _require_numbers_with_rates(state)
         return Packing(system, ravel_state(state)[1])
 
     def pack(self, t: Float[Array, ""], state: AnyState) -> Float[Array, " size"]:
@@ -104,6 +109,32 @@ def ravel_state(state: Any) -> tuple[Float[Array, " size"], Callable[[Float[Arra
     )
     vector, unravel = ravel_pytree(jax.tree.unflatten(structure, cast))
     return vector, _Unravelling(unravel, dtypes)
+
+
+def _require_numbers_with_rates(state: Any) -> None:
+    """Raises a ``TypeError`` for integers in a field of a state that is not annotated as one of integers.
+
+    They would be taken for a mode, and every number on their way would be rounded to the next integer.
+    """
+    for field in dataclasses.fields(state):
+        value = getattr(state, field.name)
+        if dataclasses.is_dataclass(value):
+            _require_numbers_with_rates(value)
+            continue
+        dtypes = [jnp.result_type(leaf) for leaf in jax.tree.leaves(value)]
+        if all(jnp.issubdtype(dtype, jnp.inexact) for dtype in dtypes) or _holds_integers(field.type):
+            continue
+        raise TypeError(
+            f"Argument `state.{field.name}` must be floating-point numbers, because they change at a rate, but they "
+            f"are of the type {dtypes[0]}; write 1.0 for 1. A mode that only changes at events is annotated as "
+            'Int[Array, ""].'
+        )
+
+
+def _holds_integers(annotation: Any) -> bool:
+    """Returns whether an annotation of a field, which may be a text, is one of integers."""
+    name = str(getattr(annotation, "__name__", annotation))  # such as int, or Int[Array, ""]
+    return name.partition("[")[0].rpartition(".")[2].lower().startswith(("int", "uint", "bool"))
 
 
 @overload

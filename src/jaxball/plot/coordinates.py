@@ -17,7 +17,7 @@ from ..simulation.trajectory import Trajectory, times_looked_at
 from .modes import NO_MODES, draw_modes, modes_of
 from .over_time import Series, over_run, sizes_of, tell_apart
 from .palette import INK, mass_look
-from .record import finite_rows, record, require_one, with_jumps
+from .record import finite_rows, record, require_one_of_body, with_jumps
 from .shapes import group_equal
 from .style import label_axes, legend_above, mass_line, plane_axes, up_to_ticks, zero_line
 
@@ -119,6 +119,7 @@ def joint_efforts(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def _run(trajectory: Trajectory) -> Trajectory:
+    require_one_of_body(trajectory)
     run = with_jumps(trajectory)
     if not run.system.mechanisms:
         raise ValueError("Argument `trajectory` must be of a body with mechanisms, whose joints are drawn.")
@@ -182,7 +183,7 @@ def accelerations(source: Trajectory | System, times: Numbers | None = None) -> 
     curves: dict[int, Curve] = {}
     system = source.system if isinstance(source, Trajectory) else source
     if isinstance(source, Trajectory):
-        require_one(source)
+        require_one_of_body(source)
         rows = finite_rows(source)
         if rows.size and system.driven and system.law is not None:
             by_law = _accelerations_by_law(system, to_array(source.times), source.reached, source.state)

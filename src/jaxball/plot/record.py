@@ -6,6 +6,8 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from ..interface.arguments import a
+from ..physics.body import AbstractBody
 from ..simulation.one_sided import with_one_sided_limits
 from ..simulation.trajectory import Trajectory
 
@@ -57,6 +59,16 @@ def require_one(trajectory: Trajectory) -> None:
         raise ValueError(
             "Argument `trajectory` must be one trajectory, but it is a batch of shape "
             f"{np.shape(trajectory.status)}; take one of them with jax.tree.map(lambda leaf: leaf[k], ...)."
+        )
+
+
+def require_one_of_body(trajectory: Trajectory) -> None:
+    """Raises ``ValueError`` for a batch of trajectories, and for one of another system than a ball or a disk."""
+    require_one(trajectory)
+    if not isinstance(trajectory.system, AbstractBody):
+        raise ValueError(
+            "Argument `trajectory` must be of a ball or a disk, but it is of "
+            f"{a(type(trajectory.system).__name__)}; its method plot() draws its motion."
         )
 
 

@@ -18,7 +18,7 @@ from .coordinates import acceleration, accelerations, joint_angles, joint_effort
 from .files import plain_name, run_mark, save_figure, save_figures
 from .laws import classical_motion, law_errors
 from .modes import share_bands
-from .record import record, require_one
+from .record import record, require_one_of_body
 from .space import body_paths, centre_path, configuration, space_paths
 from .style import LABEL, caption, describe_units
 from .time_series import (
@@ -139,9 +139,9 @@ def overview(trajectory: Trajectory, title: str = "") -> Figure:
 
     - ``trajectory``: what :func:`jaxball.simulate` returns.
 
-    **Raises:** ``ValueError`` for a reduced trajectory or a batch.
+    **Raises:** ``ValueError`` for a reduced trajectory, a batch, and a run of a system that is no ball or disk.
     """
-    require_one(trajectory)
+    require_one_of_body(trajectory)
     of_modes = of_contact(trajectory)
     more = (*of_modes, contact_force) if of_modes else ()
     in_space = {} if trajectory.system.planar else {"projection": "3d", "computed_zorder": False}

@@ -22,7 +22,7 @@ from ..simulation.trajectory import Trajectory
 from .labels import name_points
 from .modes import PATHS, SWITCH, draw_modes, modes_of, switch_points, track_of
 from .palette import FAINT, INK, SHELL, TRAIL, mass_colour
-from .record import record, require_one
+from .record import record, require_one_of_body
 from .shapes import arms, looks, outline, parallel, rails_of, split, view, wireframe
 from .style import (
     SQUARE,
@@ -81,7 +81,7 @@ def configuration(
     **Raises:** ``ValueError`` when ``ax`` is of the wrong kind, or the length of ``theta`` is wrong.
     """
     if isinstance(source, Trajectory):
-        require_one(source)
+        require_one_of_body(source)
         system, t, theta = source.system, np.asarray(source.times)[0], np.asarray(source.state.theta)[0]
     else:
         system = source

@@ -22,7 +22,7 @@ from ..simulation.trajectory import Trajectory, always_rolls
 from .modes import share_bands
 from .over_time import Series, components, over_run, over_time, sizes_of, without_rounding
 from .palette import COMPONENTS, DASHED, DOTTED, INK, TAKEN
-from .record import finite_rows, record, require_one, with_jumps
+from .record import finite_rows, record, require_one, require_one_of_body, with_jumps
 from .style import WIDE_FIGURE, caption, legend_above, linestyle, plane_axes, up_to_ticks, write
 
 if TYPE_CHECKING:
@@ -215,6 +215,7 @@ def centre_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     >>> print(plot.centre_velocity(run).lines[0].get_ydata())
     [1. 1. 1.]
     """
+    require_one_of_body(trajectory)
     run = with_jumps(trajectory)
     rows, speed, system = finite_rows(run), sizes_of(run.system).speed, run.system
     if "V" in run.history.over_time:

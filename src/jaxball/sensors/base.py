@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -99,6 +100,11 @@ class Measurement(Printed):
     def __call__(self, system: System, t: Float[Array, ""], state: PlacedState) -> Float[Array, " m"]:
         """Computes all exact readings."""
         return jnp.concatenate([jnp.ravel(part) for part in self.parts(system, t, state).values()])
+
+    def sizes(self, system: System, state: PlacedState) -> dict[str, int]:
+        """Counts the components that each sensor reads, in the order of the measurement."""
+        parts = jax.eval_shape(lambda s: self.parts(system, jnp.zeros(()), s), state)
+        return {name: int(np.prod(parts[name].shape)) for name in self.sensors}
 
 
 def measurement_of(sensors: Mapping[str, AbstractSensor], system: System) -> Measurement:

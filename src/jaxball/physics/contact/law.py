@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...compat import is_traced
+from ...interface.arguments import refusal
 from ...interface.printing import Printed
 from ...numerics.arrays import Numbers, namespace_of, numbers
 from ..conditions import Condition, positive
@@ -126,6 +127,12 @@ class Contact(Printed):
     ):
         if isinstance(friction, AbstractFriction):
             friction_law = friction
+        elif callable(friction):
+            remedy = (
+                "" if isinstance(friction, type) else "a function of the slip speed is a subclass of AbstractFriction"
+            )
+            must = "a coefficient, or a law of friction such as SmoothedCoulomb(0.3, 0.01)"
+            raise refusal("friction", must, friction, remedy)
         self.friction_law = friction_law
         # Whether a slip ends, and static friction by default, depend on μ(0) alone.
         at_rest: Any = friction if friction_law is None else friction_law(jnp.zeros(()))

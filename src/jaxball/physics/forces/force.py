@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...interface.arguments import require_callable, require_function, require_value
+from ...interface.arguments import describe, require_callable, require_function, require_value
 from ...interface.printing import Printed
 from ...numerics.arrays import Numbers, a_number, default_dtype, numbers, require_shape, to_array
 from ...numerics.functions import HarmonicSeries, OfKinkedFunctionOfState, VectorOfTime
@@ -231,6 +231,10 @@ def shapes_of_motion(coordinates: int) -> BodyMotion:
 
 
 def _check_wrench(name: str, wrench: Wrench) -> Wrench:
+    if not isinstance(wrench, Wrench):  # the entries of a vector would be taken for the parts of one
+        raise TypeError(
+            f"Argument `{name}` must give a Wrench, such as Wrench(force), but it gives {describe(wrench)}."
+        )
     for part in wrench:
         if part is not None:
             require_value(name, part, (3,))

@@ -19,7 +19,7 @@ from ...numerics.arrays import AnyArray, numbers
 from ...numerics.functions import PiecewisePolynomial, not_a_knot_cubic_spline
 from ...numerics.kinks import CLOSE_KINKS
 from ..conditions import ExplainedCondition, Problem
-from .schedules import AbstractSchedule, PiecewiseSchedule
+from .schedules import AbstractSchedule, PiecewiseSchedule, require_increasing
 from .signals import AbstractIntegrableSignal
 
 Interpolation: TypeAlias = Literal["previous", "linear", "spline"]
@@ -67,13 +67,7 @@ class AbstractRecorded(Printed):
                     f"Argument `{name}[{wrong[0]}]` must be a finite number, but it is {array[wrong[0]]}; leave such "
                     "rows out, and the log is interpolated between those on both sides."
                 )
-        wrong = np.flatnonzero([] if is_traced(self.times) else np.diff(np.asarray(self.times)) <= 0)
-        if len(wrong):
-            row, (before, here) = wrong[0] + 1, np.asarray(self.times)[wrong[0] : wrong[0] + 2]
-            raise ValueError(
-                f"Argument `times` must be increasing, but `times[{row}]` is {here} after {before}; sort the rows, and "
-                "keep one of those with equal times."
-            )
+        require_increasing(self.times, "sort the rows, and keep one of those with equal times")
 
     def covers(self, times: Float[AnyArray, " T"]) -> Any:
         """Returns whether the log lasts, up to rounding, from the first of ``times`` to the last, if it must, and

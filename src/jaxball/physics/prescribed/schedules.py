@@ -4,14 +4,31 @@ import abc
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
+from ...compat import is_traced
 from ...interface.arguments import require_function
 from ...interface.printing import Printed
-from ...numerics.arrays import Numbers, a_number, numbers, to_array
+from ...numerics.arrays import AnyArray, Numbers, a_number, numbers, to_array
 from ...numerics.calculus import two_derivatives
 from ...numerics.functions import HarmonicSeries, OfFunction, PiecewisePolynomial, cubic_spline_with_slopes
 from ...numerics.kinks import kinks_of_function, kinks_seen
+
+SORT_INTERVALS = "sort the times, with what belongs to the intervals between them"
+
+
+def require_increasing(times: Float[AnyArray, "*group n"], remedy: str) -> None:
+    """Raises a ``ValueError`` that ends with ``remedy`` unless the argument ``times`` increases, where it is known."""
+    if is_traced(times):
+        return
+    wrong = np.argwhere(np.diff(np.asarray(times)) <= 0)
+    if len(wrong):
+        *group, row = wrong[0].tolist()
+        before, here = np.asarray(times)[(*group, slice(row, row + 2))]
+        raise ValueError(
+            f"Argument `times` must be increasing, but `times[{row + 1}]` is {here} after {before}; {remedy}."
+        )
 
 
 class AbstractSchedule(Printed):
@@ -197,7 +214,8 @@ class PiecewiseAcceleration(AbstractPiecewise):
     - ``times``: increasing, shape (n + 1,).
     - ``accelerations``: shape (n, k), in rad/time² times powers of 1/time.
 
-    **Raises:** ``ValueError`` when ``accelerations`` does not have one row for each interval.
+    **Raises:** ``ValueError`` when ``accelerations`` does not have one row for each interval, and for ``times`` that do
+    not increase.
 
     **Example:**
 
@@ -220,6 +238,7 @@ class PiecewiseAcceleration(AbstractPiecewise):
                 "Argument `accelerations` must have the shape (n, k), a row for each of the n "
                 f"intervals between the n + 1 `times`, but the shapes are {rows} and {times}."
             )
+        require_increasing(self.times, SORT_INTERVALS)
 
     def prepare(self) -> PiecewiseSchedule:
         k = self.accelerations.shape[1]
@@ -261,7 +280,9 @@ class Pulse(AbstractPiecewise):
 
     - ``theta``, ``rate``: θ and θ̇ at ``start``, rad and rad/time, or length and length/time in a tube.
     - ``height``: of θ̈, rad/time².
-    - ``start``, ``hold``, ``end``: times.
+    - ``start``, ``hold``, ``end``: times, in this order.
+
+    **Raises:** ``ValueError`` when ``hold`` is before ``start``, or ``end`` is not after ``hold``.
 
     **Example:**
 
@@ -278,6 +299,16 @@ class Pulse(AbstractPiecewise):
     start: Float[Array, "*group"] = eqx.field(converter=numbers("start"), default=0.0)
     hold: Float[Array, "*group"] = eqx.field(converter=numbers("hold"), default=0.1)
     end: Float[Array, "*group"] = eqx.field(converter=numbers("end"), default=0.2)
+
+    def __check_init__(self):
+        if is_traced(self.start) or is_traced(self.hold) or is_traced(self.end):
+            return
+        start, hold, end = np.asarray(self.start), np.asarray(self.hold), np.asarray(self.end)
+        remedy = "a pulse that starts later needs all three"
+        if np.any(hold < start):
+            raise ValueError(f"Argument `hold` must be not before `start` = {start}, but it is {hold}; {remedy}.")
+        if np.any(end <= hold):
+            raise ValueError(f"Argument `end` must be later than `hold` = {hold}, but it is {end}; {remedy}.")
 
     def prepare(self) -> PiecewiseSchedule:
         held, fall = self.hold - self.start, self.end - self.hold
@@ -320,7 +351,7 @@ class Waypoints(AbstractPiecewise):
     - ``theta``: θ at these times, rad on a closed rail and length in a tube, shape (n,).
     - ``end_rates``: θ̇ at the first and the last, shape (2,).
 
-    **Raises:** ``ValueError`` unless ``times`` and ``theta`` have the same length, two or more.
+    **Raises:** ``ValueError`` unless ``times`` increase, and ``times`` and ``theta`` have the same length, two or more.
 
     **Example:**
 
@@ -341,6 +372,7 @@ class Waypoints(AbstractPiecewise):
                 "Arguments `times` and `theta` must have the same length, two or more, but their shapes "
                 f"are {self.times.shape} and {self.theta.shape}."
             )
+        require_increasing(self.times, "sort the waypoints, and keep one of those with equal times")
 
     def prepare(self) -> PiecewiseSchedule:
         inner = cubic_spline_with_slopes(self.times, self.theta, self.end_rates)

@@ -11,7 +11,7 @@ from ...interface.arguments import refusal
 from ...interface.printing import Printed
 from ...numerics.arrays import Numbers, numbers, require_not_nan, to_array
 from ...numerics.kinks import kinks_seen
-from .schedules import AbstractSchedule, PiecewiseAcceleration
+from .schedules import SORT_INTERVALS, AbstractSchedule, PiecewiseAcceleration, require_increasing
 
 
 class AbstractSignal(Printed):
@@ -79,7 +79,8 @@ class PiecewiseSignal(AbstractIntegrableSignal):
     - ``times``: increasing, shape (n + 1,).
     - ``values``: shape (n, k), or (n,) for steps.
 
-    **Raises:** ``ValueError`` when ``values`` does not have one row for each interval.
+    **Raises:** ``ValueError`` when ``values`` does not have one row for each interval, and for ``times`` that do not
+    increase.
 
     **Example:**
 
@@ -102,6 +103,7 @@ class PiecewiseSignal(AbstractIntegrableSignal):
                 "Argument `values` must have the shape (n,) or (n, k), a row for each of the n intervals between the "
                 f"n + 1 `times`, but the shapes are {self.values.shape} and {self.times.shape}."
             )
+        require_increasing(self.times, SORT_INTERVALS)
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
         return self.prepare()(t)
