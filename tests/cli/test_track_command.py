@@ -70,3 +70,11 @@ def test_disturbed_starts_are_held_and_saved(folder, capsys):
 def test_bad_input_gets_a_sentence(arguments, sentence, capsys):
     assert main(["track", *arguments]) == 2
     assert sentence in capsys.readouterr().err
+
+
+@pytest.mark.long
+def test_a_body_that_would_leave_its_ground_is_marked(capsys):
+    """The paper's ball, disturbed: its regulator presses it off the plane."""
+    assert main(["track", "ball"]) == 0
+    line = next(line for line in capsys.readouterr().out.splitlines() if line.strip().startswith("with feedback"))
+    assert line.endswith("inf  (N ≤ 0: it would leave the ground)")

@@ -172,7 +172,7 @@ def changed(old, new):
             changed(', force = { kind = "motor", signal = 0.0 }', "").replace(
                 'inputs = ["mechanisms[0].joints[0]"]', ""
             ),
-            "Key `feedback` is for a motion with inputs, masses or joints that schedules, laws or motors move",
+            "Key `feedback` is for a robot with inputs, masses or joints that schedules, laws or motors move",
         ),
         (re.sub(r"\[feedback\].*(?=\[estimator\])", "", UNDER_FEEDBACK, flags=re.DOTALL), "needs a table [feedback]"),
     ],

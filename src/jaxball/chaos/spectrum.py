@@ -1,4 +1,8 @@
-"""Lyapunov exponents of a rolling body, a classical system or any flow, by the tangent dynamics."""
+"""Lyapunov exponents of a rolling body, a classical system or any flow, by the tangent dynamics.
+
+Users and ``jaxball chaos`` call ``lyapunov_spectrum``; ``lyapunov_spectrum_of`` takes any flow, and ``chart`` maps
+``system_spectrum`` over its cells.
+"""
 
 import functools
 from typing import Any, NamedTuple

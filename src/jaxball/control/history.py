@@ -1,6 +1,7 @@
 """What a run under feedback records besides its states: the motion that it holds, the inputs, and estimates.
 
-``loop`` makes it the ``history`` of a trajectory; files and views of the run read it.
+``loop`` makes it the ``history`` of a run, and ``results.feedback`` makes it again from a file; files and the page that
+shows a run (``plot.view``) read it.
 """
 
 from typing import Any, ClassVar

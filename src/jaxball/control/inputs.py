@@ -1,6 +1,7 @@
 """The inputs of a robot, which feedback sets: efforts of joints, and accelerations of masses and of a plate's angles.
 
-A sampled system and an environment find their inputs here, and hold values of them over a sample.
+A sampled system finds its inputs and their limits here; it and an environment hold values of them over a sample, and
+closed loops replay those of a whole run. Feedback and optimal control use the same parts.
 """
 
 from collections.abc import Mapping, Sequence
@@ -74,7 +75,7 @@ def places_of(system: System, names: Sequence[str] | None) -> tuple[Place, ...]:
                 f"name some of {', '.join(places)} in `inputs`" if places else "it has no joints or masses on rails"
             )
             raise ValueError(
-                "Argument `run` must be a motion with inputs, masses or joints that schedules, laws or motors move, "
+                "The robot must have inputs, masses or joints that schedules, laws or motors move, "
                 f"but nothing moves any; {remedy}."
             )
         return chosen

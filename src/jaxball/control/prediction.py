@@ -109,7 +109,8 @@ class PredictiveControl(AbstractFeedback):
 
     def __repr__(self) -> str:
         lines = [f"Predictive control of a {self.sampled.system.describe()}"]
-        lines += [f"  {self.horizon} of {self.nominal.samples} samples ahead, limits: {', '.join(self.names)}"]
+        samples = self.nominal.samples
+        lines += [f"  {min(self.horizon, samples)} of {samples} samples ahead, limits: {', '.join(self.names)}"]
         return "\n".join(lines)
 
 

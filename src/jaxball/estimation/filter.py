@@ -1,5 +1,8 @@
 """An extended Kalman filter on the manifold of states: the error-state filter.
 
+Users call it on a log of readings; ``OutputFeedback`` predicts and updates with it sample by sample, and scenario files
+build it for their estimator.
+
 The estimate is a state and the biases of sensors; its error is a vector, the local coordinates of the true state around
 the estimated one and then the errors of the biases, and has a covariance. Between samples the state follows the exact
 flow of the simulation, and the covariance the derivative of that flow. Source: Solà, Deray & Atchuthan, *A micro Lie

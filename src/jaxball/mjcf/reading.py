@@ -1,4 +1,8 @@
-"""Reads an MJCF file as a scenario: a ball or a disk with mechanisms, on a plane."""
+"""Reads an MJCF file as a scenario: a ball or a disk with mechanisms, on a plane.
+
+Users call ``from_mjcf``, and ``jaxball import`` calls ``read_mjcf``, whose notes it prints. A URDF file is
+read to the same ``Imported``.
+"""
 
 import xml.etree.ElementTree as ET
 from typing import Any, NamedTuple

@@ -1,6 +1,7 @@
-"""States as vectors: the one that a solver advances, and the phase space of a system.
+"""States as vectors, with their rates: what a solver advances, and the phase space of a smooth system.
 
-The phase space is the part of a state that the motion depends on.
+The phase space is the part of a state that the motion depends on. ``simulation`` solves with a ``Packing``, and optimal
+control and verification evaluate with one; ``stability`` and ``chaos`` use points of the phase space as well.
 """
 
 import dataclasses

@@ -97,7 +97,7 @@ def text_in(path: Path, about: Mapping[str, Any]) -> str:
     if not text:
         raise RunError(
             f'The run "{path}" contains no scenario, because a file cannot hold some part of it, such as a Python '
-            "function; give its system: load_run(path, system)."
+            "function or an impossible number; give its system: load_run(path, system)."
         )
     return text
 

@@ -1,6 +1,7 @@
 """Scenario files: a run as human-readable text, checked before anything is computed.
 
-Scenarios that vary, in studies and problems of design, are read by :mod:`jaxball.sweep` and :mod:`jaxball.design`.
+Users, the command line and the packages that take or write whole scenarios use these names. :mod:`jaxball.sweep` and
+:mod:`jaxball.design`, which read scenarios that vary, use its modules as well.
 """
 
 TYPE_CHECKING = False

@@ -1,4 +1,8 @@
-"""The body of a scenario file: its shell, what acts on it, the law of contact, and its sensors."""
+"""Reads and writes the body of a scenario file: its shell, force, ground and resistance, contact, and sensors.
+
+``files`` calls it for these tables. Analyses of bodies that always roll get their state from ``rolling_state``, and
+those that need a whole run ask ``require_whole_run``.
+"""
 
 import functools
 from collections.abc import Mapping

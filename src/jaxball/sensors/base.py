@@ -1,5 +1,8 @@
 """What all sensors share: their contract, where they are mounted, and the readings of several as one vector.
 
+Kinds of sensors derive from ``AbstractSensor``; filters, environments and scenario files read several by a
+``Measurement``.
+
 A sensor is on the shell, on a link of a mechanism or on a mass. A position on a link is given like those of joints and
 carried masses: from the geometric centre, in body axes, where every θ is 0. A position on a mass is given from the
 mass. The axes are those of the body where every θ is 0, and turn with the link; a mass on a rail, or of a mechanism

@@ -1,4 +1,7 @@
-"""Looks for events in each step of a solve, ends the run at those that end it, and gathers when they happened."""
+"""Looks for events in each step of a solve, ends the run at those that end it, and gathers when they happened.
+
+``simulate`` makes a ``Watch`` for a run with events, and ``loop`` asks it in each step.
+"""
 
 import functools
 from collections.abc import Callable, Mapping

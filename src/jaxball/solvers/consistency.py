@@ -1,4 +1,7 @@
-"""Consistent initial values of problems with a mass matrix, for users and for the starts of the implicit methods."""
+"""Consistent initial values of problems with a mass matrix, for users and for the steps of the implicit methods.
+
+Every such step calls ``start_of_step``, which solves only in the first one and after a jump.
+"""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple

@@ -1,4 +1,7 @@
-"""Charts of the stability of periodic motions over two parameters."""
+"""Charts of the stability of periodic motions over two parameters.
+
+For users, who give a function that makes each system; ``sweep.charts`` gives it a scenario's, for ``jaxball periodic``.
+"""
 
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any

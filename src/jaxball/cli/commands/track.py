@@ -287,7 +287,8 @@ def _table(deviations: _Deviations, held: list[Held]) -> list[str]:
         lines.append(f"from {entry.start}" if entry.start else "from the motion")
         for name, loop in entry.loops.items():
             numbers = _numbers(deviations, loop)
-            lines.append(f"  {name:<{width - 2}}" + "".join(f"{value:>10.4g}" for value in numbers.values()))
+            lifts = "  (N ≤ 0: it would leave the ground)" if numbers["friction"] == float("inf") else ""
+            lines.append(f"  {name:<{width - 2}}" + "".join(f"{value:>10.4g}" for value in numbers.values()) + lifts)
     return lines
 
 

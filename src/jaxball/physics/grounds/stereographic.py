@@ -1,4 +1,7 @@
-"""Stereographic coordinates of directions, about the one straight down or straight up, for bowls and spheres."""
+"""Stereographic coordinates of directions from a centre, about the one straight down or straight up.
+
+``Bowl`` and ``SphereOutside`` use them for their points, and ``SignedDistance`` with a centre for its rays.
+"""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -19,7 +22,7 @@ def direction_at(R: Number, u1: Number, u2: Number, up: Number | float) -> Float
 
 
 def share_to_pole(R: Number, u1: Number, u2: Number) -> Number:
-    """Computes the height below the point of a sphere that the coordinates do not reach, divided by its diameter.
+    """Computes how far the height is from that of the point without coordinates, divided by the sphere's diameter.
 
     It is small already where rounding spoils the normal, 1e-3 radians from there.
     """

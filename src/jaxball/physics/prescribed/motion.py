@@ -1,7 +1,8 @@
-"""The motions of a point mass in the ball: on a rail, free, or fixed.
+"""The motions of a point mass in the ball, prescribed in time (on a rail, free, fixed) or driven by a law.
 
-Every motion supplies χ, χ̇ and χ̈, body vectors from the geometric centre, and nothing else: the equations of motion do
-not depend on rails.
+Each supplies χ, χ̇ and χ̈, body vectors from the geometric centre, for the equations of motion, which do not depend on
+rails; θ of a ``Driven`` mass belongs to the state. A prescribed motion has the times of its kinks, too, and may be that
+of a ground.
 """
 
 import abc

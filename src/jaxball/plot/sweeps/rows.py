@@ -1,4 +1,8 @@
-"""The computed rows of a study, as figures show them: their places, results by name such as ``z[0]``, and labels."""
+"""The computed rows of a study, failed ones too, as its figures need them.
+
+They have their indices in the data set, results by name such as ``z[0]``, and labels with symbols and units. The
+figures of ``plot.sweeps`` read studies through them; ``sweep_scale`` colours the bodies of ``jaxball view --rows``.
+"""
 
 import dataclasses
 import re

@@ -1,7 +1,8 @@
 """Values as bytes that are the same in every process: equal bytes mean equal values; other values are refused.
 
-They identify compiled programs. Functions and classes of a library whose version is known are their names; any other,
-such as a user's, a closure or a ``lambda``, is what it consists of (:mod:`~.code`).
+They identify compiled programs: ``compiled`` asks for the name of a program in the store before it is traced. Functions
+and classes of a library whose version is known are their names; any other, such as a user's, a closure or a ``lambda``,
+is what it consists of (:mod:`~.code`).
 """
 
 import enum

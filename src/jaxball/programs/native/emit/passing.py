@@ -1,4 +1,7 @@
-"""How small arrays are passed on in registers: to a loop's next turn, from branches, to a function and back."""
+"""How small arrays are passed on in registers: to a loop's next turn, from branches, to a function and back.
+
+The rules of loops and branches, and the signatures of functions, ask here; larger arrays are passed on in memory.
+"""
 
 import copy
 from collections.abc import Sequence
