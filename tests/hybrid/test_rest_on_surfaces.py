@@ -148,8 +148,8 @@ def test_derivatives_of_when_it_comes_to_rest_in_a_bowl():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("contact", [None, Contact(0.6)], ids=["rolling", "contact"])
-def test_a_ball_that_resistance_hardly_holds_comes_to_rest_at_every_tolerance(contact):
+@pytest.mark.parametrize(("contact", "errors"), [(None, 2), (Contact(0.6), 3)], ids=["rolling", "contact"])
+def test_a_ball_that_resistance_hardly_holds_comes_to_rest_at_every_tolerance(contact, errors):
     """The slope where it stops is 0.98 of its resistance, so that its last motion lasts long.
 
     At loose tolerances it crept on for ever. Against a tight one, because its path is no plane curve.
@@ -165,4 +165,4 @@ def test_a_ball_that_resistance_hardly_holds_comes_to_rest_at_every_tolerance(co
     exact = rest(1e-11)
     assert 0.97 < np.hypot(*exact) / BOWL / 0.09437949 < 0.99  # the slope over the resistance, in small angles
     for tolerance in (1e-8, 1e-6, 1e-5, 1e-4, 1e-3):
-        np.testing.assert_allclose(rest(tolerance), exact, atol=3 * tolerance)
+        np.testing.assert_allclose(rest(tolerance), exact, atol=errors * tolerance)

@@ -108,10 +108,9 @@ class PredictiveControl(AbstractFeedback):
         return tuple(sentences)
 
     def __repr__(self) -> str:
-        lines = [f"Predictive control of a {self.sampled.system.describe()}"]
         samples = self.nominal.samples
-        lines += [f"  {min(self.horizon, samples)} of {samples} samples ahead, limits: {', '.join(self.names)}"]
-        return "\n".join(lines)
+        ahead = f"{min(self.horizon, samples)} of {samples} samples ahead"
+        return f"Predictive control of a {self.sampled.system.describe()}\n  {ahead}, limits: {', '.join(self.names)}"
 
 
 def mpc(

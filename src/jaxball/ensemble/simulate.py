@@ -173,24 +173,20 @@ def simulate_ensemble(
       within which the first terminal event ends the run.
     - ``contact``: each of its numbers is for all runs or, made by ``jax.vmap``, of shape (runs,); its ``capacity`` is
       the same for every run.
-    - ``solver``, ``step_to_times``, ``dae``, ``project``, ``inside``, ``adjoint``, ``max_steps``: as for one run.
+    - ``solver``, ``step_to_times``, ``dae``, ``project``, ``inside``, ``adjoint``, ``max_steps``: as for one run. A run
+      that fails has its status and NaN, and does not affect the others.
     - ``rtol``, ``atol``: for all runs, or of shape (runs,).
-    - ``reductions``: results to find in each run while it is computed, by name: some of
-      ``jaxball.ensemble.REDUCTIONS``, or any :class:`Maximum`, :class:`Minimum`, :class:`Drift` or :class:`Integral` of
-      your own function.
-    - ``lanes``: how many runs XLA computes side by side; by default 64 on a CPU, where 512 were no faster, or all on a
-      GPU. Native programs always take 8, or a single one with methods such as ``RadauIIA``.
+    - ``reductions``: results to find in each run while it is computed, by name, of ``jaxball.ensemble.REDUCTIONS`` or a
+      :class:`Maximum`, :class:`Minimum`, :class:`Drift` or :class:`Integral` of your own function.
+    - ``lanes``: how many runs XLA computes side by side; by default 64 on a CPU, or all on a GPU. Native programs
+      always take 8, or a single one with methods such as ``RadauIIA``.
     - ``chunk``: how many runs are in memory at a time while they are computed; by default all.
-    - ``threads``: how many threads compute native programs; by default the number of this process's cores. Results do
-      not depend on it.
+    - ``threads``: of native programs, by default as many as this process has cores. Results do not depend on it.
     - ``in_axes``: which arrays of ``(system, state)`` have the runs as leading axis, as ``jax.vmap`` takes it: 0 for
       those that have, None for those that all runs share, which is cheaper; ``(None, 0)`` is one system from many
       states. A third entry is for the arrays of ``events``; without it all runs share them.
 
-    A run that fails has its status and NaN, and does not affect the others.
-
-    **Raises:** ``ValueError`` where leading axes differ or ``in_axes`` is not of this form, and as
-    :func:`jaxball.simulate`.
+    **Raises:** as :func:`jaxball.simulate`, and ``ValueError`` where leading axes differ or ``in_axes`` is wrong.
 
     **Example:**
 
@@ -202,8 +198,6 @@ def simulate_ensemble(
     >>> ensemble = simulate_ensemble(disks, [0.0, 2.0], DiskState(phidot=-1.0), in_axes=(0, None))
     >>> print(ensemble.state.z[:, -1])
     [2. 4. 6.]
-    >>> round(float(ensemble[1].observables.kinetic_energy[-1]), 9)  # ½ (1/2 + r²) φ̇²
-    2.25
     """
     flags = {"step_to_times": step_to_times, "dae": dae, "project": project, "inside": inside}
     require_flags(**flags)
@@ -217,18 +211,20 @@ def simulate_ensemble(
     method = Method.of(solver, adjoint, max_steps, None, **flags)
     rtol, atol = check_tolerances(rtol, atol, of_many=True)
     instants = times if isinstance(times, jax.Array) else to_numpy(times, "times").astype(rtol.dtype)
-    reductions = _check_reductions(reductions)
+    results = tuple(_check_reductions(reductions).items())
     own_shared, shared = _find_shared(in_axes, system, state, contact, events)
-    parameters = simulated, state, events
-    runs = _count(parameters, shared, instants, rtol, atol)
-    whole = instants if instants.ndim == 2 else jnp.broadcast_to(instants, (runs, instants.shape[-1]))
-    limits = tuple(x if x.ndim else jnp.broadcast_to(x, (runs,)) for x in (rtol, atol))
-    lanes = lanes or (DEFAULT_LANES if jax.default_backend() == "cpu" else runs)
-    settings = Settings(method, tuple(reductions.items()), lanes)
+    runs = _count((simulated, state, events), shared, instants, rtol, atol)
+    whole, *limits = (_for_each(runs, x, axes) for x, axes in ((instants, 1), (rtol, 0), (atol, 0)))
+    settings = Settings(method, results, lanes or (DEFAULT_LANES if jax.default_backend() == "cpu" else runs))
     with in_threads(threads):
-        ends, reported, executed = _in_chunks(settings, shared, chunk, parameters, whole, *limits)
+        ends, reported, executed = _in_chunks(settings, shared, chunk, (simulated, state, events), whole, *limits)
     system, state = for_all_rows((system, state), own_shared, runs, jnp if _is_any_traced(system, state) else np)
     return Ensemble(Trajectory(system, whole, **ends._asdict(), start=state), reported, executed)
+
+
+def _for_each(runs: int, array: Any, axes: int) -> Any:
+    """Returns an array with this number of axes for each of the runs, if it is one for all."""
+    return array if array.ndim > axes else jnp.broadcast_to(array, (runs, *array.shape))
 
 
 def _find_shared(

@@ -253,13 +253,13 @@ class Environment(Printed):
 
     def _one_action(self, action: Any) -> Float[Array, " m"]:
         """Returns the argument ``action`` as an array of a number for each input; one input may have a bare number."""
-        numbers_of_action, m = to_array(action, "action"), self.n_actions
-        if numbers_of_action.shape != (m,) and (numbers_of_action.shape != () or m > 1):
+        array, m = to_array(action, "action"), self.n_actions
+        if array.shape != (m,) and (array.shape != () or m > 1):
             raise ValueError(
                 f"Argument `action` must have the shape ({m},), a number for each of {', '.join(self.sampled.inputs)}, "
-                f"but its shape is {numbers_of_action.shape}; take jax.vmap over many episodes."
+                f"but its shape is {array.shape}; take jax.vmap over many episodes."
             )
-        return numbers_of_action.reshape(m)
+        return array.reshape(m)
 
     def step_or_reset(self, episode: Episode, action: Float[Array, " m"]) -> Transition:
         """Takes a step, after which an episode that is over is followed at once by a new one.

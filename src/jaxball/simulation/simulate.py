@@ -91,20 +91,18 @@ def simulate(
 
     - ``system``: a :class:`~jaxball.Ball`, a :class:`~jaxball.Disk`, one of :mod:`jaxball.classical`, or any other
       :class:`~jaxball.AbstractSystem`. Of a hybrid one, ``trajectory.switches`` has the ends of modes.
-    - ``times``: increasing, two or more. The solver chooses its own steps, and ends steps exactly at the kinks of
-      actuation and force.
+    - ``times``: increasing, two or more. The solver chooses its own steps, which end at kinks of actuation and force.
     - ``state``: the state at ``times[0]``; if not given, at rest at the origin with θ of free joints 0. Its kind
       determines the equations: :class:`~jaxball.BallState` (versor), :class:`~jaxball.RotationState` (matrix),
       :class:`~jaxball.ReducedState` (Ω, Γ), or :class:`~jaxball.DiskState`; most other systems have a single kind.
     - ``solver``: any adaptive diffrax solver; ``diffrax.Dopri8()`` if not given.
     - ``rtol``, ``atol``: tolerances of the step-size control. Changing them compiles nothing again.
     - ``dense``: whether the trajectory can be evaluated at any time, ``trajectory.at(t)``.
-    - ``step_to_times``: whether the solver steps exactly to each of ``times``; otherwise the states there come from a
-      polynomial within the step.
+    - ``step_to_times``: whether steps end at each of ``times``, where states otherwise are those of a polynomial.
     - ``dae``: whether to solve the differential-algebraic form of the paper, in which |q|² = 1 determines a component
       of q, with a solver that knows mass matrices, such as :class:`jaxball.solvers.RadauIIA`.
-    - ``project``: whether each step ends with q, Γ or Λ normalised, or, of a
-      :class:`~jaxball.classical.LagrangianSystem`, on its constraints; with holonomic ones it always does.
+    - ``project``: whether each step ends with q, Γ or Λ normalised, or on the constraints of a
+      :class:`~jaxball.classical.LagrangianSystem`; with holonomic ones it always does.
     - ``events``: the events to detect, by name, such as an :class:`~jaxball.Event`; ``trajectory.events[name]`` says
       when each happened. One that ends the run sets its status, and the states saved after that are NaN.
     - ``contact``: a :class:`~jaxball.Contact`, by which a body may slip, leave the ground and land on it, also from a
@@ -120,8 +118,7 @@ def simulate(
     - ``throw``: whether a failed solve raises; otherwise it is a status on the trajectory.
 
     **Raises:** :class:`PrecisionError` when float32 cannot reach the tolerances, ``ValueError`` or ``TypeError`` for
-    arguments of the wrong kind, ``TypeError`` where an ``adjoint`` is differentiated in the other mode, and
-    :class:`~jaxball.SolveError` with ``throw``.
+    wrong arguments and an ``adjoint`` differentiated in the other mode, :class:`~jaxball.SolveError` with ``throw``.
 
     **Example:**
 
@@ -146,10 +143,7 @@ def simulate(
     events = check_events(moving, events)
     method = Method.of(solver, adjoint, max_steps, progress, **flags)
     trajectory = _run(method, moving, times, state, rtol, atol, events)
-    if throw:
-        _check_untraced(trajectory)
-        trajectory.raise_if_failed()
-    return trajectory
+    return _raise_if_failed(trajectory) if throw else trajectory
 
 
 class Method(NamedTuple):
@@ -462,9 +456,11 @@ def at_rest(system: AbstractSystem) -> AbstractState:
     return type(system).default_state(system)  # which costs less than a bound method, see `require_state`
 
 
-def _check_untraced(trajectory: Trajectory[Any, Any]) -> None:
+def _raise_if_failed(trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
+    """Returns the trajectory of a solve that has not failed, where that is known."""
     if is_traced(trajectory.status):
         raise ValueError(
             "Argument `throw` must be False where the solve is traced, as within jit or vmap, but it is True; "
             "return the trajectory's status and check it outside."
         )
+    return trajectory.raise_if_failed()

@@ -21,7 +21,7 @@ from ..hybrid import Accuracy, GuardedStep
 from . import slip as slips
 from .slip import Heading
 
-ERRORS_OF_ROLLING = 100  # tolerances: how fast a ball may roll to and fro by the errors of a method of low order
+ERRORS_OF_ROLLING = 50  # tolerances: how fast a ball may roll to and fro by the errors of a method of low order
 LONGEST_WAY = 10  # in tolerances: the angle over which a ball is followed to its rest however long that takes, ...
 STEADY_RESPONSE = 0.2  # ... if what acts halfway changes the time until then by no more than this share
 
@@ -118,8 +118,9 @@ class AbstractTurning(AbstractBodyWithModes[Any]):
         - ``guard``: the index of the guard of rolling.
         """
         least, omega = heading.least, self.over_ground(step.end, step.state)
-        errors = ERRORS_OF_ROLLING * (accuracy.atol + accuracy.rtol * root(jnp.sum(omega**2)))
-        slow = root(jnp.sum(omega[:2] ** 2)) <= 2 * least + errors
+        # Within the errors of the method the ball rolls to and fro, so that it may never be as slow as ``least``.
+        slowest = least + ERRORS_OF_ROLLING * (accuracy.atol + accuracy.rtol * root(jnp.sum(omega**2)))
+        slow = root(jnp.sum(omega[:2] ** 2)) <= 2 * slowest
         before, after = step.guards[guard, 0] + least, step.guards[guard, -1] + least
-        nears = slow & slips.nears_its_end(before, after, least + 0.5 * errors)
+        nears = slow & slips.nears_its_end(before, after, slowest)
         return slow, nears, slips.longest_step(before, after, least, step.end - step.start, accuracy)
