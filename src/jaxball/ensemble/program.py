@@ -74,7 +74,7 @@ def _program(settings: Settings) -> Any:
 @functools.cache
 def _compile(settings: Settings) -> programs.Program:
     in_lanes = not fills_vectors(settings.method.solver)
-    return programs.jit(functools.partial(_run, settings), in_lanes=in_lanes, together=settings.lanes)
+    return programs.jit(functools.partial(_run, settings), in_lanes=in_lanes, together=settings.lanes, steered=True)
 
 
 def _together(settings: Settings) -> int:

@@ -19,6 +19,7 @@ from . import native, traces
 from .compiled import QUICKLY, Compiled, Place, Rest, is_kept_by_jax, place_in
 from .derivatives.differentiation import differentiate_forward, without_captured_derivatives
 from .derivatives.reverse_rules import choose, pull_by_forward_mode, replace_chosen
+from .derivatives.steering import DIRECTIONS, steering_by_last_row
 from .store import current
 from .store.current import Store
 
@@ -68,6 +69,7 @@ class Computation:
     - ``large``: whether what has loops over large arrays is compiled natively, too.
     - ``in_lanes``: whether rows are computed side by side in the lanes of vectors, or else one after another.
     - ``together``: how many rows XLA computes side by side on a CPU.
+    - ``steered``: whether it has loops whose steps are chosen for its derivatives as well.
     - ``gives``: the types of the results, where they are known.
     - ``opaque``: whether all within is one program; otherwise, as in a user's function, computations in it are
       differentiated and mapped by themselves.
@@ -77,6 +79,7 @@ class Computation:
     smooth: Callable[[list[Any]], Any]  # the same function, in a form that forward mode differentiates
     linear: tuple[bool, ...]
     is_derivative = False
+    along: Callable[[Sequence[bool], int, list[Any]], list[Any]] | None = None  # of tangents, the same along several
     rows: native.Rows | None = None
 
     def __init__(
@@ -89,11 +92,12 @@ class Computation:
         in_lanes: bool = True,
         together: int = ROWS_OF_XLA,
         opaque: bool = True,
+        steered: bool = False,
         gives: Sequence[Any] | None = None,
     ):
         self.function = self.smooth = function
         self.name, self.large, self.in_lanes, self.together, self.opaque = name, large, in_lanes, together, opaque
-        self._gives = gives
+        self.steered, self._gives = steered, gives
         self._results: list[Rest] = []
         self.linear = (False,) * len(arrays)
         self.traced = native.Lowered(
@@ -305,6 +309,7 @@ class Computation:
             in_lanes=self.in_lanes,
             together=self.together,
             opaque=self.opaque,
+            steered=self.steered,
             gives=list(gives),
         )
         computation.is_derivative = self.is_derivative
@@ -316,10 +321,14 @@ class Computation:
         """
 
         def make() -> Computation:
-            function = functools.partial(_tangents, self.smooth, which)
             moving = choose(self.takes, which)
+            steered = self.steered and not self.is_derivative
+            along = functools.partial(_tangents_and_probe, self.smooth, which)
+            # Of one direction the computation of several with the probe is the first.
+            function = functools.partial(_first, along) if steered else functools.partial(_tangents, self.smooth, which)
             computation = self._from_callable(function, [*self.takes, *moving], list(filter(_has_tangents, self.gives)))
             computation.linear, computation.is_derivative = (False,) * len(which) + (True,) * len(moving), True
+            computation.along = along if steered else None
             return computation
 
         return self._following(("tangents", which), make)
@@ -350,6 +359,8 @@ class Computation:
 
         def make() -> Computation:
             function, smooth = (functools.partial(_in_directions, f, mapped) for f in (_Traced(self), self.smooth))
+            if self.along is not None:
+                function = functools.partial(self.along, mapped, count)
             takes = [in_rows(array, count) if many else array for array, many in zip(self.takes, mapped, strict=True)]
             computation = self._from_callable(function, takes, [in_rows(array, count) for array in self.gives])
             computation.smooth, computation.linear = smooth, self.linear
@@ -419,6 +430,28 @@ def _tangents(function: Callable, which: tuple[bool, ...], arrays: list[Any]) ->
 
     with differentiate_forward():
         return jax.jvp(of_moving, choose(primals, which), tangents)[1]
+
+
+def _first(along: Callable, arrays: list[Any]) -> list[Any]:
+    return [result[0] for result in along((False,) * len(arrays), 1, arrays)]
+
+
+def _tangents_and_probe(
+    function: Callable, which: tuple[bool, ...], mapped: tuple[bool, ...], count: int, arrays: list[Any]
+) -> list[Any]:
+    """Computes tangents in ``count`` directions, which the ``mapped`` ones among the arrays have as leading axis, in
+    steps that are chosen for a probe.
+    """
+    primals, tangents = arrays[: len(which)], arrays[len(which) :]
+    each = [
+        tangent if many else jnp.broadcast_to(tangent, (count, *tangent.shape))
+        for tangent, many in zip(tangents, mapped[len(which) :], strict=True)
+    ]
+    with steering_by_last_row():
+        rows = jax.vmap(lambda tangents: _tangents(function, which, [*primals, *tangents]), axis_name=DIRECTIONS)(
+            [jnp.concatenate([rows, jnp.zeros((1, *rows.shape[1:]), rows.dtype)]) for rows in each]
+        )
+    return [result[:count] for result in rows]
 
 
 def _cotangents(function: Callable, which: tuple[bool, ...], of: tuple[bool, ...], arrays: list[Any]) -> list[Any]:

@@ -38,14 +38,17 @@ def forget() -> None:
         program.forget()
 
 
-def jit(function: Callable[P, T], *, in_lanes: bool = True, together: int = ROWS_OF_XLA) -> "Program":
+def jit(
+    function: Callable[P, T], *, in_lanes: bool = True, together: int = ROWS_OF_XLA, steered: bool = False
+) -> "Program":
     """Compiles like ``jax.jit``: all leaves of all arguments are arrays. The values that ``function`` holds distinguish
     programs.
 
     - ``in_lanes``: whether ``jax.vmap`` of it computes several rows side by side, in vectors.
     - ``together``: how many rows are computed side by side where XLA compiles it for a CPU.
+    - ``steered``: whether it has loops whose steps are chosen for its derivatives as well.
     """
-    return Program(function, jax.jit(function), None, in_lanes=in_lanes, together=together)
+    return Program(function, jax.jit(function), None, in_lanes=in_lanes, together=together, steered=steered)
 
 
 def filter_jit(function: Callable[P, T], *, large: bool = False) -> Callable[P, T]:
@@ -80,6 +83,7 @@ class Program:
     - ``in_lanes``: whether several rows of arguments are computed side by side, in vectors.
     - ``together``: how many rows are computed side by side where XLA compiles it for a CPU.
     - ``opaque``: whether all within is one program, as in jaxball's own functions.
+    - ``steered``: whether it has loops whose steps are chosen for its derivatives as well.
     """
 
     follows = "_programs", "_computations", "_open", "_closed", "_store"  # what does not determine what it computes
@@ -94,9 +98,11 @@ class Program:
         in_lanes: bool = True,
         together: int = ROWS_OF_XLA,
         opaque: bool = True,
+        steered: bool = False,
     ):
         self._function, self._compiled, self._is_dynamic = function, compiled, is_dynamic
-        self._how = {"large": large, "in_lanes": in_lanes, "together": together, "opaque": opaque}
+        how = {"large": large, "in_lanes": in_lanes, "together": together, "opaque": opaque, "steered": steered}
+        self._how: dict[str, Any] = how
         self._programs: dict[Any, Compiled | None] = {}
         self._computations: dict[Any, Computation] = {}
         self._open: dict[Any, Program] = {}

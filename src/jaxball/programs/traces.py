@@ -12,3 +12,5 @@ natively = setting_of_traces(False)
 differentiated_forward = setting_of_traces(False)
 # Whether it is a computation of jaxball's own, of which all is compiled as one program.
 within_a_computation = setting_of_traces(False)
+# Along which tangents the derivative is that by which steps are chosen, see ``derivatives.steering``.
+steering = setting_of_traces("own")

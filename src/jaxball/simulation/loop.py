@@ -20,10 +20,12 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from ..numerics.arrays import select_tree
+from ..physics.hybrid import Accuracy
 from ..physics.system import AbstractSystem
 from ..programs.batches import fill_vectors
 from ..programs.derivatives.reverse_rules import CarryOut, at_once, put, put_while
 from ..programs.derivatives.reversible_loop import Parts, Recorded, while_loop
+from ..programs.derivatives.steering import control_error, moved_by_probe
 from ..programs.native import is_traced_natively
 from ..solvers import StepToKinks
 from ..solvers.dense.continuous import DenseOutput, has_one_tableau
@@ -65,6 +67,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
     watch: Watch | None = eqx.field(static=True)
     is_over: Callable[..., Bool[Array, ""]] | None = eqx.field(static=True)  # of t, a vector and the terms' arguments
     kind: Literal["checkpointed", "lax"] = eqx.field(static=True)
+    accuracy: Accuracy
     parameters: list[Array]
     join: Callable[[list[Array]], Array] = eqx.field(static=True)
     checkpoints: int | None = eqx.field(static=True, default=None)
@@ -79,13 +82,15 @@ class SolveLoop(diffrax.AbstractAdjoint):
         watch: Watch | None = None,
         is_over: Callable[..., Bool[Array, ""]] | None = None,
         *,
+        accuracy: Accuracy,
         parameters: list[Array],
         join: Callable[[list[Array]], Array],
     ) -> "SolveLoop":
         """Returns the loop for the differentiation that ``adjoint`` stands for."""
         if isinstance(adjoint, diffrax.ForwardMode):
-            return cls(times, switching, observers, watch, is_over, "lax", parameters, join)
-        return cls(times, switching, observers, watch, is_over, "checkpointed", parameters, join, adjoint.checkpoints)
+            return cls(times, switching, observers, watch, is_over, "lax", accuracy, parameters, join)
+        checkpoints = adjoint.checkpoints
+        return cls(times, switching, observers, watch, is_over, "checkpointed", accuracy, parameters, join, checkpoints)
 
     def loop(
         self,
@@ -102,8 +107,12 @@ class SolveLoop(diffrax.AbstractAdjoint):
         **_: Any,
     ) -> tuple[Any, dict[str, Any]]:
         """Returns the state of diffrax's loop at the end of a solve, and all that was saved; no further statistics."""
-        if self.kind == "lax" and isinstance(solver, diffrax.AbstractRungeKutta) and solver.scan_kind is None:
-            solver = eqx.tree_at(lambda s: s.scan_kind, solver, "lax", is_leaf=lambda x: x is None)
+        parameters = self.parameters
+        if self.kind == "lax":
+            if isinstance(solver, diffrax.AbstractRungeKutta) and solver.scan_kind is None:
+                solver = eqx.tree_at(lambda s: s.scan_kind, solver, "lax", is_leaf=lambda x: x is None)
+            *parameters, y0 = moved_by_probe([*parameters, init_state.y])
+            args, init_state = self.join(parameters), dataclasses.replace(init_state, y=y0)
         output, dense = DenseOutput.of(solver), init_state.dense_ts is not None
         if dense:
             infos = output.room(init_state.dense_infos, max_steps)
@@ -116,8 +125,8 @@ class SolveLoop(diffrax.AbstractAdjoint):
         def stepper_of(recorded: Recorded) -> Any:
             return with_stages_pulled_back(solver, recorded) if by_stages else solver
 
-        resets = (self.parameters, of_resets) if reverse else (args, at_once)
-        fixed = stepsize_controller, args, resets, t0, t1, progress_meter, self.switching
+        resets = (parameters, of_resets) if reverse else (args, at_once)
+        fixed = stepsize_controller, args, resets, t0, t1, progress_meter, self.switching, self.accuracy
         solve = _Solve(terms, solver, stepper_of(of_stages), *fixed)
         y0, switching, watch = init_state.y, self.switching, self.watch
         observers = None if self.observers is None else self.observers(args)
@@ -129,28 +138,29 @@ class SolveLoop(diffrax.AbstractAdjoint):
         recorder = _Recorder(self, solve, output, observers, dense)
 
         def advance(carry: tuple[Any, ...], counts: Bool[Array, ""]) -> tuple[Any, ...]:
-            before, saved, hybrid, seen, watched = carry
+            before, saved, hybrid, seen, watched, size = carry
             state, until, hybrid = solve.after_reset(before, switching.with_event_if(counts, hybrid))
-            new, info, keep, hybrid = solve.advance(state, hybrid)
+            new, info, keep, hybrid, size = solve.advance(state, hybrid, size)
             new = self._end_if_over(new, keep, args)
             pause = Pause(before.y, until, state.tprev)
             new, *recorded = recorder.record(before.tprev, pause, state, new, info, keep & counts, saved, seen, watched)
-            return new, recorded[0], hybrid, *recorded[1:]
+            return new, recorded[0], hybrid, *recorded[1:], size
 
         inner = SavedStates(jnp.asarray(0), jnp.full((self.times.size - 2, *y0.shape), jnp.inf, y0.dtype))
         seen = None if observers is None else observers.begin(y0)
         watched = None if watch is None else watch.begin(t0, y0, args)
         hybrid = switching.init(t0, y0, init_state.tnext - t0)
-        state, saved, hybrid, seen, watched = while_loop(
+        state, saved, hybrid, seen, watched, _ = while_loop(
             is_unfinished,
             advance,
-            (init_state, inner, hybrid, seen, watched),
+            (init_state, inner, hybrid, seen, watched, jnp.zeros((), y0.dtype)),
             max_steps=max_steps,
             buffers=lambda carry: (*_buffers(carry), switching.record(carry[2])),
             reverse=reverse,
             rows=self._checkpoints(max_steps),
             recorded=(of_stages, of_resets),
-            parts=Parts(args, self.parameters, self.join),
+            parts=Parts(args, parameters, self.join),
+            moved=lambda carry: carry[0].y,
         )
         done = state.tprev >= t1
         last = jnp.where(done, state.y, jnp.inf)
@@ -281,6 +291,7 @@ class _Solve(NamedTuple):
     t1: Float[Array, ""]
     progress_meter: diffrax.AbstractProgressMeter
     switching: AbstractSwitching
+    accuracy: Accuracy
 
     def after_reset(self, state: Any, hybrid: Any) -> tuple[Any, Array, Any]:
         """Returns the state with which the next step begins, which is after the reset where there was an event, and the
@@ -293,8 +304,10 @@ class _Solve(NamedTuple):
         state = dataclasses.replace(state, tprev=step.start, tnext=step.end, y=reset.after, made_jump=jumped)
         return state, reset.before, hybrid
 
-    def advance(self, state: Any, hybrid: Any) -> tuple[Any, Any, Bool[Array, ""], Any]:
-        """Takes a step: the state after it, what its interpolation is made of, and whether it was accepted."""
+    def advance(self, state: Any, hybrid: Any, size: Float[Array, ""]) -> tuple[Any, Any, Bool[Array, ""], Any, Any]:
+        """Takes a step: the state after it, what its interpolation is made of, whether it was accepted, what is carried
+        of the modes, and of the probe its ``size``.
+        """
         smooth = isinstance(self.controller, diffrax.PIDController | AbstractMultistepController)
         jumps = self.switching.jumps or not smooth
         # A plain False, where nothing jumps, keeps the evaluation after a jump out of the program.
@@ -306,6 +319,10 @@ class _Solve(NamedTuple):
         y, error, info, solver_state, step_result = self.stepper.step(
             self.terms, state.tprev, state.tnext, state.y, self.args, solver_state, jumped
         )
+        if not isinstance(self.solver, AbstractMultistep):  # which passes on more than an error
+            rtol, atol, *_ = self.accuracy
+            weights = atol + rtol * jnp.maximum(jnp.abs(state.y), jnp.abs(y))
+            error, size = control_error(error, (state.y, y), weights, self.accuracy.tolerance, size)
         keep, tprev, tnext, made_jump, controller_state, control_result = self.controller.adapt_step_size(
             state.tprev,
             state.tnext,
@@ -346,7 +363,7 @@ class _Solve(NamedTuple):
             num_steps=state.num_steps + 1,
             num_accepted_steps=state.num_accepted_steps + jnp.where(keep, 1, 0),
         )
-        return state, info, keep, hybrid
+        return state, info, keep, hybrid, size
 
     def again(self, output: DenseOutput, t0: Array, t1: Array, y: Array) -> Step:
         """Computes once more a step that was taken, which is cheaper than keeping its intermediate values."""
@@ -359,7 +376,7 @@ class _Solve(NamedTuple):
 
 def _buffers(carry: tuple[Any, ...]) -> tuple[Any, ...]:
     """Returns the buffers in which a step writes a row, and reads none."""
-    state, saved, *_, watched = carry
+    state, saved, _, _, watched, _ = carry
     return saved.vectors, state.dense_ts, state.dense_infos, () if watched is None else watched.buffers
 
 

@@ -201,7 +201,8 @@ def _program(method: Method) -> Callable[..., tuple]:
 
 @functools.cache
 def _compile_program(method: Method) -> Callable[..., tuple]:
-    return programs.jit(functools.partial(simulate_arrays, method), in_lanes=not fills_vectors(method.solver))
+    in_lanes = not fills_vectors(method.solver)
+    return programs.jit(functools.partial(simulate_arrays, method), in_lanes=in_lanes, steered=True)
 
 
 def simulate_arrays(method: Method, system: AbstractSystem, times: Array, *others: Any) -> tuple:
@@ -261,6 +262,7 @@ def solve(
             functions.observers if method.observation else None,
             Watch(events, functions.event_values, functions.field, functions.event_state) if events else None,
             functions.is_over if has_end(packing.system.shown) else None,
+            accuracy=accuracy,
             parameters=functions.leaves,
             join=lambda leaves: ravel_pytree(leaves)[0],
         ),

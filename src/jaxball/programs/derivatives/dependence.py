@@ -9,6 +9,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from ...compat import Literal, Program, argument, branches, function_of, inner_program, loop
+from .steering import is_control
 
 
 def varying(program: Program, constants: Sequence[bool], operands: Sequence[bool]) -> list[bool]:
@@ -75,8 +76,8 @@ def evaluate_chosen(
 
 def _of_equation(equation: Any, operands_vary: list[bool]) -> list[bool]:
     name, inner = equation.primitive.name, inner_program(equation)
-    if name == "stop_gradient":
-        return [False]
+    if name == "stop_gradient" or is_control(equation):
+        return [False] * len(equation.outvars)
     if inner is not None:
         return varying(inner, _none(inner), operands_vary)
     if name == "cond":

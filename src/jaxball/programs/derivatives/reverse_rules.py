@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Int
 from ...compat import evaluate, unvmap_any
 from ..batches import map_rows
 
-Forward = Callable[[Any], tuple[Any, Any]]
+Forward = Callable[[Any, Any], tuple[Any, Any]]
 Pull = Callable[[Any, Any, Any], Any]
 CarryOut = Callable[[Callable[[Any], Any], Pull, Any], Any]  # a function, a pull of it, and operands: the results
 Index = Int[Array, ""]
@@ -29,14 +29,15 @@ def at_once(function: Callable[[Any], Any], pull: Pull, operands: Any) -> Any:
 def with_rule(function: Callable[[Any], Any], forward: Forward, pull: Pull) -> Callable[[Any], Any]:
     """Returns ``function`` of a PyTree of arrays, with a rule for derivatives in reverse mode.
 
-    - ``forward``: of the same PyTree, the results and what is kept for the way back.
+    - ``forward``: of the same PyTree, and one that says of each array whether it varies, the results and what is kept
+      for the way back.
     - ``pull``: the cotangents of the arrays, None for those that do not vary. It takes what ``forward`` kept, the
       cotangents of the results, in which None is zero, and a PyTree that says of each array whether it varies.
     """
 
     def record(operands: Any) -> tuple[Any, Any]:
         varies = jax.tree.map(_varies, operands)
-        results, residuals = forward(jax.tree.map(lambda x: x.value, operands))
+        results, residuals = forward(jax.tree.map(lambda x: x.value, operands), varies)
         # Only arrays can be kept, but in structures that may differ.
         return results, (residuals, jax.tree.map(lambda does: () if does else None, varies))
 
@@ -147,7 +148,7 @@ def put_while(
 
         return _write_rows(due, lambda k: evaluate(row, constants, [k])[0], place_of, buffer, first)
 
-    def record(operands: tuple[list[Any], list[Any], list[Any], Array, Index]) -> tuple[Any, Any]:
+    def record(operands: tuple[list[Any], list[Any], list[Any], Array, Index], varies: Any) -> tuple[Any, Any]:
         _, constants, places, _, first = operands
         written, stop = forward(operands)
         return (written, stop), (constants, places, first, stop)

@@ -17,10 +17,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
-from ...compat import Program, argument, evaluate, unvmap_any
+from ...compat import Program, argument, evaluate, program_within, unvmap_any
 from ..native.emit.uninitialised import empty_array
 from .dependence import evaluate_chosen, varying_in_loop
 from .reverse_rules import add_arrays, choose, or_zeros, replace_chosen, with_rule
+from .steering import direction_of, error_of_size, is_control, judge
 
 Carry = TypeVar("Carry")
 BYTES_FOR_ALL = 2**18  # bytes in which all steps are recorded, if they fit
@@ -42,7 +43,7 @@ class Recorded:
         leaves, structure = jax.tree.flatten(operands)
         self._pull, self._structure = pull, structure
 
-        def forward(operands: Any) -> tuple[list[Array], Any]:
+        def forward(operands: Any, varies: Any) -> tuple[list[Array], Any]:
             results = function(operands)
             return results, (operands, results)
 
@@ -57,7 +58,7 @@ class Recorded:
         pull = self._pull
         assert pull is not None
 
-        def forward(arguments: Any) -> tuple[list[Array], Any]:
+        def forward(arguments: Any, varies: Any) -> tuple[list[Array], Any]:
             return arguments[1], arguments
 
         def back(arguments: Any, cotangents: list[Any], varies: Any) -> Any:
@@ -86,6 +87,7 @@ def while_loop(
     rows: int | None = None,
     recorded: Sequence[Recorded] = (),
     parts: Parts | None = None,
+    moved: Callable[[Carry], Any] | None = None,
 ) -> Carry:
     """Takes steps until ``unfinished`` says no, at most ``max_steps``, and returns what is carried then.
 
@@ -97,10 +99,13 @@ def while_loop(
       memory, and at least the square root of ``max_steps``.
     - ``recorded``: parts of a step that are recorded, too. The operand that is the whole of the ``parts`` is given to
       them as the list of their arrays where they are pulled back.
+    - ``moved``: of a carry, the arrays that a probe of the loop moves at its start, besides those of the ``parts``.
     """
     leaves, structure = jax.tree.flatten(jax.tree.map(jnp.asarray, initial))
-    written = set(jax.tree.leaves(buffers(structure.unflatten(range(len(leaves))))))
+    places = structure.unflatten(range(len(leaves)))
+    written = set(jax.tree.leaves(buffers(places)))
     is_buffer = [k in written for k in range(len(leaves))]
+    probed = [] if moved is None else jax.tree.leaves(moved(places))
 
     def goes_on(leaves: list[Array]) -> Bool[Array, ""]:
         return unvmap_any(unfinished(structure.unflatten(leaves)))
@@ -119,7 +124,7 @@ def while_loop(
         return structure.unflatten(_repeat(goes_on, lambda k, leaves: step(leaves), leaves, max_steps)[1])
     # Traced once: the way back needs the very operations of the way forward, to find the recorded parts among them.
     programs = jax.make_jaxpr(goes_on)(leaves), jax.make_jaxpr(step)(leaves)
-    return structure.unflatten(_Loop(*programs, is_buffer, max_steps, rows, recorded, parts)(leaves))
+    return structure.unflatten(_Loop(*programs, is_buffer, max_steps, rows, recorded, parts, probed)(leaves))
 
 
 def _repeat(goes_on: Callable, step: Callable, carry: Any, most: int | Array) -> tuple[Array, Any]:
@@ -135,11 +140,13 @@ class _Recording(NamedTuple):
     """The recording of the way forward.
 
     - ``steps``: how many were taken; every ``every``-th of them has one of the ``rows``.
+    - ``errors``: that of each step, by which it was judged.
     - ``constants``, ``arrays``: what all steps read.
     """
 
     steps: Int[Array, ""]
     every: Int[Array, ""]
+    errors: Array
     rows: list[Array]
     constants: list[Any]
     arrays: list[Array]
@@ -157,7 +164,9 @@ class _Loop:
         rows: int | None,
         recorded: Sequence[Recorded],
         parts: Parts | None,
+        probed: list[int],
     ):
+        self.probed = probed
         self.goes_on, self.step, self.max_steps, self.parts = goes_on, step, max_steps, parts
         self.is_carried = [not is_write_row for is_write_row in is_buffer]
         self.place = None
@@ -172,6 +181,11 @@ class _Loop:
         self.rows = min(max(BYTES_FOR_ALL // max(self.packing.size, 1), least) if rows is None else rows, max_steps)
         # Steps that are taken twice are taken by the same program, so that they are the same to the last bit.
         self.take_step = self._take_step if self.rows == self.max_steps else jax.jit(self._take_step)
+        self.shared = {}
+        for k, constant in enumerate(step.consts if parts else []):
+            self.shared |= {k: place for place, array in enumerate(parts.arrays) if array is constant}
+        controls = [equation for equation in step.jaxpr.eqns if is_control(equation)]
+        self.error_dtype = controls[0].outvars[0].aval.dtype if controls else step.in_avals[0].dtype
 
     def __call__(self, leaves: list[Array]) -> list[Array]:
         constants = list(self.step.consts)
@@ -180,7 +194,7 @@ class _Loop:
         arrays = [] if self.parts is None else self.parts.arrays
         operands = constants, arrays, list(self.goes_on.consts), leaves
         return with_rule(
-            lambda arguments: self.forward(*arguments), lambda arguments: self.record(*arguments), self.back
+            lambda arguments: self.forward(*arguments), self.record_with_probe, self.back
         )(operands)
 
     def whole(self, constants: list[Any], arrays: list[Array]) -> list[Any]:
@@ -198,6 +212,30 @@ class _Loop:
 
         return _repeat(lambda leaves: evaluate(self.goes_on, conditions, leaves)[0], step, leaves, self.max_steps)[1]
 
+    def record_with_probe(self, operands: Any, varies: Any) -> tuple[list[Array], _Recording]:
+        """Takes all steps, as short as the derivatives with respect to what ``varies`` ask for, and records them."""
+        constants, arrays, conditions, leaves = operands
+        _, of_arrays, _, of_leaves = varies
+        of_probe = [k in self.probed and varies for k, varies in enumerate(of_leaves)]
+        moving = choose(arrays, of_arrays), choose(leaves, of_probe)
+        numbers = (
+            [k for k, varies in enumerate(of_arrays) if varies],
+            [len(arrays) + self.probed.index(k) for k, varies in enumerate(of_probe) if varies],
+        )
+        directions = tuple(list(map(direction_of, *both)) for both in zip(moving, numbers, strict=True))
+        if not any(moving):
+            return self.record(*operands)
+
+        def recorded(moving: tuple[list[Array], list[Array]]) -> Any:
+            moved_arrays = replace_chosen(arrays, of_arrays, moving[0])
+            moved_constants = [
+                moved_arrays[self.shared[k]] if k in self.shared else x for k, x in enumerate(constants)
+            ]
+            moved_leaves = replace_chosen(leaves, of_probe, moving[1])
+            return (), self.record(moved_constants, moved_arrays, conditions, moved_leaves)
+
+        return jax.jvp(recorded, (moving,), (directions,), has_aux=True)[2]
+
     def record(self, constants, arrays, conditions, leaves) -> tuple[list[Array], _Recording]:
         """Takes all steps, and records what each begins with."""
         whole = self.whole(constants, arrays)
@@ -206,10 +244,11 @@ class _Loop:
             return evaluate(self.goes_on, conditions, carry[0])[0]
 
         def step(k: Array, carry: Any) -> Any:
-            leaves, every, rows = carry
-            new, row = self.take_step(whole, leaves)
+            leaves, every, errors, rows = carry
+            new, row, error = self.take_step(whole, leaves)
+            errors = errors.at[k].set(error)
             if self.rows == self.max_steps:
-                return new, every, _write_row(rows, k, row)
+                return new, every, errors, _write_row(rows, k, row)
             # How many steps there will be is not known: when the rows are full, every second one is dropped, and steps
             # are recorded half as often from there on.
             full = k == every * self.rows
@@ -217,25 +256,40 @@ class _Loop:
             every = jnp.where(full, 2 * every, every)
             # A row beyond the last is not written.
             place = jnp.where(k % every == 0, k // every, self.rows)
-            return new, every, _write_row(rows, place, row)
+            return new, every, errors, _write_row(rows, place, row)
 
-        start = leaves, jnp.asarray(1), self.packing.room(self.rows)
-        steps, (last, every, rows) = _repeat(goes_on, step, start, self.max_steps)
-        return last, _Recording(steps, every, rows, constants, arrays)
+        room = empty_array((self.max_steps,), self.error_dtype)
+        start = leaves, jnp.asarray(1), room, self.packing.room(self.rows)
+        steps, (last, every, errors, rows) = _repeat(goes_on, step, start, self.max_steps)
+        return last, _Recording(steps, every, errors, rows, constants, arrays)
 
-    def _take_step(self, constants: list[Any], leaves: list[Array]) -> tuple[list[Array], list[Array]]:
-        """Takes a step; returns the arrays after it, and the row that is recorded."""
+    def _take_step(
+        self, constants: list[Any], leaves: list[Array], error: Array | None = None
+    ) -> tuple[list[Array], list[Array], Array]:
+        """Takes a step; returns the arrays after it, the row that is recorded, and the error by which it was judged.
+
+        - ``error``: that by which it was judged when it was taken before.
+        """
         seen: list[Array] = []
+        judged = [jnp.zeros((), self.error_dtype)]
 
         def note(equation: Any, operands: list[Any]) -> list[Array] | None:
+            if is_control(equation):
+                if error is not None:
+                    return _judged_again(operands, error)
+                results, judged[0] = judge(operands)
+                return results
+            if equation.primitive.name.startswith("custom_vjp_call"):  # a loop that writes rows, which no step reads
+                return _without_rules(program_within(equation), jax.lax.stop_gradient(operands))
             if not any(equation is part_equation for part_equation, _ in self.recorded):
                 return None
-            results = evaluate(argument(equation, "jaxpr"), argument(equation, "jaxpr").consts, operands)
+            results = _without_rules(argument(equation, "jaxpr"), operands)
             seen.extend(results)
             return results
 
         new = evaluate_chosen(self.step, constants, leaves, [True] * len(leaves), note)
-        return new, self.packing.pack([*choose(leaves, self.is_carried), *seen])
+        row = self.packing.pack([*choose(leaves, self.is_carried), *seen])
+        return new, *jax.lax.stop_gradient((row, judged[0]))
 
     def recall(self, equation: Any, known: list[Array]) -> tuple[Recorded | None, list[Array]]:
         """Looks up an equation among the recorded parts of a step; returns the part, if it is one, and its results."""
@@ -252,7 +306,7 @@ class _Loop:
         start = [or_zeros(cotangent, aval) for cotangent, aval in zip(cotangents, self.step.in_avals, strict=True)]
         carry, all_have_rows = (choose(start, back.which), back.nothing()), self.rows == self.max_steps
         return back.results(
-            *(back.through(recording.rows, recording.steps, carry) if all_have_rows else back.by_segments(carry))
+            *(back.through(recording.rows, 0, recording.steps, carry) if all_have_rows else back.by_segments(carry))
         )
 
 
@@ -285,7 +339,8 @@ class _WayBack:
 
             def again(k: Array, at: Any) -> Any:
                 leaves, rows = at
-                new, row = loop.take_step(self.constants, self.with_buffers(leaves))
+                error = self.recording.errors[first + k]
+                new, row, _ = loop.take_step(self.constants, self.with_buffers(leaves), error)
                 return choose(new, loop.is_carried), _write_row(rows, k, row)
 
             first_row = [row[first // every] for row in self.recording.rows]
@@ -293,19 +348,20 @@ class _WayBack:
             # The row of the first step is there; only those behind it are computed again.
             rows = _write_row(rows, jnp.asarray(0), first_row)
             _, (_, rows) = _repeat(lambda _: True, again, (begun, rows), jnp.where(count == 1, 0, count))
-            return first, self.through(rows, end - first, cotangents), rows
+            return first, self.through(rows, first, end - first, cotangents), rows
 
         start = self.recording.steps, at, loop.packing.room(min(longest, loop.max_steps))
         return jax.lax.while_loop(lambda at: at[0] > 0, segment, start)[1]
 
-    def through(self, rows: list[Array], count: Array, at: Any) -> Any:
-        """Pulls cotangents back over ``count`` steps, each of which has a row."""
+    def through(self, rows: list[Array], first: Array | int, count: Array, at: Any) -> Any:
+        """Pulls cotangents back over ``count`` steps from number ``first`` on, each of which has a row."""
 
         def step(at: Any) -> Any:
             k, (cotangents, summed) = at
             arrays = self.loop.packing.unpack([row[k - 1] for row in rows])
-            carried = sum(self.loop.is_carried)
-            cotangents, new = self.pull_back(self.with_buffers(arrays[:carried]), arrays[carried:], cotangents)
+            carried, error = sum(self.loop.is_carried), self.recording.errors[first + k - 1]
+            leaves = self.with_buffers(arrays[:carried])
+            cotangents, new = self.pull_back(leaves, arrays[carried:], error, cotangents)
             return k - 1, (cotangents, [add_arrays(*both) for both in zip(summed, new, strict=True)])
 
         return jax.lax.while_loop(lambda at: at[0] > 0, step, (count, at))[1]
@@ -315,7 +371,9 @@ class _WayBack:
         avals = self.loop.step.in_avals
         return replace_chosen([jnp.zeros(aval.shape, aval.dtype) for aval in avals], self.loop.is_carried, carried)
 
-    def pull_back(self, leaves: list[Array], known: list[Array], cotangents: list[Array]) -> tuple[Any, Any]:
+    def pull_back(
+        self, leaves: list[Array], known: list[Array], error: Array, cotangents: list[Array]
+    ) -> tuple[Any, Any]:
         """Pulls cotangents back over one step: to what it begins with, and to the values that all steps read."""
         loop = self.loop
 
@@ -323,6 +381,8 @@ class _WayBack:
             arrays = replace_chosen(self.recording.arrays, self.of_arrays, arrays)
 
             def recall_part(equation: Any, operands: list[Any]) -> list[Array] | None:
+                if is_control(equation):
+                    return _judged_again(operands, error)
                 part, results = loop.recall(equation, known)
                 if part is None:
                     return None
@@ -390,6 +450,23 @@ class _Packing:
             places[kind] = start + aval.size
             arrays.append(row[kind][start : start + aval.size].reshape(aval.shape))
         return arrays
+
+
+def _judged_again(operands: list[Any], error: Array) -> list[Array]:
+    """Returns the results of a ``control_error`` for the error of a step by which it was judged before."""
+    estimate, _, _, weights, _, size = jax.lax.stop_gradient(operands)
+    return [error_of_size(estimate, weights, error), size]
+
+
+def _without_rules(program: Program | None, operands: list[Any]) -> list[Array]:
+    """Computes the results of a program whose equations may have rules for reverse mode, without these."""
+    assert program is not None
+
+    def instead(equation: Any, operands: list[Any]) -> list[Array] | None:
+        has_rule = equation.primitive.name.startswith("custom_vjp_call")
+        return _without_rules(program_within(equation), operands) if has_rule else None
+
+    return evaluate_chosen(program, program.consts, operands, [True] * len(program.jaxpr.outvars), instead)
 
 
 def _write_row(rows: list[Array], place: Array, row: list[Array]) -> list[Array]:

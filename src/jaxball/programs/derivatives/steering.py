@@ -1,0 +1,175 @@
+"""Sensitivity error control: the steps of a loop that is differentiated are chosen for its derivatives, too.
+
+A solve chooses its steps by the error of the state. Where the state rests that is zero at any length, while the motion
+linearised about it would need steps. So the derivative of the run along a fixed direction, the *probe*, is carried
+along with a run that is differentiated, and the error of a step is the larger of the state's and of the probe's: the
+embedded estimate is differentiated as the state is. CVODES does this for forward sensitivities (Hindmarsh et al., ACM
+TOMS 31 (2005) 363–396, section 2.6). Here both modes do, and with the same probe, so that they take the same steps.
+
+The probe is a tangent like any other: ``control_error`` marks the error in the program of a step, and its rule of
+derivatives reads the tangents. So whatever can be differentiated forwards is controlled, whatever its method.
+A run that is not differentiated has no tangents, and is the same as without the mark.
+"""
+
+import contextlib
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ...compat import Rules, differentiate_by, new_primitive, no_tangent, primitive, zero_tangent
+from .. import traces
+
+OWN, LAST_ROW = "own", "last row"
+DIRECTIONS = "directions"  # the axis of the tangents that a run is differentiated along, the last of which is the probe
+# The direction of the probe: each number by its own size, and at least by this, so that what is zero is moved as well.
+LEAST_MOVE = 1e-3
+ROUNDINGS = 64  # of a state's size: a probe is not resolved further
+
+
+def steering_by_last_row() -> contextlib.AbstractContextManager[Any]:
+    """Returns the context in which a run is differentiated along several ``DIRECTIONS``, the last of which, 0, becomes
+    that of the probe.
+    """
+    return traces.steering(LAST_ROW)
+
+
+def direction_of(x: Array, number: int) -> Array:
+    """Returns the direction in which the probe of a run moves the array ``x`` that has this number among all that it
+    moves: always the same, with signs as if at random.
+    """
+    draw, sizes = np.random.default_rng(number), jnp.abs(jax.lax.stop_gradient(x))
+    size = jnp.max(jnp.where(jnp.isfinite(sizes), sizes, 0.0), initial=LEAST_MOVE)
+    return jnp.asarray(draw.choice([-1.0, 1.0], x.shape) * draw.uniform(0.5, 1.0, x.shape), x.dtype) * size
+
+
+def moved_by_probe(arrays: Sequence[Array], first: int = 0) -> list[Array]:
+    """Returns ``arrays`` unchanged, moved in the tangent that is the probe, if they have tangents and one is."""
+    if traces.steering.value != LAST_ROW:
+        return list(arrays)
+    return [
+        _moved.bind(x, number=first + k) if jnp.issubdtype(x.dtype, jnp.inexact) else x for k, x in enumerate(arrays)
+    ]
+
+
+def control_error(
+    error: Float[Array, "*rows n"],
+    ends: tuple[Float[Array, "*rows n"], Float[Array, "*rows n"]],
+    weights: Float[Array, "*rows n"],
+    tolerance: Float[Array, "*rows"],
+    size: Float[Array, "*rows"],
+) -> tuple[Float[Array, "*rows n"], Float[Array, "*rows"]]:
+    """Returns the error by which a step is judged, in which that of the probe counts, and the ``size`` after it.
+
+    - ``error``: the estimate of the state's error; with the root mean square of error / weights a step is accepted that
+      is at most 1.
+    - ``ends``: the states between which the step leads.
+    - ``weights``: the tolerated error of each entry; ``tolerance`` is that of one of size 1.
+    - ``size``: 0, whose tangent is the largest size that the probe has had.
+    """
+    return tuple(_control.bind(error, *ends, weights, tolerance, size))
+
+
+def judge(operands: Sequence[Array]) -> tuple[list[Array], Array]:
+    """Returns the results of ``control_error`` for its operands, and the error of the step in units of the tolerance."""
+    error, _, _, weights, _, _ = operands
+    excess, size = _excess.bind(*operands)
+    return [error_of_size(error, weights, excess), size], jnp.maximum(_rms(error / weights), excess)
+
+
+def error_of_size(error: Array, weights: Array, size: Array) -> Array:
+    """Returns ``error``, or one that is ``size`` in units of the tolerance if that is larger."""
+    larger = (size > _rms(error / weights))[..., None]
+    return jnp.where(larger, size[..., None] * weights, error)
+
+
+def is_control(equation: Any) -> bool:
+    """Returns whether an equation of a program is that of ``control_error``."""
+    return equation.primitive is _control
+
+
+def _rms(x: Array) -> Array:
+    return jnp.sqrt(jnp.mean(x**2, axis=-1))
+
+
+def _differentiate_excess(primals: Sequence[Any], tangents: Sequence[Any]) -> Any:
+    """Reads the tangents along the probe: of the error, of both ends, and its size so far."""
+    primals = jax.lax.stop_gradient(list(primals))
+    error, start, end, weights, tolerance, size = primals
+    moved = [
+        jnp.zeros_like(x) if no_tangent(tangent) else _of_probe(jax.lax.stop_gradient(tangent))
+        for x, tangent in zip(primals, tangents, strict=True)
+    ]
+    of_error, of_start, of_end, _, _, largest = moved
+    unit = weights / tolerance[..., None]
+    so_far = jnp.maximum(largest, jnp.max(jnp.abs(of_start) / unit, axis=-1))
+    least = ROUNDINGS * float(jnp.finfo(error.dtype).eps) / tolerance
+    reached = jnp.maximum(so_far, jnp.max(jnp.abs(of_end) / unit, axis=-1))
+    excess = _rms(of_error / weights) / jnp.maximum(reached, least)
+    # What is singular has no derivative to be controlled.
+    excess = jnp.where(jnp.isfinite(excess), excess, 0.0)
+    so_far = jnp.where(jnp.isfinite(so_far), so_far, largest)
+    return [excess, size], [zero_tangent(excess), so_far]
+
+
+def _of_probe(tangent: Array) -> Array:
+    """Picks the probe among the tangents of all directions."""
+    if traces.steering.value != LAST_ROW:
+        return tangent
+    return jax.lax.psum(jnp.where(_is_probe(), tangent, jnp.zeros_like(tangent)), DIRECTIONS)
+
+
+def _is_probe() -> Array:
+    return jax.lax.axis_index(DIRECTIONS) == jax.lax.psum(1, DIRECTIONS) - 1
+
+
+def _differentiate_moved(primals: Sequence[Any], tangents: Sequence[Any], number: int) -> Any:
+    (x,), (tangent,) = primals, tangents
+    return x, tangent + jnp.where(_is_probe(), direction_of(x, number), jnp.zeros_like(x))
+
+
+def _differentiate_control(primals: Sequence[Any], tangents: Sequence[Any]) -> Any:
+    filled = [
+        jnp.zeros(x.shape, x.dtype) if no_tangent(tangent) else tangent
+        for x, tangent in zip(primals, tangents, strict=True)
+    ]
+    (error, size), (_, so_far) = jax.jvp(lambda *operands: judge(operands)[0], list(primals), filled)
+    return [jax.lax.stop_gradient(error), size], [zero_tangent(error), so_far]
+
+
+def _batch(own: Any) -> Any:
+    def rule(arrays: Sequence[Any], axes: Sequence[Any]) -> Any:
+        count = next(array.shape[axis] for array, axis in zip(arrays, axes, strict=True) if axis is not None)
+        rows = [
+            jnp.broadcast_to(array, (count, *array.shape)) if axis is None else jnp.moveaxis(array, axis, 0)
+            for array, axis in zip(arrays, axes, strict=True)
+        ]
+        return own().bind(*rows), [0, 0]
+
+    return rule
+
+
+def _rules(first: Any, differentiate: Any, own: Any) -> Rules:
+    def compute(*operands: Any) -> list[Any]:
+        return [first(*operands), operands[-1]]
+
+    return Rules(
+        compute=compute,
+        types=lambda *operands: jax.eval_shape(compute, *operands),
+        write=compute,
+        target=lambda *_: None,
+        differentiate=differentiate,
+        batch=_batch(own),
+        transpose=None,
+    )
+
+
+_control: Any = new_primitive("control_error", _rules(lambda error, *_: error, _differentiate_control, lambda: _control))
+_excess: Any = new_primitive(
+    "excess_of_probe", _rules(lambda *operands: jnp.zeros_like(operands[-1]), _differentiate_excess, lambda: _excess)
+)
+_moved: Any = primitive("moved_by_probe", lambda x, **_: x)
+differentiate_by(_moved, _differentiate_moved)
