@@ -19,7 +19,7 @@ from . import native, traces
 from .compiled import QUICKLY, Compiled, Place, Rest, is_kept_by_jax, place_in
 from .derivatives.differentiation import differentiate_forward, without_captured_derivatives
 from .derivatives.reverse_rules import choose, pull_by_forward_mode, replace_chosen
-from .derivatives.steering import DIRECTIONS, steering_by_last_row
+from .derivatives.steering import DIRECTIONS, direction_of, steered_from_outside, steering_by_last_row
 from .store import current
 from .store.current import Store
 
@@ -440,13 +440,19 @@ def _tangents_and_probe(
     function: Callable, which: tuple[bool, ...], mapped: tuple[bool, ...], count: int, arrays: list[Any]
 ) -> list[Any]:
     """Computes tangents in ``count`` directions, which the ``mapped`` ones among the arrays have as leading axis, in
-    steps that are chosen for a probe.
+    steps that are chosen for a probe. Of a single number all are multiples of one, which is the probe.
     """
     primals, tangents = arrays[: len(which)], arrays[len(which) :]
     each = [
         tangent if many else jnp.broadcast_to(tangent, (count, *tangent.shape))
         for tangent, many in zip(tangents, mapped[len(which) :], strict=True)
     ]
+    single = _single(choose(primals, which))
+    if single is not None:
+        direction = direction_of(single, 0, of_state=True)
+        shares = jnp.ravel(each[0] / direction)
+        rates = _tangents(function, which, [*primals, direction])
+        return [shares.reshape(-1, *(1,) * rate.ndim).astype(rate.dtype) * rate for rate in rates]
     with steering_by_last_row():
         rows = jax.vmap(lambda tangents: _tangents(function, which, [*primals, *tangents]), axis_name=DIRECTIONS)(
             [jnp.concatenate([rows, jnp.zeros((1, *rows.shape[1:]), rows.dtype)]) for rows in each]
@@ -461,7 +467,22 @@ def _cotangents(function: Callable, which: tuple[bool, ...], of: tuple[bool, ...
         results = _arrays(function(replace_chosen(primals, which, moving)))
         return choose(list(filter(_has_tangents, results)), of)
 
-    return list(jax.vjp(of_moving, *choose(primals, which))[1](cotangents))
+    moving = choose(primals, which)
+    single = _single(moving)
+    if single is None:
+        return list(jax.vjp(of_moving, *moving)[1](cotangents))
+
+    def recorded(x: Any) -> Any:
+        return (), jax.vjp(of_moving, x)[1]
+
+    with steered_from_outside():
+        pull = jax.jvp(recorded, (single,), (direction_of(single, 0, of_state=True),), has_aux=True)[2]
+    return list(pull(cotangents))
+
+
+def _single(arrays: Sequence[Any]) -> Any:
+    """Returns the array of a single number, if no other is among them."""
+    return arrays[0] if len(arrays) == 1 and arrays[0].size == 1 else None
 
 
 def _cotangents_by_tangents(

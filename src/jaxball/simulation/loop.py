@@ -111,7 +111,8 @@ class SolveLoop(diffrax.AbstractAdjoint):
         if self.kind == "lax":
             if isinstance(solver, diffrax.AbstractRungeKutta) and solver.scan_kind is None:
                 solver = eqx.tree_at(lambda s: s.scan_kind, solver, "lax", is_leaf=lambda x: x is None)
-            *parameters, y0 = moved_by_probe([*parameters, init_state.y])
+            of_state = [False] * len(parameters) + [True]
+            *parameters, y0 = moved_by_probe([*parameters, init_state.y], of_state)
             args, init_state = self.join(parameters), dataclasses.replace(init_state, y=y0)
         output, dense = DenseOutput.of(solver), init_state.dense_ts is not None
         if dense:

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Float, Int, PyTree
 
+from ..programs.derivatives.steering import control_error
 from .base import AbstractImplicit, FlatProblem
 
 # Two steps are equal if their lengths differ by less than this, relative to them.
@@ -224,14 +225,18 @@ class AbstractMultistep(AbstractImplicit):
     def sizes(
         self, problem: FlatProblem, x1: Float[Array, " n"], errors: Float[Array, "rows n"]
     ) -> Float[Array, " rows"]:
-        """Computes the norms of errors of a step to x₁, in units of the tolerance.
+        """Computes the norms of errors of a step to x₁, in units of the tolerance, in which those of a probe count.
 
         They are only for choosing steps, and must not be differentiated.
         """
-        x0, x1, errors = jax.lax.stop_gradient((problem.x0, x1, errors))
         rtol, atol, norm = self.root_finder.rtol, self.root_finder.atol, self.root_finder.norm
-        weight = 1 / (atol + rtol * jnp.maximum(jnp.abs(x0), jnp.abs(x1)))
-        return jax.vmap(lambda row: norm(problem.unravel(row * weight)))(errors)
+        weights = atol + rtol * jnp.maximum(*jnp.abs(jax.lax.stop_gradient(jnp.stack([problem.x0, x1]))))
+        ends = jnp.broadcast_to(problem.x0, errors.shape), jnp.broadcast_to(x1, errors.shape)
+        rows = jnp.zeros(errors.shape[0], errors.dtype)
+        tolerance = rows + jnp.maximum(rtol, atol).astype(rows.dtype)
+        errors, _ = control_error(errors, ends, jnp.broadcast_to(weights, errors.shape), tolerance, rows)
+        shares = jax.lax.stop_gradient(errors) * (1 / weights)
+        return jax.vmap(lambda row: norm(problem.unravel(row)))(shares)
 
 
 def check_order(max_order: int, highest: int) -> int:

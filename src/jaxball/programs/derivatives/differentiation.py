@@ -19,6 +19,7 @@ from jaxtyping import Array, Bool, PyTree
 
 from ...compat import batch_by, declare_linear, differentiate_by, primitive
 from .. import traces
+from .steering import is_steered_from_outside
 
 Tree = TypeVar("Tree", bound=PyTree)
 
@@ -112,6 +113,12 @@ def _no_second(*_, **__) -> NoReturn:
     raise TypeError(NO_SECOND)
 
 
+def _differentiate_number(primals: Any, tangents: Any) -> tuple[Any, Any]:
+    # A probe goes forwards where a run is recorded for reverse mode.
+    tangent = tangents[0] if is_steered_from_outside() else _tangent.bind(*tangents)
+    return _number.bind(*primals), tangent
+
+
 _number = primitive("number_of_solve", _same)
 _tangent = primitive("tangent_of_solve", _no_forward)
 _cotangent = primitive("cotangent_of_solve", _same)
@@ -120,7 +127,7 @@ _found = primitive("found_in_solve", _same)
 _captured = primitive("captured_in_solve", _same)
 _tangent_of_found = primitive("tangent_of_found_in_solve", _same)
 
-differentiate_by(_number, lambda primals, tangents: (_number.bind(*primals), _tangent.bind(*tangents)))
+differentiate_by(_number, _differentiate_number)
 batch_by(_tangent, _no_forward)
 declare_linear(_tangent, lambda cotangent, _: [_cotangent.bind(cotangent)])
 declare_linear(_cotangent, _no_second)

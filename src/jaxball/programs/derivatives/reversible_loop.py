@@ -21,7 +21,7 @@ from ...compat import Program, argument, evaluate, program_within, unvmap_any
 from ..native.emit.uninitialised import empty_array
 from .dependence import evaluate_chosen, varying_in_loop
 from .reverse_rules import add_arrays, choose, or_zeros, replace_chosen, with_rule
-from .steering import direction_of, error_of_size, is_control, judge
+from .steering import direction_of, error_of_size, is_control, is_steered_from_outside, judge
 
 Carry = TypeVar("Carry")
 BYTES_FOR_ALL = 2**18  # bytes in which all steps are recorded, if they fit
@@ -185,7 +185,8 @@ class _Loop:
         for k, constant in enumerate(step.consts if parts else []):
             self.shared |= {k: place for place, array in enumerate(parts.arrays) if array is constant}
         controls = [equation for equation in step.jaxpr.eqns if is_control(equation)]
-        self.error_dtype = controls[0].outvars[0].aval.dtype if controls else step.in_avals[0].dtype
+        estimate = controls[0].outvars[0].aval if controls else jax.ShapeDtypeStruct((1,), float)
+        self.judged = jax.ShapeDtypeStruct(estimate.shape[:-1], estimate.dtype)
 
     def __call__(self, leaves: list[Array]) -> list[Array]:
         constants = list(self.step.consts)
@@ -222,8 +223,11 @@ class _Loop:
             [k for k, varies in enumerate(of_arrays) if varies],
             [len(arrays) + self.probed.index(k) for k, varies in enumerate(of_probe) if varies],
         )
-        directions = tuple(list(map(direction_of, *both)) for both in zip(moving, numbers, strict=True))
-        if not any(moving):
+        directions = tuple(
+            [direction_of(x, number, of_state) for x, number in zip(*both, strict=True)]
+            for *both, of_state in zip(moving, numbers, (False, True), strict=True)
+        )
+        if is_steered_from_outside() or not any(moving):
             return self.record(*operands)
 
         def recorded(moving: tuple[list[Array], list[Array]]) -> Any:
@@ -258,7 +262,7 @@ class _Loop:
             place = jnp.where(k % every == 0, k // every, self.rows)
             return new, every, errors, _write_row(rows, place, row)
 
-        room = empty_array((self.max_steps,), self.error_dtype)
+        room = empty_array((self.max_steps, *self.judged.shape), self.judged.dtype)
         start = leaves, jnp.asarray(1), room, self.packing.room(self.rows)
         steps, (last, every, errors, rows) = _repeat(goes_on, step, start, self.max_steps)
         return last, _Recording(steps, every, errors, rows, constants, arrays)
@@ -271,7 +275,7 @@ class _Loop:
         - ``error``: that by which it was judged when it was taken before.
         """
         seen: list[Array] = []
-        judged = [jnp.zeros((), self.error_dtype)]
+        judged = [jnp.zeros(self.judged.shape, self.judged.dtype)]
 
         def note(equation: Any, operands: list[Any]) -> list[Array] | None:
             if is_control(equation):
