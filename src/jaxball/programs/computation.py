@@ -452,7 +452,7 @@ def _tangents_and_probe(
         direction = direction_of(single, 0, of_state=True)
         shares = jnp.ravel(each[0] / direction)
         rates = _tangents(function, which, [*primals, direction])
-        return [shares.reshape(-1, *(1,) * rate.ndim).astype(rate.dtype) * rate for rate in rates]
+        return [shares.reshape(-1, *(1,) * rate.ndim).astype(rate.dtype) * rate[None] for rate in rates]
     with steering_by_last_row():
         rows = jax.vmap(lambda tangents: _tangents(function, which, [*primals, *tangents]), axis_name=DIRECTIONS)(
             [jnp.concatenate([rows, jnp.zeros((1, *rows.shape[1:]), rows.dtype)]) for rows in each]
@@ -475,8 +475,11 @@ def _cotangents(function: Callable, which: tuple[bool, ...], of: tuple[bool, ...
     def recorded(x: Any) -> Any:
         return (), jax.vjp(of_moving, x)[1]
 
-    with steered_from_outside():
-        pull = jax.jvp(recorded, (single,), (direction_of(single, 0, of_state=True),), has_aux=True)[2]
+    try:
+        with steered_from_outside():
+            pull = jax.jvp(recorded, (single,), (direction_of(single, 0, of_state=True),), has_aux=True)[2]
+    except ValueError:  # by which JAX refuses loops of forward mode alone
+        pull = jax.vjp(of_moving, single)[1]
     return list(pull(cotangents))
 
 

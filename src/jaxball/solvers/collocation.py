@@ -1,6 +1,8 @@
 """The collocation methods, at the nodes of Gauss and at those of Radau, and estimates of the error of their steps."""
 
 import abc
+import functools
+from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple
 
 import diffrax
@@ -63,7 +65,7 @@ class TailError(AbstractErrorEstimate):
         return stages - 1
 
     def estimate(self, equations, stages, coefficients):
-        return _tail(coefficients) / (2 * len(coefficients))
+        return _size_of(_tail, coefficients) / (2 * len(coefficients))
 
 
 class StepError(AbstractErrorEstimate):
@@ -79,9 +81,26 @@ class StepError(AbstractErrorEstimate):
         return 2 * stages - 3
 
     def estimate(self, equations, stages, coefficients):
-        tail = _tail(coefficients)
-        largest = jnp.max(jnp.abs(coefficients), axis=0)
-        return tail * tail / jnp.maximum(largest, jnp.finfo(tail.dtype).tiny)
+        return _size_of(_tail_squared, coefficients)
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _size_of(size: Callable[[Array], Array], coefficients: Float[Array, "s n"]) -> Float[Array, " n"]:
+    """Computes the ``size`` of coefficients. In the place of its derivative is the size of their tangents: where all
+    are 0, their sizes have no derivative, and the error of a probe is that of a series of its own.
+    """
+    return size(coefficients)
+
+
+@_size_of.defjvp
+def _size_of_tangents(size: Any, primals: Any, tangents: Any) -> tuple[Array, Array]:
+    return size(*primals), size(*tangents)
+
+
+def _tail_squared(coefficients: Float[Array, "s n"]) -> Float[Array, " n"]:
+    """Computes the tail squared over the leading coefficient."""
+    tail, largest = _tail(coefficients), jnp.max(jnp.abs(coefficients), axis=0)
+    return tail * tail / jnp.maximum(largest, jnp.finfo(tail.dtype).tiny)
 
 
 def _tail(coefficients: Float[Array, "s n"]) -> Float[Array, " n"]:
@@ -92,11 +111,11 @@ def _tail(coefficients: Float[Array, "s n"]) -> Float[Array, " n"]:
 def smooth(equations: StageEquations, stages: Stages, error: Float[Array, " n"]) -> Float[Array, " n"]:
     """Damps the stiff components of ``error``, as γ (γM − h∂g/∂x)⁻¹ does, where the iteration has the matrix.
 
-    The result must not be differentiated: it is only for choosing steps.
+    The result is only for choosing steps. Its derivative, for the error of a probe, takes the matrix as constant.
     """
-    if stages.smooth is not None:
-        error = float(equations.tableau.eigenvalues[0].real) * jnp.sum(stages.smooth * error[None], axis=1)
-    return jax.lax.stop_gradient(error)
+    if stages.smooth is None:
+        return error
+    return float(equations.tableau.eigenvalues[0].real) * jnp.sum(stages.smooth * error[None], axis=1)
 
 
 class CollocationState(NamedTuple):
@@ -155,7 +174,7 @@ class AbstractCollocation(AbstractStageSolver):
         stages = self.root_finder.solve(equations, guess, solver_state.memory.forget(made_jump))
         coefficients = combine(tableau.expansion, stages.K)
         increment = stages.Z[-1] if tableau.c[-1] == 1 else coefficients[0]
-        error = jax.lax.stop_gradient(self.error.estimate(equations, stages, coefficients))
+        error = self.error.estimate(equations, stages, coefficients)
         if mass is not None:
             error = mass.without_algebraic(error)
         y_error, result = outcome(stages, error, t0, t1, NO_FAULT if fault is None else fault)

@@ -157,7 +157,11 @@ def _solve_jvp(primals, tangents):
     stages = _solve(iteration, equations, guess, memory)
     changes = iteration.tangents(equations, stages, tangents[1])
     zero = jax.tree.map(lambda leaf: jnp.zeros_like(leaf) if eqx.is_inexact_array(leaf) else None, stages)
-    return stages, eqx.tree_at(lambda s: (s.Z, s.K), zero, changes)
+    changes = eqx.tree_at(lambda s: (s.Z, s.K), zero, changes)
+    if stages.f0 is not None:  # by which errors are estimated
+        _, of_f0 = eqx.filter_jvp(lambda e: e.slope(e.t0, e.x0), (equations,), (tangents[1],))
+        changes = eqx.tree_at(lambda s: s.f0, changes, of_f0)
+    return stages, changes
 
 
 def combine(matrix: np.ndarray, X: Float[Array, "s n"]) -> Float[Array, "m n"]:
