@@ -17,7 +17,7 @@ from ..compat import Program, captures, evaluate, settings
 from ..interface.activity import compiling
 from . import native, traces
 from .compiled import QUICKLY, Compiled, Place, Rest, is_kept_by_jax, place_in
-from .derivatives.differentiation import differentiate_forward, without_captured_derivatives
+from .derivatives.differentiation import NO_REVERSE, differentiate_forward, without_captured_derivatives
 from .derivatives.reverse_rules import choose, pull_by_forward_mode, replace_chosen
 from .derivatives.steering import DIRECTIONS, direction_of, steered_from_outside, steering_by_last_row
 from .store import current
@@ -467,20 +467,22 @@ def _cotangents(function: Callable, which: tuple[bool, ...], of: tuple[bool, ...
         results = _arrays(function(replace_chosen(primals, which, moving)))
         return choose(list(filter(_has_tangents, results)), of)
 
+    def pull(*moving: Any) -> Any:
+        return (), jax.vjp(of_moving, *moving)[1]
+
     moving = choose(primals, which)
     single = _single(moving)
-    if single is None:
-        return list(jax.vjp(of_moving, *moving)[1](cotangents))
-
-    def recorded(x: Any) -> Any:
-        return (), jax.vjp(of_moving, x)[1]
-
     try:
-        with steered_from_outside():
-            pull = jax.jvp(recorded, (single,), (direction_of(single, 0, of_state=True),), has_aux=True)[2]
-    except ValueError:  # by which JAX refuses loops of forward mode alone
-        pull = jax.vjp(of_moving, single)[1]
-    return list(pull(cotangents))
+        if single is None:
+            back = pull(*moving)[1]
+        else:
+            with steered_from_outside():
+                back = jax.jvp(pull, (single,), (direction_of(single, 0, of_state=True),), has_aux=True)[2]
+    except ValueError as error:  # where steps of a loop of forward mode alone depend on its tangents
+        if "Linearization failed" not in str(error):
+            raise
+        raise TypeError(NO_REVERSE) from error
+    return list(back(cotangents))
 
 
 def _single(arrays: Sequence[Any]) -> Any:
