@@ -19,7 +19,7 @@ from . import native, traces
 from .compiled import QUICKLY, Compiled, Place, Rest, is_kept_by_jax, place_in
 from .derivatives.differentiation import NO_REVERSE, differentiate_forward, without_captured_derivatives
 from .derivatives.reverse_rules import choose, pull_by_forward_mode, replace_chosen
-from .derivatives.steering import DIRECTIONS, direction_of, steered_from_outside, steering_by_last_row
+from .derivatives.steering import DIRECTIONS, directions_of, steered_from_outside, steering_by_last_row
 from .store import current
 from .store.current import Store
 
@@ -342,7 +342,7 @@ class Computation:
 
         def make() -> Computation:
             by_tangents = functools.partial(_cotangents_by_tangents, self.smooth, which, of)
-            going_back = functools.partial(_cotangents, _Traced(self), which, of)
+            going_back = functools.partial(_cotangents, _Traced(self), which, of, self.steered)
             results = choose(list(filter(_has_tangents, self.gives)), of)
             function = by_tangents if self.is_derivative else going_back
             computation = self._from_callable(function, [*self.takes, *results], choose(self.takes, which))
@@ -447,47 +447,42 @@ def _tangents_and_probe(
         tangent if many else jnp.broadcast_to(tangent, (count, *tangent.shape))
         for tangent, many in zip(tangents, mapped[len(which) :], strict=True)
     ]
-    single = _single(choose(primals, which))
-    if single is not None:
-        direction = direction_of(single, 0, of_state=True)
-        shares = jnp.ravel(each[0] / direction)
-        rates = _tangents(function, which, [*primals, direction])
+    probe = directions_of(choose(primals, which))
+    if len(probe) == 1 and probe[0].size == 1:
+        shares = jnp.ravel(each[0]) / jnp.ravel(probe[0])
+        rates = _tangents(function, which, [*primals, *probe])
         return [shares.reshape(-1, *(1,) * rate.ndim).astype(rate.dtype) * rate[None] for rate in rates]
     with steering_by_last_row():
         rows = jax.vmap(lambda tangents: _tangents(function, which, [*primals, *tangents]), axis_name=DIRECTIONS)(
-            [jnp.concatenate([rows, jnp.zeros((1, *rows.shape[1:]), rows.dtype)]) for rows in each]
+            [jnp.concatenate([rows, direction[None]]) for rows, direction in zip(each, probe, strict=True)]
         )
     return [result[:count] for result in rows]
 
 
-def _cotangents(function: Callable, which: tuple[bool, ...], of: tuple[bool, ...], arrays: list[Any]) -> list[Any]:
+def _cotangents(
+    function: Callable, which: tuple[bool, ...], of: tuple[bool, ...], steered: bool, arrays: list[Any]
+) -> list[Any]:
     primals, cotangents = arrays[: len(which)], arrays[len(which) :]
 
     def of_moving(*moving: Any) -> list[Any]:
         results = _arrays(function(replace_chosen(primals, which, moving)))
         return choose(list(filter(_has_tangents, results)), of)
 
-    def pull(*moving: Any) -> Any:
+    def back(*moving: Any) -> Any:
         return (), jax.vjp(of_moving, *moving)[1]
 
     moving = choose(primals, which)
-    single = _single(moving)
     try:
-        if single is None:
-            back = pull(*moving)[1]
-        else:
+        if not steered:
+            pull = back(*moving)[1]
+        else:  # The way forward has the tangents of the probe, and the way back none.
             with steered_from_outside():
-                back = jax.jvp(pull, (single,), (direction_of(single, 0, of_state=True),), has_aux=True)[2]
+                pull = jax.jvp(back, moving, directions_of(moving), has_aux=True)[2]
     except ValueError as error:  # where steps of a loop of forward mode alone depend on its tangents
         if "Linearization failed" not in str(error):
             raise
         raise TypeError(NO_REVERSE) from error
-    return list(back(cotangents))
-
-
-def _single(arrays: Sequence[Any]) -> Any:
-    """Returns the array of a single number, if no other is among them."""
-    return arrays[0] if len(arrays) == 1 and arrays[0].size == 1 else None
+    return list(pull(cotangents))
 
 
 def _cotangents_by_tangents(

@@ -25,7 +25,7 @@ from ..physics.system import AbstractSystem
 from ..programs.batches import fill_vectors
 from ..programs.derivatives.reverse_rules import CarryOut, at_once, put, put_while
 from ..programs.derivatives.reversible_loop import Parts, Recorded, while_loop
-from ..programs.derivatives.steering import control_error, moved_by_probe
+from ..programs.derivatives.steering import control_error
 from ..programs.native import is_traced_natively
 from ..solvers import StepToKinks
 from ..solvers.dense.continuous import DenseOutput, has_one_tableau
@@ -107,13 +107,8 @@ class SolveLoop(diffrax.AbstractAdjoint):
         **_: Any,
     ) -> tuple[Any, dict[str, Any]]:
         """Returns the state of diffrax's loop at the end of a solve, and all that was saved; no further statistics."""
-        parameters = self.parameters
-        if self.kind == "lax":
-            if isinstance(solver, diffrax.AbstractRungeKutta) and solver.scan_kind is None:
-                solver = eqx.tree_at(lambda s: s.scan_kind, solver, "lax", is_leaf=lambda x: x is None)
-            of_state = [False] * len(parameters) + [True]
-            *parameters, y0 = moved_by_probe([*parameters, init_state.y], of_state)
-            args, init_state = self.join(parameters), dataclasses.replace(init_state, y=y0)
+        if self.kind == "lax" and isinstance(solver, diffrax.AbstractRungeKutta) and solver.scan_kind is None:
+            solver = eqx.tree_at(lambda s: s.scan_kind, solver, "lax", is_leaf=lambda x: x is None)
         output, dense = DenseOutput.of(solver), init_state.dense_ts is not None
         if dense:
             infos = output.room(init_state.dense_infos, max_steps)
@@ -126,7 +121,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
         def stepper_of(recorded: Recorded) -> Any:
             return with_stages_pulled_back(solver, recorded) if by_stages else solver
 
-        resets = (parameters, of_resets) if reverse else (args, at_once)
+        resets = (self.parameters, of_resets) if reverse else (args, at_once)
         fixed = stepsize_controller, args, resets, t0, t1, progress_meter, self.switching, self.accuracy
         solve = _Solve(terms, solver, stepper_of(of_stages), *fixed)
         y0, switching, watch = init_state.y, self.switching, self.watch
@@ -160,7 +155,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
             reverse=reverse,
             rows=self._checkpoints(max_steps),
             recorded=(of_stages, of_resets),
-            parts=Parts(args, parameters, self.join),
+            parts=Parts(args, self.parameters, self.join),
             moved=lambda carry: carry[0].y,
         )
         done = state.tprev >= t1

@@ -223,10 +223,7 @@ class _Loop:
             [k for k, varies in enumerate(of_arrays) if varies],
             [len(arrays) + self.probed.index(k) for k, varies in enumerate(of_probe) if varies],
         )
-        directions = tuple(
-            [direction_of(x, number, of_state) for x, number in zip(*both, strict=True)]
-            for *both, of_state in zip(moving, numbers, (False, True), strict=True)
-        )
+        directions = tuple(list(map(direction_of, *both)) for both in zip(moving, numbers, strict=True))
         if is_steered_from_outside() or not any(moving):
             return self.record(*operands)
 

@@ -21,15 +21,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...compat import Rules, differentiate_by, new_primitive, no_tangent, primitive, zero_tangent
+from ...compat import Rules, new_primitive, no_tangent, zero_tangent
 from .. import traces
 
 OWN, LAST_ROW = "own", "last row"
 DIRECTIONS = "directions"  # the axis of the tangents that a run is differentiated along, the last of which is the probe
-# The direction of the probe: each parameter by its own size, and the numbers of a state at least by 1, which is that of
-# the states that absolute tolerances are for. What is smaller than the least size of a parameter counts as zero.
-LEAST_SIZE = 1e-9
-# A probe smaller than this, in such units, is resolved as if it were that large, or what has hardly any effect would
+# The direction of the probe: each array by the size of its largest number, and by 1 if that is smaller than this, as the
+# numbers of a state at rest are.
+LEAST_SIZE = 1e-3
+# A probe smaller than this, in units of the states that absolute tolerances are for, is resolved as if it were that large, or what has hardly any effect would
 # ask for more steps than the state does; by a number of roundings, too.
 LEAST_PROBE = 0.1
 ROUNDINGS = 64
@@ -67,26 +67,19 @@ def is_steered_from_outside() -> bool:
     return _outside.is_carried
 
 
-def direction_of(x: Array, number: int, of_state: bool) -> Array:
-    """Returns the direction in which the probe of a run moves an array: always the same, with signs as if at random.
-
-    - ``number``: that of the array ``x`` among all that the probe moves.
-    - ``of_state``: whether it may be of a state, or else is a parameter.
+def direction_of(x: Array, number: int) -> Array:
+    """Returns the direction in which a probe moves the array ``x`` that has this number among all that it moves: always
+    the same, with signs as if at random.
     """
     draw, sizes = np.random.default_rng(number), jnp.abs(jax.lax.stop_gradient(x))
-    size = jnp.max(jnp.where(jnp.isfinite(sizes), sizes, 0.0), initial=1.0 if of_state else 0.0)
-    size = jnp.where(size < LEAST_SIZE, 1.0, size)
+    size = jnp.max(jnp.where(jnp.isfinite(sizes), sizes, 0.0), initial=0.0)
+    size = jnp.where(size < LEAST_SIZE, jnp.ones_like(size), size)
     return jnp.asarray(draw.choice([-1.0, 1.0], x.shape) * draw.uniform(0.5, 1.0, x.shape), x.dtype) * size
 
 
-def moved_by_probe(arrays: Sequence[Array], of_state: Sequence[bool]) -> list[Array]:
-    """Returns ``arrays`` unchanged, moved in the tangent that is the probe, if they have tangents and one is."""
-    if traces.steering.value != LAST_ROW:
-        return list(arrays)
-    return [
-        _moved.bind(x, number=number, of_state=is_state) if jnp.issubdtype(x.dtype, jnp.inexact) else x
-        for number, (x, is_state) in enumerate(zip(arrays, of_state, strict=True))
-    ]
+def directions_of(arrays: Sequence[Array]) -> list[Array]:
+    """Returns the directions in which a probe moves arrays."""
+    return [direction_of(x, number) for number, x in enumerate(arrays)]
 
 
 def control_error(
@@ -160,11 +153,6 @@ def _is_probe() -> Array:
     return jax.lax.axis_index(DIRECTIONS) == jax.lax.psum(1, DIRECTIONS) - 1
 
 
-def _differentiate_moved(primals: Sequence[Any], tangents: Sequence[Any], **of_array: Any) -> Any:
-    (x,), (tangent,) = primals, tangents
-    return x, tangent + jnp.where(_is_probe(), direction_of(x, **of_array), jnp.zeros_like(x))
-
-
 def _differentiate_control(primals: Sequence[Any], tangents: Sequence[Any]) -> Any:
     filled = [
         jnp.zeros(x.shape, x.dtype) if no_tangent(tangent) else tangent
@@ -205,5 +193,3 @@ _control: Any = new_primitive("control_error", _rules(lambda error, *_: error, _
 _excess: Any = new_primitive(
     "excess_of_probe", _rules(lambda *operands: jnp.zeros_like(operands[-1]), _differentiate_excess, lambda: _excess)
 )
-_moved: Any = primitive("moved_by_probe", lambda x, **_: x)
-differentiate_by(_moved, _differentiate_moved)
