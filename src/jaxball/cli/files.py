@@ -16,6 +16,7 @@ from ..interface.printing import json_types
 from ..interface.status import Status
 from ..interface.wording import number_of
 from ..plot.files import check_others, figures_in, plain_name, scenario_mark
+from ..results.saving import write_netcdf
 from ..scenario import Scenario, ScenarioError, read_document, write_scenario
 from ..scenario.paths import entries
 from ..simulation.trajectory import Trajectory
@@ -188,7 +189,7 @@ def extremes_of(chart: "xarray.Dataset", name: str) -> tuple[float, float, tuple
 def save_chart(chart: "xarray.Dataset", path: Path) -> None:
     """Writes a chart as netCDF, or as a table with one row for each cell."""
     if path.suffix == ".nc":
-        chart.to_netcdf(path, engine="h5netcdf")
+        write_netcdf(chart, path)
         return
     names = [str(name) for name in chart.data_vars]
     up, right = chart[names[0]].dims
