@@ -194,7 +194,8 @@ CALLS = [
     ),
     (lambda: run(adjoint=diffrax.ForwardMode), r"`adjoint` .*make one with ForwardMode\(...\)"),
     (lambda: run(progress=True), "`progress` must be a progress meter.*but it is True"),
-    (lambda: run(max_steps=1e4), "`max_steps` must be a whole number of steps, but it is 10000.0"),
+    (lambda: run(max_steps=1e4), "`max_steps` must be a whole number, but it is 10000.0"),
+    (lambda: run(max_steps=10**30), "`max_steps` must be at most 1,000,000,000, but it is 1,000,000,000,000,"),
     (lambda: run(max_steps=0), "`max_steps` must be 1 or more, but it is 0"),
     (
         lambda: run(system=jaxball.Ball),

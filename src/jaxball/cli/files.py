@@ -14,7 +14,7 @@ import numpy as np
 from ..interface.output import replacing, write_text
 from ..interface.printing import json_types
 from ..interface.status import Status
-from ..interface.wording import number_of
+from ..interface.wording import heading, number_of
 from ..plot.files import check_others, figures_in, plain_name, scenario_mark
 from ..results.saving import write_netcdf
 from ..scenario import Scenario, ScenarioError, read_document, write_scenario
@@ -85,7 +85,7 @@ def report(
     if failure:
         print(f"jaxball: {failure}", file=sys.stderr)
         return FAILED_SOLVE
-    say(options, scenario.title, *lines, write_outputs(options, scenario, save, draw))
+    say(options, heading(scenario.title), *lines, write_outputs(options, scenario, save, draw))
     return 0
 
 
@@ -174,7 +174,7 @@ def write_chart(
     write_json(options, {**chart.attrs, **{str(name): chart[name].values for name in chart.variables}})
     counts = ((status, int(np.sum(chart["status"].values == status))) for status in Status if status != Status.SUCCESS)
     failures = [f"  {count:,} {status.name}" for status, count in counts if count]
-    say(options, chart.attrs["title"], *summary(chart), *failures, written)
+    say(options, heading(chart.attrs["title"]), *summary(chart), *failures, written)
     return 0
 
 

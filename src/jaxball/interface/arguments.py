@@ -47,15 +47,17 @@ def require_flags(**values: Any) -> None:
         require(name, value, (bool, np.bool_), "True or False")
 
 
-def whole_number(name: str, value: Any, least: int) -> int:
+def whole_number(name: str, value: Any, least: int, most: int | None = None) -> int:
     """Returns an argument that counts something, as an ``int``.
 
-    **Raises:** ``TypeError`` for anything but a whole number, ``ValueError`` for one below ``least``.
+    **Raises:** ``TypeError`` for anything but a whole number, ``ValueError`` for one below ``least`` or above ``most``.
     """
     if isinstance(value, bool) or not isinstance(value, int | np.integer):
         raise refusal(name, "a whole number", value)
     if value < least:
         raise ValueError(f"Argument `{name}` must be {least} or more, but it is {value}.")
+    if most is not None and value > most:
+        raise ValueError(f"Argument `{name}` must be at most {most:,}, but it is {value:,}.")
     return int(value)
 
 

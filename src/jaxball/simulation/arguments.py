@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array
 
 from ..compat import is_traced
-from ..interface.arguments import describe, refusal, require
+from ..interface.arguments import describe, refusal, require, whole_number
 from ..interface.wording import UserError, all_of
 from ..numerics.arrays import Numbers, default_dtype, has_shape, require_numbers, shapes_of_fields, to_array
 from ..physics.body import AbstractBody
@@ -100,16 +100,15 @@ def check_solver(solver: diffrax.AbstractAdaptiveSolver | None) -> diffrax.Abstr
     raise refusal("solver", "an adaptive solver, such as diffrax.Dopri8()", solver, remedy)
 
 
+MOST_STEPS = 10**9  # which take days, and which a counter of 32 bits holds
+
+
 def check_steps(max_steps: int) -> int:
     """Checks the number of steps.
 
-    **Raises:** ``TypeError`` or ``ValueError`` for anything but a positive whole number.
+    **Raises:** ``TypeError`` or ``ValueError`` for anything but a whole number from 1 to 10⁹.
     """
-    if isinstance(max_steps, bool) or not isinstance(max_steps, int | np.integer):
-        raise refusal("max_steps", "a whole number of steps", max_steps)
-    if max_steps < 1:
-        raise ValueError(f"Argument `max_steps` must be 1 or more, but it is {max_steps}.")
-    return int(max_steps)
+    return whole_number("max_steps", max_steps, 1, MOST_STEPS)
 
 
 def check_adjoint(

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...interface.output import check_view
-from ...interface.wording import number_of
+from ...interface.wording import heading, number_of
 from ...results.files import check_format
 from ...scenario.errors import ScenarioError
 from ...scenario.paths import with_values
@@ -144,7 +144,7 @@ def _simulate(options: argparse.Namespace, scenario: "Scenario") -> int:
         content = {} if options.json is None else _content(scenario, trajectory)
         checks = [] if options.quiet else _checks(trajectory)
     write_json(options, content)
-    say(options, scenario.title, trajectory, *checks, name_files(written))
+    say(options, heading(scenario.title), trajectory, *checks, name_files(written))
     return 0
 
 

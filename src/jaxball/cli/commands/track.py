@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ...interface.output import check_destination
 from ...interface.status import BACK_WITHIN
+from ...interface.wording import heading
 from ...results.files import READ_BACK
 from ...scenario.errors import ScenarioError
 from ..input import add_scenario, scenario_document, scenario_of
@@ -155,7 +156,7 @@ def _track(options: argparse.Namespace, scenario: "Scenario", axes: tuple[ChartA
     deviations = _Deviations.of(scenario, feedback)
     write_json(options, _content(scenario, deviations, held, basins))
     lines = [_track_of(feedback), *_table(deviations, held), *(_basin_line(*entry) for entry in basins.items())]
-    say(options, scenario.title, *lines, name_files(written))
+    say(options, heading(scenario.title), *lines, name_files(written))
     return 0 if all(loop.ok for entry in held for loop in entry.loops.values()) else FAILED_SOLVE
 
 
