@@ -4,7 +4,9 @@ import argparse
 import contextlib
 import csv
 import json
+import os
 import sys
+import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -31,12 +33,52 @@ if TYPE_CHECKING:
     Motion = SteadyMotion | PeriodicMotion
 
 Names = Sequence[str]  # of attributes
+OUTPUTS = ("out", "view", "plot", "animate", "json")  # options that name a file, or the folder of figures
+
+
+def find_places(options: argparse.Namespace) -> None:
+    """Makes the folders of all outputs again that have been removed since the command began.
+
+    Where that is impossible the output goes to the nearest folder above that can be written, or else to the current or
+    to that of temporary files, and a line says so: what has been computed is not lost.
+    """
+    for name in OUTPUTS:
+        path = getattr(options, name, None)
+        if isinstance(path, Path) and path != STDOUT:
+            setattr(options, name, _place_for(path))
+
+
+def _place_for(path: Path) -> Path:
+    with contextlib.suppress(OSError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    if _can_be_written(path.parent):
+        return path
+    above = Path(os.path.abspath(path.parent)).parents[:-1] if path.is_absolute() else path.parent.parents
+    folder = next(filter(_can_be_written, (*above, Path(), Path(tempfile.gettempdir()))), None)
+    if folder is None:
+        return path
+    place = folder / path.name
+    print(
+        f'jaxball: The folder of "{path}" was removed meanwhile and cannot be made again; '
+        f'"{place}" is written instead.',
+        file=sys.stderr,
+    )
+    return place
+
+
+def _can_be_written(folder: Path) -> bool:
+    try:
+        folder.resolve(strict=True)  # fails for the current folder where it has been removed
+    except OSError:
+        return False
+    return folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)
 
 
 def write_json(options: argparse.Namespace, content: dict[str, Any]) -> None:
     """Writes ``content`` to the file of --json."""
     if options.json is None:
         return
+    find_places(options)
     text = json.dumps(json_types(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     text = text.encode(errors="backslashreplace").decode()  # escapes file names that are not valid text
     if options.json == STDOUT:
@@ -54,6 +96,7 @@ def write_outputs(
     - ``draw``: makes the Axes, given :mod:`jaxball.plot`.
     """
     written = []
+    find_places(options)
     if options.out is not None:
         with replacing(options.out) as temporary:
             save(temporary)

@@ -145,6 +145,7 @@ def _track(options: argparse.Namespace, scenario: "Scenario", axes: tuple[ChartA
         feedback = feedback_along(scenario, motion)
     held = [_simulate_loops(options, entry, feedback) for entry in disturbed]
     basins = {} if axes is None else _basins(options, scenario, feedback, axes)
+    find_places(options)
     written = []
     if options.out is not None:
         with working(options, "evaluating and saving"):
