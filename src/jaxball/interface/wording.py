@@ -32,6 +32,16 @@ def beyond_numbers(value: object) -> str:
 _INFINITE = (float("inf"), float("-inf"))
 
 
+def told_apart(*numbers: float) -> list[str]:
+    """Writes numbers with the fewest digits, six or more, by which all that differ can be told apart."""
+    shown: list[str] = []
+    for digits in (6, 10, 17):
+        shown = [f"{number:.{digits}g}" for number in numbers]
+        if len(set(shown)) == len(set(numbers)):
+            break
+    return shown
+
+
 def one_of(names: Sequence[str]) -> str:
     """Returns ``one of a, b, c``, and a single name as it is."""
     return names[0] if len(names) == 1 else f"one of {', '.join(names)}"
@@ -77,7 +87,8 @@ def no_attribute(kind: type, name: str, places: Mapping[str, str]) -> AttributeE
     names = {*dir(kind), *getattr(kind, "__dataclass_fields__", ())}  # fields without a default are no attributes of it
     where = f"; it is `{places[name]}`." if name in places else did_you_mean(name, sorted(names), quote="`")
     article = "An" if kind.__name__[0] in "AEIOU" else "A"
-    return AttributeError(f"{article} {kind.__name__} has no attribute `{name}`{where}")
+    message = f"{article} {kind.__name__} has no attribute `{name}`{where}"
+    return AttributeError(message, name=name, obj=None)  # of no object, to which Python would add a hint of its own
 
 
 def pip_install(extra: str) -> str:
