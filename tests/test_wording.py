@@ -14,7 +14,7 @@ from jaxball.interface.wording import (
     one_of,
     pip_install,
     plain,
-    told_apart,
+    tell_numbers_apart,
 )
 from jaxball.scenario import ScenarioError
 from jaxball.scenario.values import Choice, Integer, Numbers
@@ -100,9 +100,9 @@ def test_how_to_install_more_is_how_jaxball_was_installed(monkeypatch, source, c
 
 
 def test_numbers_that_differ_are_written_with_as_many_digits_as_that_takes():
-    assert told_apart(0.0, 2.0, 0.0, 1.999999) == ["0", "2", "0", "1.999999"]
-    assert told_apart(0.0, 2.0, 0.0, 2.0) == ["0", "2", "0", "2"]
-    assert told_apart(1.0, 1.0 + 2**-52) == ["1", "1.0000000000000002"]
+    assert tell_numbers_apart(0.0, 2.0, 0.0, 1.999999) == ["0", "2", "0", "1.999999"]
+    assert tell_numbers_apart(0.0, 2.0, 0.0, 2.0) == ["0", "2", "0", "2"]
+    assert tell_numbers_apart(1.0, 1.0 + 2**-52) == ["1", "1.0000000000000002"]
 
 
 def test_python_adds_nothing_to_a_sentence_about_an_attribute():

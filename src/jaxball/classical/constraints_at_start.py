@@ -12,7 +12,7 @@ from ..physics.conditions import Condition, Problem
 from .multipliers import saddle
 
 ALLOWED_RESIDUAL = 1e-6  # of the size of its terms: how far a constraint may be from 0 at the start
-SINGULAR = 1e-6  # relative to the largest row, below which what is left of a row is rounding
+SINGULAR_PLACE = 1e-6  # relative to the largest row, below which what is left of a row is rounding
 SHOWN_COEFFICIENT = 1e-6  # of the largest coefficient: one that is written in a sentence
 REMEDY = "the method `consistent(t, state)` of the system gives the nearest state that keeps all constraints"
 
@@ -81,7 +81,7 @@ class Independent(Condition):
             parts = np.linalg.lstsq(A[before].T, A[k], rcond=None)[0]
             named = [(c, str(self.name[j])) for c, j in zip(parts, before, strict=True) if abs(c) > SHOWN_COEFFICIENT]
             mismatch = abs(residual[k] - parts @ residual[before])
-            if np.linalg.matrix_rank(beside[[*before, k]], SINGULAR) > len(before):
+            if np.linalg.matrix_rank(beside[[*before, k]], SINGULAR_PLACE) > len(before):
                 where = "0" if not np.any(A[k]) else _sum(named)
                 but = (
                     f"its row of A is {where} there, although not beside it, so that the constraints do not determine "

@@ -34,7 +34,7 @@ from .state import AbstractClassicalState, AbstractClassicalSystem
 
 FROM_AFAR = 30  # Newton steps to the constraints from any state; each doubles the digits once it is near
 IN_STEP = 2  # from the end of a step, which is as near as its error
-BESIDE = 1e-3  # of the size of the coordinates: how far beside the start constraints are looked at again
+BESIDE_THE_START = 1e-3  # of the size of the coordinates: how far beside the start constraints are looked at again
 LEAST_COUNTED = 1e-3  # below this a coordinate or a rate counts as 0, in the user's units, where the start is checked
 
 
@@ -270,7 +270,7 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
         curvatures = jax.hessian(lambda qdot: self._of_velocity(t, q, qdot))(qdot + 1.0).reshape(-1, q.size**2)
         second = jnp.take_along_axis(curvatures, jnp.argmax(jnp.abs(curvatures), axis=1)[:, None], axis=1)[:, 0]
         # Beside the start, by a step in no special direction: there, what is singular in one place alone is regular.
-        beside = q + BESIDE * (1.0 + jnp.abs(q)) * jnp.asarray(np.sqrt(2.0 + np.arange(q.size)), q.dtype)
+        beside = q + BESIDE_THE_START * (1.0 + jnp.abs(q)) * jnp.asarray(np.sqrt(2.0 + np.arange(q.size)), q.dtype)
         rows_beside = jax.jacfwd(self._rates, argnums=2)(t, beside, qdot)
         # Relative to the size of the terms, so that constraints in any units are judged alike.
         near = ALLOWED_RESIDUAL * jnp.sqrt(jnp.sum(terms.rows**2, axis=1))

@@ -32,7 +32,7 @@ def beyond_numbers(value: object) -> str:
 _INFINITE = (float("inf"), float("-inf"))
 
 
-def told_apart(*numbers: float) -> list[str]:
+def tell_numbers_apart(*numbers: float) -> list[str]:
     """Writes numbers with the fewest digits, six or more, by which all that differ can be told apart."""
     shown: list[str] = []
     for digits in (6, 10, 17):

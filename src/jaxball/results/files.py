@@ -206,14 +206,14 @@ def _of_npz(path: Path, arrays: bool) -> Mapping[str, Any]:
     # Opened here, because NumPy leaves open what is no archive. A pickle in a file would be a program that runs.
     with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
         _require_held(path, sum(info.file_size for info in data.zip.infolist()))
-        _require_held(path, sum(_claimed(data, name) for name in data.files))
+        _require_held(path, sum(_read_claim(data, name) for name in data.files))
         saved = {name: data[name] for name in data.files}
     # Attributes have no axis, and arrays over time have one.
     is_array = {name: array.ndim > 0 for name, array in saved.items()}
     return {name: array if arrays else array.item() for name, array in saved.items() if is_array[name] == arrays}
 
 
-def _claimed(data: Any, name: str) -> int:
+def _read_claim(data: Any, name: str) -> int:
     """Returns how many bytes an array of an archive says that it has."""
     from numpy.lib import format as npy
 

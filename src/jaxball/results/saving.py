@@ -273,7 +273,8 @@ def _write_npz(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario 
     parts = _over_time(trajectory, sensors), _of_switches(trajectory), *event_values(trajectory.events).values()
     arrays |= {name: array for part in parts for name, (_, array) in part.items()}
     about = {**attributes(trajectory, scenario, sensors), CHECKSUM: AT_THE_END}
-    np.savez_compressed(path, **arrays, **{name: np.asarray(value) for name, value in about.items()})
+    arrays |= {name: np.asarray(value) for name, value in about.items()}
+    np.savez_compressed(path, **arrays)
     add_checksum(path)
 
 

@@ -258,8 +258,8 @@ def refuse_unknown(values: Any, path: str, names: Iterable[str], elsewhere: Mapp
     if not isinstance(values, dict):
         raise key_error(path, "a table", describe(values))
     names = sorted(names)
-    known = set(names)
-    unknown = [name for name in values if name not in known]
+    right_names = set(names)
+    unknown = [name for name in values if name not in right_names]
 
     def refuse(name: str) -> None:
         here = f"the keys here are {', '.join(names)}" if names else "there are no keys here"

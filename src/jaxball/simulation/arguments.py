@@ -16,6 +16,7 @@ from jaxtyping import Array
 
 from ..compat import is_traced
 from ..interface.arguments import describe, refusal, require, whole_number
+from ..interface.deprecation import warn_at_users_line
 from ..interface.wording import UserError, all_of
 from ..numerics.arrays import Numbers, default_dtype, has_shape, require_numbers, shapes_of_fields, to_array
 from ..physics.body import AbstractBody
@@ -68,7 +69,8 @@ def check_times(times: Numbers) -> Array | np.ndarray:
     """
     if isinstance(times, tuple | list) and len(times) == 2 and {*map(type, times)} <= {float, int}:
         start, end = times
-        if start > -PLAIN and end < PLAIN and (array := np.asarray(times, default_dtype()))[0] < array[1]:
+        near = start > -PLAIN and end < PLAIN and abs(start) <= FAR * (end - start)
+        if near and (array := np.asarray(times, default_dtype()))[0] < array[1]:
             return array  # after a few microseconds; the rest takes ten
     array = _as_array("times", times)
     if array.ndim != 1 or array.size < 2:
@@ -81,7 +83,25 @@ def check_times(times: Numbers) -> Array | np.ndarray:
             "Argument `times` must be increasing and finite, but it starts with "
             f"{array[:3].tolist()} and ends with {array[-3:].tolist()}."
         )
+    if isinstance(array, np.ndarray):
+        _warn_of_far_times(array)
     return array
+
+
+FAR = 100  # spans from zero, from where on counting times from the start is worth it
+FINE = 1e-8  # of the shortest interval: how finely times must be known
+
+
+def _warn_of_far_times(times: np.ndarray) -> None:
+    """Warns of times such as 1.7e9, in seconds since 1970, of which few digits tell one moment from the next."""
+    start, span, spacing = float(times[0]), float(times[-1] - times[0]), float(np.spacing(abs(times[0])))
+    if abs(start) > FAR * span and spacing > FINE * float(np.min(np.diff(times))):
+        warn_at_users_line(
+            f"Argument `times` starts at {start:.12g} and lasts {span:.6g}: so far from 0, times are known to "
+            f"{spacing:.1g} only, which costs accuracy and steps. Count the times of the run, and those of its logs, "
+            "from the start: times - times[0].",
+            UserWarning,
+        )
 
 
 def check_solver(solver: diffrax.AbstractAdaptiveSolver | None) -> diffrax.AbstractAdaptiveSolver:

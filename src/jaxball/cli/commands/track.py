@@ -133,7 +133,7 @@ def _track(options: argparse.Namespace, scenario: "Scenario", axes: tuple[ChartA
     from ... import results
     from ...scenario.checks import message_in_keys
     from ...scenario.closed_loop import feedback_along, nominal_run
-    from ..files import write_json
+    from ..files import find_places, write_json
 
     disturbed = _disturb(options, scenario)
     with working(options, "simulating the motion"):
