@@ -1,9 +1,21 @@
 """Parts of sentences have their grammar right."""
 
+import traceback
+
 import pytest
 
 from jaxball.cli import main
-from jaxball.interface.wording import all_of, did_you_mean, number_of, one_of, pip_install
+from jaxball.interface.wording import (
+    all_of,
+    did_you_mean,
+    heading,
+    no_attribute,
+    number_of,
+    one_of,
+    pip_install,
+    plain,
+    tell_numbers_apart,
+)
 from jaxball.scenario import ScenarioError
 from jaxball.scenario.values import Choice, Integer, Numbers
 
@@ -85,3 +97,28 @@ def test_how_to_install_more_is_how_jaxball_was_installed(monkeypatch, source, c
 
     monkeypatch.setattr("importlib.metadata.distribution", {"jaxball": Distribution}.get)
     assert pip_install("sweep") == command
+
+
+def test_numbers_that_differ_are_written_with_as_many_digits_as_that_takes():
+    assert tell_numbers_apart(0.0, 2.0, 0.0, 1.999999) == ["0", "2", "0", "1.999999"]
+    assert tell_numbers_apart(0.0, 2.0, 0.0, 2.0) == ["0", "2", "0", "2"]
+    assert tell_numbers_apart(1.0, 1.0 + 2**-52) == ["1", "1.0000000000000002"]
+
+
+def test_python_adds_nothing_to_a_sentence_about_an_attribute():
+    class Run:
+        state = 0
+
+        def __getattr__(self, name):
+            raise no_attribute(type(self), name, {"stats": "steps"})
+
+    with pytest.raises(AttributeError) as caught:
+        _ = Run().stats
+    shown = "".join(traceback.format_exception(caught.value)).splitlines()[-1]
+    assert shown == "AttributeError: A Run has no attribute `stats`; it is `steps`."
+
+
+def test_what_would_steer_a_terminal_is_spelled():
+    assert plain("\x1b[31mred\x9b1m\r\u202e\u2066") == r"\x1b[31mred\x9b1m\r\u202e\u2066"
+    assert plain("Grüße, 球\tμ = 0.3\nnext") == "Grüße, 球\tμ = 0.3\nnext"
+    assert heading(" two\n lines\x07 ") == r"two lines\x07"

@@ -116,7 +116,7 @@ BODIES = [
 ]
 FUNCTIONS = [
     (
-        lambda: FunctionRail(lambda theta: ZEROS),
+        lambda: FunctionRail(lambda: ZEROS),
         r"`function` must be a function of \(theta, parameters\), but the lambda",
     ),
     (lambda: FunctionRail(0.5), r"`function` must be a function of \(theta, parameters\), but it is 0.5"),
@@ -131,12 +131,12 @@ FUNCTIONS = [
     (lambda: jaxball.FunctionSchedule(lambda t, p: None), "must give a single number, but it gives None"),
     (lambda: jaxball.FunctionForce(lambda t, p: t), r"must give an array of shape \(3,\), but it gives .*shape \(\)"),
     (
-        lambda: jaxball.FunctionForce(lambda t: ZEROS),
+        lambda: jaxball.FunctionForce(lambda t: ZEROS, 2.0),
         r"a function of \(t, parameters\), but the lambda given takes \(t\)",
     ),
     (lambda: jaxball.Free(lambda t, p: jnp.zeros(2)), r"must give an array of shape \(3,\)"),
     (lambda: FunctionAxis(lambda t, p: t), r"must give an array of shape \(3,\)"),
-    (lambda: jaxball.FunctionLaw(lambda t, state: ZEROS), r"a function of \(t, state, parameters\)"),
+    (lambda: jaxball.FunctionLaw(lambda t: ZEROS), r"a function of \(t, state, parameters\)"),
     (
         lambda: jaxball.Event(lambda t: t),
         r"`of` must be a function of \(system, t, state\), but the lambda given takes",
@@ -194,7 +194,8 @@ CALLS = [
     ),
     (lambda: run(adjoint=diffrax.ForwardMode), r"`adjoint` .*make one with ForwardMode\(...\)"),
     (lambda: run(progress=True), "`progress` must be a progress meter.*but it is True"),
-    (lambda: run(max_steps=1e4), "`max_steps` must be a whole number of steps, but it is 10000.0"),
+    (lambda: run(max_steps=1e4), "`max_steps` must be a whole number, but it is 10000.0"),
+    (lambda: run(max_steps=10**30), "`max_steps` must be at most 1,000,000,000, but it is 1,000,000,000,000,"),
     (lambda: run(max_steps=0), "`max_steps` must be 1 or more, but it is 0"),
     (
         lambda: run(system=jaxball.Ball),

@@ -50,6 +50,15 @@ EULER = LagrangianSystem(of_heavy_top, ("precession", "nutation", "spin"))
 TURNING = LagrangianState([0.3, 0.9, -0.4], [0.5, 0.8, 2.0])
 
 
+def closed(t, q):
+    """What closes a four-bar with rods of 1, 2 and 1 on a ground of 2, which is flat where all angles are 0."""
+    lengths = jnp.array([1.0, 2.0, -1.0])
+    return [jnp.sum(lengths * jnp.cos(q)) - 2.0, jnp.sum(lengths * jnp.sin(q))]
+
+
+FOUR_BAR = LagrangianSystem(free, ("a", "b", "c"), holonomic=closed)
+
+
 def versor_of(q):
     """The versor of Rz(q₀) Rx(q₁) Rz(q₂)."""
     half, total, difference = q[1] / 2, (q[0] + q[2]) / 2, (q[0] - q[2]) / 2
@@ -359,7 +368,20 @@ def spun(*constraints, **given):
         (
             spun(lambda v: v[0] * v[1]),
             ([0.0, 0.0, 0.0],),
-            [r"`constraints\[0\]` must be affine in qdot", "restricts no velocity"],
+            [
+                r"`constraints\[0\]` must be affine in qdot.* a second derivative of it by qdot is 1 at",
+                "restricts no velocity",
+            ],
+        ),
+        (
+            spun(lambda v: v[0] - v[1] ** 2),
+            ([0.0, 0.0, 0.0],),
+            [r"`constraints\[0\]` must be affine in qdot.* a second derivative of it by qdot is -2 at the start"],
+        ),
+        (
+            FOUR_BAR,
+            ([0.0, 0.0, 0.0],),
+            [r"`holonomic\[0\]` must be independent .* row of A is 0 there, although not beside it, .*stretched out"],
         ),
         (
             pendulum(RODS),
@@ -372,7 +394,17 @@ def spun(*constraints, **given):
             [r"`lagrangian` must give an inertia to every motion .* ∂²L/∂q̇² is \[\[2., 0.\], \[0., 0.\]\]"],
         ),
     ],
-    ids=["redundant", "contradictory", "none", "violated", "quadratic", "longer rod", "no mass"],
+    ids=[
+        "redundant",
+        "contradictory",
+        "none",
+        "violated",
+        "product",
+        "square",
+        "flat four-bar",
+        "longer rod",
+        "no mass",
+    ],
 )
 def test_what_does_not_fit_is_named(system, state, sentences):
     found = jaxball.problems(system, LagrangianState(*state))

@@ -42,6 +42,15 @@ PROGRAMS = {
     ),
     "what is done at once": ("module.DELAY = 60.0\nwith activity('compiling'):\n    pass", ""),
     "quiet": ('with activity("compiling", quiet=True) as line:\n    time.sleep(0.1)', ""),
+    "while Python compiles": (
+        "module.SILENCE = 0.01\nwith module.compiling():\n    time.sleep(0.5)",
+        f"\r\x1b[Kjaxball: the first call of its kind (compiling) …{ERASED}",
+    ),
+    "while Python compiles for a moment": ("with module.compiling():\n    time.sleep(0.1)", ""),
+    "while a command compiles quietly": (
+        'module.SILENCE = 0.01\nwith activity("simulating", quiet=True), module.compiling():\n    time.sleep(0.1)',
+        "",
+    ),
     "no wider than the terminal": (
         'with activity("x" * 500) as line:\n    until_shown(line)',
         f"\r\x1b[K{'x' * 79}{ERASED}",

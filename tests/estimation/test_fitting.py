@@ -115,6 +115,22 @@ def test_what_a_log_does_not_tell_is_named_and_the_rest_is_in_closed_form():
     assert "the log does not tell mass" in str(found)
 
 
+def test_a_start_that_is_known_needs_no_spread():
+    """The speed of a disk that falls down a slope tells its inertia, and nothing else is unknown."""
+    gyro = {"gyro": Gyroscope(errors=SensorErrors(noise=0.01))}
+    times = np.linspace(0.0, 1.0, 26)
+
+    def sloped(values):
+        return Disk(mass=1.0, inertia=values["inertia"], ground=jaxball.Ground(angle=0.3))
+
+    run = jaxball.simulate(sloped({"inertia": 0.5}), times, DiskState())
+    log = Log(times, {"gyro": run.measured({"gyro": Gyroscope()})["gyro"]})
+    found = fit(log, sloped, {"inertia": 0.7}, DiskState(), gyro)
+    assert tuple(found.deviations) == ("inertia",)
+    # Exact readings: what is left is where the search ends, a thousandth of a deviation.
+    assert found.parameters["inertia"] == pytest.approx(0.5, abs=1e-3 * found.deviations["inertia"])
+
+
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [

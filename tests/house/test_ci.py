@@ -80,6 +80,16 @@ def test_versions_are_the_same_wherever_they_are_listed():
     assert re.findall(r"jax==([\d.]+)", workflow) == oldest
 
 
+def test_the_quick_tests_run_on_other_machines():
+    """Each of which has another processor or another system than those on which all tests run."""
+    workflow = (ROOT / ".github" / "workflows" / "ci.yml").read_text()
+    job = workflow.partition("  elsewhere:")[2].partition("\n\n")[0]
+    (machines,) = re.findall(r"machine: \[(.*)\]", job)
+    assert [re.split(r"[-.]", name)[0] for name in machines.split(", ")] == ["macos", "windows", "ubuntu"]
+    assert machines.endswith("-arm")
+    assert "run: bash .ci/quick python" in job
+
+
 def test_the_quick_tests_exist():
     lines = re.findall(r"tests/\S+", (ROOT / ".ci" / "quick").read_text())
     expanded = subprocess.run(

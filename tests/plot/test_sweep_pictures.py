@@ -239,7 +239,7 @@ def test_a_picture_says_which_study_it_shows(draw):
     assert figure.get_suptitle() != draw(data.assign_attrs(title="")).get_suptitle()
 
 
-def test_results_that_are_infinite_are_told_apart():
+def test_results_that_are_infinite_are_tell_numbers_apart():
     data = disks().copy()
     data["phi"] = data["phi"].where(data["phi"] < 1.2, np.inf)
     ax = plot.sweep_slice(data, "phi", OVER_MASS)

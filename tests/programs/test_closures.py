@@ -183,7 +183,7 @@ def test_a_list_in_which_a_function_notes_its_arguments_is_left_alone():
     jax.grad(through)(X)
 
 
-def test_functions_that_differ_are_told_apart():
+def test_functions_that_differ_are_tell_numbers_apart():
     def through(x):
         one, other = (take_captures(Holder(f, X))[0].function for f in (lambda t: x * t, lambda t: x + t))
         assert one != other

@@ -8,7 +8,7 @@ import pyarrow.parquet
 import pytest
 import xarray
 
-from jaxball import load_run, read_scenario, write_scenario
+from jaxball import load_run, plot, read_scenario, write_scenario
 from jaxball.design import DesignSpace, Variable
 from jaxball.design.problem.space import default_scale
 from jaxball.design.report import with_unit
@@ -51,6 +51,22 @@ def test_a_run_that_is_read_knows_its_units(tmp_path):
     run = load_run(stating(SI).simulate().save(tmp_path / "run.nc"))
     assert run.scenario.units == Units("m", "kg", "s")
     assert read_scenario(write_scenario(run.scenario)).units == run.scenario.units
+
+
+def test_axes_of_figures_have_the_units_that_are_stated():
+    run = read_scenario(builtin_text("draw-shot")).simulate()
+    figures = (plot.contact_force, plot.slip_speed, plot.centre_velocity, plot.energies, plot.angular_velocity)
+    labels = {draw.__name__: (ax.get_xlabel(), ax.get_ylabel()) for draw in figures for ax in [draw(run)]}
+    assert {across for across, _ in labels.values()} == {"$t$ (s)"}
+    assert {name: up for name, (_, up) in labels.items()} == {
+        "contact_force": "contact force (N)",
+        "slip_speed": r"$|\,\mathbf{v}_s|$ (m s$^{-1}$)",
+        "centre_velocity": "$V_i$ (m s$^{-1}$)",
+        "energies": "energy (J)",
+        "angular_velocity": r"$\Omega_i$ (rad s$^{-1}$)",
+    }
+    unstated = stating("").simulate()
+    assert plot.contact_force(unstated).get_ylabel() == "contact force"
 
 
 def test_without_the_table_nothing_changes(tmp_path):

@@ -60,7 +60,7 @@ TYPES = {
     ),
     "infinity": (
         edited("gravity = 1.0", "gravity = -inf"),
-        "Key `body.gravity` must be a finite number, but it is -inf.",
+        "Key `body.gravity` must be a finite number, but it is -inf, and the largest number is 1.8e308.",
     ),
     "wrong shape": (
         edited("[0.9, 1.0, 1.1]", "[0.9, 1.0]"),

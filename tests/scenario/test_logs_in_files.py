@@ -110,6 +110,9 @@ def test_the_sentence_about_a_log_has_one_end(tmp_path, csv, clause):
         ("t,u\n0,0\n1,nan\n", 'row 3 of "{file}" has "nan" in column "u"'),
         ("t,u\n0,0\ninf,1\n", 'row 3 of "{file}" has "inf" in column "t"'),
         ("t,u\n0,0\n1,1\n1,2\n", 'row 4 of "{file}" has the time 1.0 after 1.0; sort the rows'),
+        ("t;u\n0,5;1,5\n1;2\n", 'row 2 of "{file}" has "0,5" in column "t", a number with a decimal comma; write'),
+        ("t;u\n0;1\n1;-2,5e3\n", 'row 3 of "{file}" has "-2,5e3" in column "u", a number with a decimal comma'),
+        ("t,u\n0,5,1,5\n1,0,2,0\n", 'row 2 of "{file}" has 4 entries for 2 columns; where commas separate them'),
         ("t,u\n0,0\n1,1\n0.5,2\n", 'row 4 of "{file}" has the time 0.5 after 1.0'),
     ],
 )

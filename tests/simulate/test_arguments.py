@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import warnings
 
 import equinox as eqx
 import jax
@@ -156,3 +157,20 @@ def test_tolerances_beyond_the_floating_point_type():
 def test_throw_within_a_traced_function():
     with pytest.raises(ValueError, match="Argument `throw` must be False where the solve is traced"):
         jax.jit(lambda ball: jaxball.simulate(ball, [0.0, 1.0], throw=True).state.z)(BALL)
+
+
+@pytest.mark.parametrize(
+    ("times", "far"),
+    [
+        (1.7e9 + np.linspace(0.0, 10.0, 101), True),  # seconds since 1970
+        ([1.7e9, 1.7e9 + 10.0], True),
+        (np.linspace(0.0, 10.0, 101), False),
+        (1000.0 + np.linspace(0.0, 1.0, 101), False),  # far, but known finely enough
+        (np.linspace(0.0, 1e7, 3), False),
+    ],
+)
+def test_times_far_from_zero_are_to_be_shifted(times, far):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        check_times(times)
+    assert [str(warning.message).endswith("from the start: times - times[0].") for warning in caught] == [True] * far

@@ -96,6 +96,15 @@ def test_a_dry_run_solves_nothing(folder, capsys):
     )
 
 
+def test_a_dry_run_needs_none_of_the_packages_that_a_sweep_needs(folder, capsys, monkeypatch):
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "pyarrow" else find(name))
+    assert main(["sweep", "study.toml", "--dry-run"]) == 0
+    assert capsys.readouterr().out.startswith("15 rows in 1 chunk, ")
+    assert main(["sweep", "study.toml", "--out", "s.zarr"]) == 2
+    assert capsys.readouterr().err.startswith("jaxball: A sweep needs pyarrow, which is not installed; pip install ")
+
+
 def test_the_size_of_an_estimate_is_that_of_the_numbers_in_the_store(folder):
     found = study(folder, settings="chunk = 4")
     store = sweep(found, folder / "s.zarr", engine=pretend).store

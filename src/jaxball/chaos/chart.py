@@ -14,7 +14,7 @@ from ..interface.arguments import require_callable, traceable
 from ..numerics.arrays import Numbers, to_array
 from ..physics.packing import normal_of, phase_point
 from ..physics.system import AbstractState, AbstractSystem
-from ..simulation.arguments import check_solver, check_tolerances
+from ..simulation.arguments import check_solver, check_steps, check_tolerances
 from ..simulation.deviations import Steps
 from .spectrum import Method, interval_edges, system_spectrum
 
@@ -70,7 +70,7 @@ def chart(
     edges, skipped = interval_edges(times, transient, interval)
     require_callable("make", make, "first", "second")
     rtol, atol = map(to_array, check_tolerances(rtol, atol))
-    method = Method(Steps(check_solver(solver), rtol, atol, max_steps), 1, skipped, None)
+    method = Method(Steps(check_solver(solver), rtol, atol, check_steps(max_steps)), 1, skipped, None)
     rows = grid.map(lambda cell: _solve(make, method, cell, to_array(edges)), chunk, workers, progress)
     exponent, error, force, status = np.moveaxis(rows, -1, 0)
     variables = {

@@ -12,6 +12,7 @@ from ..physics.conditions import Condition, Problem
 from .multipliers import saddle
 
 ALLOWED_RESIDUAL = 1e-6  # of the size of its terms: how far a constraint may be from 0 at the start
+SINGULAR_PLACE = 1e-6  # relative to the largest row, below which what is left of a row is rounding
 SHOWN_COEFFICIENT = 1e-6  # of the largest coefficient: one that is written in a sentence
 REMEDY = "the method `consistent(t, state)` of the system gives the nearest state that keeps all constraints"
 
@@ -20,24 +21,25 @@ class Constraints(NamedTuple):
     """The constraints A q̇ + b = 0 in one state: those of velocities, then the rates of holonomic ones.
 
     - ``names``: one for each row, and ``velocities`` how many of them are constraints of velocities.
-    - ``rows``: A.
+    - ``rows``, ``beside``: A, and what it is a little beside the start.
     - ``residual``, ``allowed``: A q̇ + b, and how far from 0 it may be.
-    - ``second``: a second derivative by q̇, which is 0 where a constraint is affine.
+    - ``second``: the largest second derivative of each constraint of velocities by q̇, which is 0 where it is affine.
     - ``places``, ``places_allowed``: φ of the holonomic ones, and how far from 0 it may be.
     """
 
     names: tuple[str, ...]
     velocities: int
     rows: Float[Array, "m n"]
+    beside: Float[Array, "m n"]
     residual: Float[Array, " m"]
     allowed: Float[Array, " m"]
-    second: Float[Array, " m"]
+    second: Float[Array, " velocities"]
     places: Float[Array, " k"]
     places_allowed: Float[Array, " k"]
 
 
 class Affine(Condition):
-    """That constraints of velocities are affine in q̇; ``value`` has their second derivatives in one direction."""
+    """That constraints of velocities are affine in q̇; ``value`` has the largest second derivative of each."""
 
     __slots__ = ()
 
@@ -64,8 +66,8 @@ class Satisfied(Condition):
 
 
 class Independent(Condition):
-    """That no row of A depends on those before it; ``value`` has A and, in two more columns, residuals and how far
-    from 0 they may be.
+    """That no row of A depends on those before it; ``value`` has A, the same beside the start and, in two more columns,
+    residuals and how far from 0 they may be.
     """
 
     __slots__ = ()
@@ -73,13 +75,19 @@ class Independent(Condition):
     def problems(self) -> Iterator[Problem]:
         """Yields a problem for each row of A that is a combination of rows before it, which are named."""
         holds, table = np.asarray(self.holds), np.asarray(self.value)
-        A, residual, allowed = table[:, :-2], table[:, -2], table[:, -1]
+        (A, beside), residual, allowed = np.split(table[:, :-2], 2, axis=1), table[:, -2], table[:, -1]
         for k in np.flatnonzero(~holds):
             before = np.flatnonzero(holds[:k])
             parts = np.linalg.lstsq(A[before].T, A[k], rcond=None)[0]
             named = [(c, str(self.name[j])) for c, j in zip(parts, before, strict=True) if abs(c) > SHOWN_COEFFICIENT]
             mismatch = abs(residual[k] - parts @ residual[before])
-            if not np.any(A[k]):
+            if np.linalg.matrix_rank(beside[[*before, k]], SINGULAR_PLACE) > len(before):
+                where = "0" if not np.any(A[k]) else _sum(named)
+                but = (
+                    f"its row of A is {where} there, although not beside it, so that the constraints do not determine "
+                    "how the motion goes on, as where a linkage is stretched out; start in another place"
+                )
+            elif not np.any(A[k]):
                 but = "its row of A is 0 there, so that it restricts no velocity; leave it out"
             elif mismatch > allowed[k] + np.abs(parts) @ allowed[before]:
                 but = f"its row of A is {_sum(named)}, and its other terms are not, so that nothing keeps them all"
@@ -105,13 +113,13 @@ def start_conditions(mass: Float[Array, "n n"], given: Constraints) -> Iterator[
     """Yields the conditions on constraints, and on the mass matrix that goes with them, in one state."""
     independent, v = _are_independent(given.rows), given.velocities
     if v:
-        affine = jnp.abs(given.second) <= jnp.maximum(given.allowed, ALLOWED_RESIDUAL * _lengths(given.rows))
-        yield Affine(affine[:v], given.names[:v], given.second[:v], "affine in qdot")
+        limit = jnp.maximum(given.allowed, ALLOWED_RESIDUAL * _lengths(given.rows))[:v]
+        yield Affine(jnp.abs(given.second) <= limit, given.names[:v], given.second, "affine in qdot")
     if given.names:
         # Holonomic constraints depend on each other only if they do so themselves, and not their rates alone.
         residual = jnp.concatenate([given.residual[:v], given.places])
         allowed = jnp.concatenate([given.allowed[:v], given.places_allowed])
-        table = jnp.concatenate([given.rows, residual[:, None], allowed[:, None]], axis=1)
+        table = jnp.concatenate([given.rows, given.beside, residual[:, None], allowed[:, None]], axis=1)
         yield Independent(independent, given.names, table, "independent of each other")
         # A row that depends on others is told as such, and not as violated, too.
         near = (jnp.abs(given.places) <= given.places_allowed) | ~independent[v:]

@@ -15,7 +15,15 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 from .. import programs
-from ..interface.arguments import describe, refusal, require_callable, require_value, traceable
+from ..interface.arguments import (
+    call_with,
+    describe,
+    refusal,
+    require_callable_with,
+    require_value,
+    takes_parameters,
+    traceable,
+)
 from ..interface.printing import format_value
 from ..numerics.arrays import Numbers, default_dtype, numbers, to_array
 from ..numerics.kinks import Traced, kinks_of_functions, kinks_seen
@@ -26,6 +34,7 @@ from .state import AbstractClassicalState, AbstractClassicalSystem
 
 FROM_AFAR = 30  # Newton steps to the constraints from any state; each doubles the digits once it is near
 IN_STEP = 2  # from the end of a step, which is as near as its error
+BESIDE_THE_START = 1e-3  # of the size of the coordinates: how far beside the start constraints are looked at again
 LEAST_COUNTED = 1e-3  # below this a coordinate or a rate counts as 0, in the user's units, where the start is checked
 
 
@@ -257,18 +266,17 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
         q, qdot = state.q, state.qdot
         terms, places = self.equations(t, state), self._of_place(t, q)
         free, residual = self._rates(t, q, jnp.zeros_like(qdot)), self._rates(t, q, qdot)
-        across = jnp.asarray(np.sqrt(2.0 + np.arange(q.size)), q.dtype)  # a direction that is no special one
-
-        def slope(qdot: Float[Array, " n"]) -> Float[Array, " m"]:
-            return jax.jvp(lambda qdot: self._rates(t, q, qdot), (qdot,), (across,))[1]
-
         # Away from the start's own rates, at which a higher power of q̇ may have no second derivative.
-        second = jax.jvp(slope, (qdot + 1.0,), (across,))[1]
+        curvatures = jax.hessian(lambda qdot: self._of_velocity(t, q, qdot))(qdot + 1.0).reshape(-1, q.size**2)
+        second = jnp.take_along_axis(curvatures, jnp.argmax(jnp.abs(curvatures), axis=1)[:, None], axis=1)[:, 0]
+        # Beside the start, by a step in no special direction: there, what is singular in one place alone is regular.
+        beside = q + BESIDE_THE_START * (1.0 + jnp.abs(q)) * jnp.asarray(np.sqrt(2.0 + np.arange(q.size)), q.dtype)
+        rows_beside = jax.jacfwd(self._rates, argnums=2)(t, beside, qdot)
         # Relative to the size of the terms, so that constraints in any units are judged alike.
         near = ALLOWED_RESIDUAL * jnp.sqrt(jnp.sum(terms.rows**2, axis=1))
         allowed = near * (LEAST_COUNTED + jnp.sqrt(jnp.sum(qdot**2))) + ALLOWED_RESIDUAL * jnp.abs(free)
         places_allowed = near[near.size - places.size :] * (LEAST_COUNTED + jnp.sqrt(jnp.sum(q**2)))
-        return terms.mass, (terms.rows, residual, allowed, second, places, places_allowed)
+        return terms.mass, (terms.rows, rows_beside, residual, allowed, second, places, places_allowed)
 
     def driving_kinks(self) -> Float[Array, " kinks"]:
         return kinks_seen(self, type(self).field, self.default_state(), method="driving_kinks")
@@ -307,7 +315,7 @@ class LagrangianSystem(AbstractLagrangianSystem):
     """A system from functions: a Lagrangian, and whatever constrains and drives it.
 
     Each is a function of the time t, the coordinates q and their rates q̇, arrays of shape (n,), from which ``x, y = q``
-    takes the numbers, and last, where ``parameters`` are given, of these. They are written with ``jax.numpy``.
+    takes the numbers, and last, if it takes one more, of ``parameters``. They are written with ``jax.numpy``.
 
     **Arguments:**
 
@@ -375,7 +383,10 @@ class LagrangianSystem(AbstractLagrangianSystem):
         self.functions = Functions(lagrangian, constraints, holonomic, forces)
         for (name, function), takes in zip(self.functions._asdict().items(), TAKES.values(), strict=True):
             if function is not None or name == "lagrangian":
-                require_callable(name, function, *takes, *(() if parameters is None else ("parameters",)))
+                require_callable_with(name, function, None, *takes)
+        functions = zip(self.functions, TAKES.values(), strict=True)
+        if not any(takes_parameters(function, len(takes), parameters) for function, takes in functions if function):
+            require_callable_with("lagrangian", lagrangian, parameters, *OF_MOTION)
         self.parameters = jax.tree.map(_as_number, parameters)
         # None takes no part where systems are stacked.
         self.kink_times = None if kink_times is None else numbers("kink_times", ("kinks",))(kink_times)
@@ -398,7 +409,7 @@ class LagrangianSystem(AbstractLagrangianSystem):
         if function is None:
             return getattr(super(), name)(*arguments)
         with traceable(name, function):
-            return function(*arguments, *(() if self.parameters is None else (self.parameters,)))
+            return call_with(function, *arguments, parameters=self.parameters)
 
     @property
     def always_projected(self) -> bool:

@@ -1,6 +1,7 @@
 """Runs the command that was typed, and prints errors as sentences."""
 
 import argparse
+import contextlib
 import importlib
 import json
 import keyword
@@ -11,7 +12,7 @@ from typing import Any
 
 from .. import __version__
 from ..interface.interruption import EXIT_INTERRUPTED, STOPPED
-from ..interface.wording import UserError, did_you_mean
+from ..interface.wording import UserError, did_you_mean, plain
 from .options import BAD_INPUT, BROKEN_PIPE, add_no_cache, sentence
 
 # Only the command that runs is imported.
@@ -52,19 +53,27 @@ def run(arguments: Sequence[str]) -> int:
     except BrokenPipeError:  # such as from `| head`, which stops reading
         return BROKEN_PIPE
     except (UserError, OSError) as error:
-        for line in sentence(error).splitlines():  # one for each problem of a file
-            print(f"jaxball: {line}", file=sys.stderr)
+        for line in sentence(error).split("\n"):  # one for each problem of a file
+            print(f"jaxball: {plain(line)}", file=sys.stderr)
         return BAD_INPUT
 
 
 def _run(arguments: Sequence[str]) -> int:
     options = _parser(arguments).parse_args(arguments)
-    if not options.cache:
-        return options.run(options)
-    from .. import cache  # imported here, because help and lists need none
+    with contextlib.ExitStack() as stack:
+        if options.cache:
+            from .. import cache  # imported here, because help and lists need none
 
-    with cache.of_a_command(arguments):
-        return options.run(options)
+            stack.enter_context(cache.of_a_command(arguments))
+        try:
+            return options.run(options)
+        except SystemExit as error:
+            if error.code:
+                raise  # of a mistake in the options, which has been told
+            raise UserError(
+                "The command must come to its end, but a Python function or class that the file names ended it; "
+                "leave out its call of exit()."
+            ) from None
 
 
 def _flush() -> None:

@@ -4,7 +4,9 @@ import argparse
 import contextlib
 import csv
 import json
+import os
 import sys
+import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,8 +16,9 @@ import numpy as np
 from ..interface.output import replacing, write_text
 from ..interface.printing import json_types
 from ..interface.status import Status
-from ..interface.wording import number_of
+from ..interface.wording import heading, number_of
 from ..plot.files import check_others, figures_in, plain_name, scenario_mark
+from ..results.saving import write_netcdf
 from ..scenario import Scenario, ScenarioError, read_document, write_scenario
 from ..scenario.paths import entries
 from ..simulation.trajectory import Trajectory
@@ -30,12 +33,52 @@ if TYPE_CHECKING:
     Motion = SteadyMotion | PeriodicMotion
 
 Names = Sequence[str]  # of attributes
+OUTPUTS = ("out", "view", "plot", "animate", "json")  # options that name a file, or the folder of figures
+
+
+def find_places(options: argparse.Namespace) -> None:
+    """Makes the folders of all outputs again that have been removed since the command began.
+
+    Where that is impossible the output goes to the nearest folder above that can be written, or else to the current or
+    to that of temporary files, and a line says so: what has been computed is not lost.
+    """
+    for name in OUTPUTS:
+        path = getattr(options, name, None)
+        if isinstance(path, Path) and path != STDOUT:
+            setattr(options, name, _place_for(path))
+
+
+def _place_for(path: Path) -> Path:
+    with contextlib.suppress(OSError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    if _can_be_written(path.parent):
+        return path
+    above = Path(os.path.abspath(path.parent)).parents[:-1] if path.is_absolute() else path.parent.parents
+    folder = next(filter(_can_be_written, (*above, Path(), Path(tempfile.gettempdir()))), None)
+    if folder is None:
+        return path
+    place = folder / path.name
+    print(
+        f'jaxball: The folder of "{path}" was removed meanwhile and cannot be made again; '
+        f'"{place}" is written instead.',
+        file=sys.stderr,
+    )
+    return place
+
+
+def _can_be_written(folder: Path) -> bool:
+    try:
+        folder.resolve(strict=True)  # fails for the current folder where it has been removed
+    except OSError:
+        return False
+    return folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)
 
 
 def write_json(options: argparse.Namespace, content: dict[str, Any]) -> None:
     """Writes ``content`` to the file of --json."""
     if options.json is None:
         return
+    find_places(options)
     text = json.dumps(json_types(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     text = text.encode(errors="backslashreplace").decode()  # escapes file names that are not valid text
     if options.json == STDOUT:
@@ -53,6 +96,7 @@ def write_outputs(
     - ``draw``: makes the Axes, given :mod:`jaxball.plot`.
     """
     written = []
+    find_places(options)
     if options.out is not None:
         with replacing(options.out) as temporary:
             save(temporary)
@@ -84,7 +128,7 @@ def report(
     if failure:
         print(f"jaxball: {failure}", file=sys.stderr)
         return FAILED_SOLVE
-    say(options, scenario.title, *lines, write_outputs(options, scenario, save, draw))
+    say(options, heading(scenario.title), *lines, write_outputs(options, scenario, save, draw))
     return 0
 
 
@@ -173,7 +217,7 @@ def write_chart(
     write_json(options, {**chart.attrs, **{str(name): chart[name].values for name in chart.variables}})
     counts = ((status, int(np.sum(chart["status"].values == status))) for status in Status if status != Status.SUCCESS)
     failures = [f"  {count:,} {status.name}" for status, count in counts if count]
-    say(options, chart.attrs["title"], *summary(chart), *failures, written)
+    say(options, heading(chart.attrs["title"]), *summary(chart), *failures, written)
     return 0
 
 
@@ -188,7 +232,7 @@ def extremes_of(chart: "xarray.Dataset", name: str) -> tuple[float, float, tuple
 def save_chart(chart: "xarray.Dataset", path: Path) -> None:
     """Writes a chart as netCDF, or as a table with one row for each cell."""
     if path.suffix == ".nc":
-        chart.to_netcdf(path, engine="h5netcdf")
+        write_netcdf(chart, path)
         return
     names = [str(name) for name in chart.data_vars]
     up, right = chart[names[0]].dims

@@ -167,7 +167,18 @@ def gather_problems(source: str) -> Iterator[None]:
         yield
     if problems:
         name = source_name(source)
-        raise ScenarioError("\n".join(f"{name}: {problem}" for problem in problems))
+        raise ScenarioError("\n".join(f"{name}: {problem}" for problem in first_problems(problems)))
+
+
+MOST_PROBLEMS = 10  # of a file that are told one by one
+
+
+def first_problems(problems: Sequence[ScenarioError]) -> list[ScenarioError]:
+    """Returns the first problems of a file, and one that says how many more there are."""
+    more = len(problems) - MOST_PROBLEMS
+    if more <= 1:
+        return list(problems)
+    return [*problems[:MOST_PROBLEMS], ScenarioError(f"{more:,} more problems are not listed.")]
 
 
 def source_name(source: str) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ..interface.activity import Line, activity
 from ..interface.output import OutputError, check_destination, check_folder
-from ..interface.wording import UserError
+from ..interface.wording import UserError, plain
 
 BAD_INPUT = 2
 FAILED_SOLVE = 3
@@ -160,7 +160,7 @@ def working(options: argparse.Namespace, text: str) -> AbstractContextManager[Li
 def say(options: argparse.Namespace, *lines: object) -> None:
     """Prints the nonempty lines: none with --quiet, and to standard error where JSON goes to standard output."""
     if not getattr(options, "quiet", False):
-        text = "\n".join(filter(None, map(str, lines)))
+        text = plain("\n".join(filter(None, map(str, lines))))
         print(text, file=sys.stderr if getattr(options, "json", None) == STDOUT else sys.stdout, flush=True)
 
 

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..interface.arguments import call_with
 from ..numerics.arrays import numbers
 from ..numerics.vectors import norm, room
 from .objectives import AvoidObstacles, depths
@@ -337,7 +338,7 @@ class FunctionConstraint(OfFunction, AbstractConstraint):
     """
 
     def __call__(self, run: Run):
-        return self.function(run, self.parameters)
+        return call_with(self.function, run, parameters=self.parameters)
 
 
 class FunctionRunningConstraint(OfFunction, AbstractRunningConstraint):
@@ -351,4 +352,4 @@ class FunctionRunningConstraint(OfFunction, AbstractRunningConstraint):
     """
 
     def __call__(self, run: Run):
-        return self.function(run, self.parameters)
+        return call_with(self.function, run, parameters=self.parameters)

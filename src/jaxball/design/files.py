@@ -10,7 +10,7 @@ import equinox as eqx
 import numpy as np
 import tomli_w
 
-from ..interface.arguments import require_callable
+from ..interface.arguments import require_callable_with
 from ..numerics.arrays import to_array
 from ..physics.body import System
 from ..physics.state import BallState, DiskState
@@ -207,7 +207,7 @@ def _discs(plane: Plane) -> dict[str, Key]:
 
 def _check_function(values: dict[str, Any], path: str) -> None:
     with trying(join(path, "function")):
-        require_callable("function", values["function"], "run", "parameters")
+        require_callable_with("function", values["function"], values["parameters"], "run")
 
 
 def _check_points(values: dict[str, Any], path: str) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .. import programs
-from ..interface.arguments import require_value
+from ..interface.arguments import call_with, require_value
 from ..numerics.arrays import number_or_none, numbers
 from ..numerics.vectors import ROUNDING_SQUARED, norm
 from ..simulation.equilibrium import imbalance
@@ -322,7 +322,7 @@ class FunctionObjective(OfFunction, AbstractObjective):
     """
 
     def __call__(self, run: Run):
-        value = self.function(run, self.parameters)
+        value = call_with(self.function, run, parameters=self.parameters)
         require_value("function", value, ())
         return value
 
@@ -338,6 +338,6 @@ class FunctionRunningObjective(OfFunction, AbstractRunningObjective):
     """
 
     def integrand(self, run: Run):
-        values = self.function(run, self.parameters)
+        values = call_with(self.function, run, parameters=self.parameters)
         require_value("function", values, run.times.shape)
         return values

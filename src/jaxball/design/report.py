@@ -209,11 +209,13 @@ def _verdict(design: Design) -> str:
         else f"The largest violation is {verified.violation:.3g}; not all hold"
     )
     objective = verified.designed.terms @ design.problem.weights
-    stationary = merit.gradient <= 10 * design.settings.stationary
+    asked = design.settings.stationary
+    # Ten times as much still ends the search.
+    how = "" if merit.gradient <= asked else "nearly " if merit.gradient <= 10 * asked else "not "
     return (
         f"{ends}, to {design.settings.tolerance:g}, at the samples and at nine times between each two of them. The "
-        f"objective is {objective:.6g}. The gradient of the Lagrangian is {merit.gradient:.1e}: the design is "
-        f"{'' if stationary else 'not '}stationary. `{SCENARIO}` is the scenario."
+        f"objective is {objective:.6g}. The gradient of the Lagrangian is {merit.gradient:.1e}, where "
+        f"{asked:.1e} is asked: the design is {how}stationary. `{SCENARIO}` is the scenario."
     )
 
 

@@ -161,7 +161,7 @@ def fit(
     start: PlacedState,
     sensors: Mapping[str, AbstractSensor],
     *,
-    spread: Mapping[str, Numbers],
+    spread: Mapping[str, Numbers] | None = None,
     prior: Mapping[str, Numbers] | None = None,
     biases: Mapping[str, Numbers] | None = None,
     rtol: Numbers = DEFAULT_TOLERANCE,
@@ -178,7 +178,8 @@ def fit(
     - ``sensors``: by name, each with :class:`~jaxball.sensors.SensorErrors` whose ``noise`` is positive and whose
       ``random_walk`` is 0; the value of ``bias`` is not used.
     - ``spread``: the standard deviations of the local coordinates of ``start`` that are not known, by name, as in
-      ``{"Omega": 0.1, "z": np.inf}``; infinite where nothing is known. Others are taken for what they are in ``start``.
+      ``{"Omega": 0.1, "z": np.inf}``; infinite where nothing is known. Others, or all where none are given, are
+      taken for what they are in ``start``.
     - ``prior``: those of the first guesses of parameters; infinite if not given.
     - ``biases``: those of constant biases, by sensor; sensors that are not named have none.
     - ``rtol``, ``atol``: tolerances of the solve.
@@ -206,7 +207,7 @@ def fit(
     >>> round(found.deviations["phidot"], 4)  # 0.1/√100, and the guess
     0.01
     """
-    problem = _problem(log, robot, parameters, start, sensors, spread, prior or {}, biases or {}, rtol, atol)
+    problem = _problem(log, robot, parameters, start, sensors, spread or {}, prior or {}, biases or {}, rtol, atol)
     first = jnp.concatenate([problem.before, jnp.zeros(problem.prior.size - problem.before.size)])
     scale = np.asarray(_scales(problem))
 

@@ -1,4 +1,7 @@
-"""A line on a terminal that says what a command is doing; nothing is written to a log."""
+"""A line that says what a command is doing, or that Python waits for a compilation, on a terminal or in a notebook.
+
+Nothing is written to a log.
+"""
 
 import contextlib
 import os
@@ -14,6 +17,7 @@ TICK = 1.0  # seconds after which a line says how long it has been the same
 ERASE = "\r\x1b[K"
 
 _compilations: list[None] = []  # one for each thread that compiles
+_activities: list[None] = []  # of commands
 
 
 @contextlib.contextmanager
@@ -23,10 +27,21 @@ def activity(text: str, *, quiet: bool = False) -> Iterator["Line"]:
     While the text stays the same, the seconds are counted. Nothing is shown if standard error is not a terminal, or if
     ``quiet``. Anything printed meanwhile must be printed through the line, which makes room for it.
     """
-    line, done = Line(text, None if quiet or not _is_terminal(sys.stderr) else sys.stderr), threading.Event()
+    _activities.append(None)
+    try:
+        with _keep_shown(Line(text, None if quiet or not _is_terminal(sys.stderr) else sys.stderr), DELAY) as line:
+            yield line
+    finally:
+        _activities.pop()
+
+
+@contextlib.contextmanager
+def _keep_shown(line: "Line", delay: float) -> Iterator["Line"]:
+    """Shows a line after ``delay`` seconds, keeps it up to date, and erases it at the end."""
+    done = threading.Event()
 
     def keep_up_to_date() -> None:
-        wait = DELAY
+        wait = delay
         while not done.wait(wait):
             line.show()
             wait = TICK - line.age % TICK
@@ -43,10 +58,11 @@ def activity(text: str, *, quiet: bool = False) -> Iterator["Line"]:
 class Line:
     """The line of an activity on ``stream``, which is None where nothing is to be shown."""
 
-    def __init__(self, text: str, stream: TextIO | None):
+    def __init__(self, text: str, stream: TextIO | None, begun: float | None = None):
         self._text, self._stream, self._lock = text, stream, threading.Lock()
         self._shown = self._closed = False
-        self._written, self._begun = 0.0, time.monotonic()  # when the line was, and when its text was new
+        # When the line was written, and when its text was new.
+        self._written, self._begun = 0.0, time.monotonic() if begun is None else begun
 
     @property
     def age(self) -> float:
@@ -107,11 +123,39 @@ def _width(stream: TextIO) -> int:
     return 80
 
 
+FIRST_CALL = "jaxball: the first call of its kind"
+SILENCE = 5.0  # in seconds, after which Python says that it compiles
+PAUSE = 1.0  # in seconds, between two compilations for which one waits as if they were one
+
+
+class _Wait:
+    """When compilations of this process, with at most short pauses, began, and when the last of them ended."""
+
+    begun = ended = -PAUSE
+
+
 @contextlib.contextmanager
 def compiling() -> Iterator[None]:
-    """Marks a block that compiles a program; blocks may be within each other, and in several threads."""
+    """Marks a block that traces or compiles a program; blocks may be within each other, and in several threads.
+
+    Outside of commands, which say what they are doing, a line says so after five seconds on a terminal or in a
+    notebook.
+    """
+    stream = sys.stderr if _is_terminal(sys.stderr) or _is_of_notebook(sys.stderr) else None
+    says = stream is not None and not _activities and not _compilations
     _compilations.append(None)
     try:
-        yield
+        with contextlib.ExitStack() as stack:
+            if says:
+                now = time.monotonic()
+                _Wait.begun = now if now - _Wait.ended > PAUSE else _Wait.begun
+                line = Line(FIRST_CALL, stream, _Wait.begun)
+                stack.enter_context(_keep_shown(line, max(SILENCE - line.age, 0.0)))
+            yield
     finally:
         _compilations.pop()
+        _Wait.ended = time.monotonic()
+
+
+def _is_of_notebook(stream: Any) -> bool:
+    return type(stream).__module__.startswith("ipykernel.")

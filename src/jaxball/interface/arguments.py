@@ -47,15 +47,17 @@ def require_flags(**values: Any) -> None:
         require(name, value, (bool, np.bool_), "True or False")
 
 
-def whole_number(name: str, value: Any, least: int) -> int:
+def whole_number(name: str, value: Any, least: int, most: int | None = None) -> int:
     """Returns an argument that counts something, as an ``int``.
 
-    **Raises:** ``TypeError`` for anything but a whole number, ``ValueError`` for one below ``least``.
+    **Raises:** ``TypeError`` for anything but a whole number, ``ValueError`` for one below ``least`` or above ``most``.
     """
     if isinstance(value, bool) or not isinstance(value, int | np.integer):
         raise refusal(name, "a whole number", value)
     if value < least:
         raise ValueError(f"Argument `{name}` must be {least} or more, but it is {value}.")
+    if most is not None and value > most:
+        raise ValueError(f"Argument `{name}` must be at most {most:,}, but it is {value:,}.")
     return int(value)
 
 
@@ -151,13 +153,53 @@ def require_callable(name: str, function: Any, *takes: str) -> None:
         ) from None
 
 
+def takes_parameters(function: Any, count: int, parameters: Any) -> bool:
+    """Returns whether a user's function of ``count`` arguments is passed ``parameters`` as one more.
+
+    It is if it takes them; None is not passed where the function has a default for it.
+    """
+    try:
+        signature = inspect.signature(function)
+        signature.bind(*range(count + 1))
+    except ValueError:  # some functions written in C have no signature
+        return True
+    except TypeError:
+        return False
+    places = [p for p in signature.parameters.values() if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    required = len(places) > count and places[count].default is inspect.Parameter.empty
+    return required or parameters is not None
+
+
+def call_with(function: Callable[..., Any], *arguments: Any, parameters: Any) -> Any:
+    """Calls a user's function with ``arguments`` and, if it takes them, ``parameters``."""
+    more = (parameters,) if takes_parameters(function, len(arguments), parameters) else ()
+    return function(*arguments, *more)
+
+
+def require_callable_with(name: str, function: Any, parameters: Any, *takes: str) -> None:
+    """Raises a ``TypeError`` unless the argument ``name`` is a function of the arguments named in ``takes`` and, where
+    they are not None or it has no other form, of ``parameters``.
+    """
+    with contextlib.suppress(TypeError):
+        if parameters is None and not takes_parameters(function, len(takes), parameters):
+            return require_callable(name, function, *takes)
+    return require_callable(name, function, *takes, "parameters")
+
+
 def require_function(name: str, function: Any, shape: tuple[int, ...], **arguments: Any) -> None:
     """Raises a ``TypeError`` unless the argument ``name`` is a function whose value is an array of ``shape``.
 
-    It is traced with ``arguments``, whose names appear only in the message, once for each combination of shapes. An
-    error that the function itself raises is passed on with a note.
+    It is traced with ``arguments``, whose names appear only in the message, once for each combination of shapes. It
+    need not take the last of them where this is ``parameters`` and None. An error that the function itself raises is
+    passed on with a note.
     """
-    require_callable(name, function, *arguments)
+    if "parameters" in arguments:
+        *takes, _ = arguments
+        require_callable_with(name, function, arguments["parameters"], *takes)
+        if not takes_parameters(function, len(takes), arguments["parameters"]):
+            del arguments["parameters"]
+    else:
+        require_callable(name, function, *arguments)
     checked = _checked.setdefault(function, set()) if _is_weakly_hashable(function) else set()
     leaves, structure = jax.tree.flatten(arguments)
     key = shape, structure, tuple((getattr(leaf, "shape", type(leaf)), getattr(leaf, "dtype", None)) for leaf in leaves)

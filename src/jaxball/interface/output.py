@@ -124,7 +124,10 @@ def machine() -> str:
 
 def flush_to_disk(path: Path) -> None:
     """Waits until the content of a file, or the entries of a folder, are on the storage device."""
-    descriptor = os.open(path, os.O_RDONLY)
+    on_windows = os.name == "nt"  # where folders cannot be opened, and a file must be open for writing
+    if on_windows and path.is_dir():
+        return
+    descriptor = os.open(path, os.O_RDWR if on_windows else os.O_RDONLY)
     try:
         os.fsync(descriptor)
     finally:

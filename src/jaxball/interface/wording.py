@@ -1,10 +1,45 @@
 """Words of messages: enumerations, plurals, "did you mean", how to install a package; and :class:`UserError`."""
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 
 
 class UserError(ValueError):
     """What was typed, or written in a file, cannot be done; the message is one sentence that says what and why."""
+
+
+# Control characters but for tab and newline, separators of lines, and what turns the direction of writing.
+_STEERING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
+
+
+def plain(text: str) -> str:
+    """Returns a text in which everything that would steer a terminal is spelled, as in ``\\x1b``."""
+    return _STEERING.sub(lambda match: match[0].encode("unicode_escape").decode(), text)
+
+
+def heading(title: str) -> str:
+    """Returns the title of a file as a line of plain text."""
+    return plain(" ".join(title.split()))
+
+
+def beyond_numbers(value: object) -> str:
+    """Returns a clause that says why a number of a file is infinite, where one in ``value`` is."""
+    items = value if isinstance(value, list | tuple) else [value]
+    infinite = any(beyond_numbers(item) if isinstance(item, list | tuple) else item in _INFINITE for item in items)
+    return ", and the largest number is 1.8e308" if infinite else ""
+
+
+_INFINITE = (float("inf"), float("-inf"))
+
+
+def tell_numbers_apart(*numbers: float) -> list[str]:
+    """Writes numbers with the fewest digits, six or more, by which all that differ can be told apart."""
+    shown: list[str] = []
+    for digits in (6, 10, 17):
+        shown = [f"{number:.{digits}g}" for number in numbers]
+        if len(set(shown)) == len(set(numbers)):
+            break
+    return shown
 
 
 def one_of(names: Sequence[str]) -> str:
@@ -52,7 +87,8 @@ def no_attribute(kind: type, name: str, places: Mapping[str, str]) -> AttributeE
     names = {*dir(kind), *getattr(kind, "__dataclass_fields__", ())}  # fields without a default are no attributes of it
     where = f"; it is `{places[name]}`." if name in places else did_you_mean(name, sorted(names), quote="`")
     article = "An" if kind.__name__[0] in "AEIOU" else "A"
-    return AttributeError(f"{article} {kind.__name__} has no attribute `{name}`{where}")
+    message = f"{article} {kind.__name__} has no attribute `{name}`{where}"
+    return AttributeError(message, name=name, obj=None)  # of no object, to which Python would add a hint of its own
 
 
 def pip_install(extra: str) -> str:

@@ -10,7 +10,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PyTree
 
-from ..interface.arguments import require_function
+from ..interface.arguments import call_with, require_function
 from ..interface.printing import Printed
 from .arrays import Numbers, a_number, numbers, to_array
 from .kinks import kinks_of_function
@@ -258,7 +258,7 @@ class VectorOfTime(OfKinkedFunction):
         require_function("function", self.function, (3,), t=a_number(), parameters=self.parameters)
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
-        return self.function(t, self.parameters)
+        return call_with(self.function, t, parameters=self.parameters)
 
 
 class OfKinkedFunctionOfState(OfKinkedFunction):

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..interface.arguments import call_with
 from ..interface.printing import is_array
 from ..interface.warning import warn_of_kinks
 from .arrays import default_dtype, join_arrays
@@ -36,7 +37,7 @@ def kinks_of_function(part: Any, *others: Any) -> Float[Array, " kinks"]:
     """
 
     def evaluate(part: Any, t: Float[Array, ""], *others: Any) -> Any:
-        return part.function(t, *others, part.parameters)
+        return call_with(part.function, t, *others, parameters=part.parameters)
 
     return kinks_of_functions(part, [Traced(part.function, evaluate, others)], part.kink_times)
 

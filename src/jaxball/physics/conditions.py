@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from ..interface.wording import beyond_numbers
 from ..numerics.arrays import AnyArray, namespace_of
 
 UNIT = 1e-6  # how far the square of a unit vector may be from 1
@@ -35,7 +36,8 @@ class Condition(NamedTuple):
             cases = zip(self.holds, self.name, self.value, strict=True)
         for holds, name, value in cases:
             if not bool(holds):
-                yield Problem(name, f"be {self.must}", f"it is {np.asarray(value).tolist()}")
+                shown = np.asarray(value).tolist()
+                yield Problem(name, f"be {self.must}", f"it is {shown}{beyond_numbers(shown)}")
 
 
 class ExplainedCondition(NamedTuple):

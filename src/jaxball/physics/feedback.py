@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..interface.arguments import require_callable, require_each, traceable
+from ..interface.arguments import call_with, require_callable_with, require_each, traceable
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, default_dtype, number_or_none, numbers, require_shape
 from ..numerics.functions import OfKinkedFunctionOfState
@@ -77,11 +77,11 @@ class FunctionLaw(OfKinkedFunctionOfState, AbstractLaw):
     """
 
     def __check_init__(self):
-        require_callable("function", self.function, "t", "state", "parameters")
+        require_callable_with("function", self.function, self.parameters, "t", "state")
 
     def __call__(self, t: Float[Array, ""], state: State) -> Float[Array, " driven"]:
         with traceable("function", self.function):
-            return self.function(t, state, self.parameters)
+            return call_with(self.function, t, state, parameters=self.parameters)
 
     def kinks_with(self, state: State) -> Float[Array, " kinks"]:
         return kinks_of_function(self, state)

@@ -14,7 +14,7 @@ from ..simulation.trajectory import Trajectory
 from .modes import NO_MODES, Modes, draw_modes, modes_of, with_breaks
 from .palette import COMPONENTS, INK, SOLID, Dashes
 from .record import finite_rows
-from .style import label_axes, legend_above, linestyle, plane_axes, sharing, up_to_ticks, zero_line
+from .style import label_axes, label_with, legend_above, linestyle, plane_axes, sharing, up_to_ticks, zero_line
 
 ROUNDING_DRAWN = 1e-12  # of the typical size of a quantity in the system; below this it is drawn as zero
 NEAR_LINES = 1.2  # points on paper between lines that hide each other
@@ -106,16 +106,22 @@ def over_run(
     size: float = 0.0,
     most: int = 5,
     jumps: bool = False,
+    dimension: str = "",
 ) -> Axes:
     """Draws several series over the times of a run that are drawn, as :func:`over_time`.
 
-    With ``jumps`` they jump where the mode changes, and have gaps there.
+    With ``jumps`` they jump where the mode changes, and have gaps there. Labels have units if the scenario of the run
+    states them; ``dimension`` is that of the series, in words such as ``"length/time"``.
     """
     times, modes = np.asarray(run.times)[finite_rows(run)], modes_of(run)
     if jumps:
         times, *broken = with_breaks(modes, times, *(curve.values for curve in series))
         series = [curve._replace(values=values) for curve, values in zip(series, broken, strict=True)]
-    return over_time(run.system, times, series, name, ax, most, modes, size)
+    ax = over_time(run.system, times, series, name, ax, most, modes, size)
+    if run.scenario is not None and run.scenario.units is not None:
+        units = run.scenario.units
+        label_axes(ax, label_with("$t$", units.of("time")), label_with(name, units.of(dimension)))
+    return ax
 
 
 def components(vectors: Float[np.ndarray, "T 3"], symbol: str) -> list[Series]:

@@ -36,7 +36,9 @@ def with_jumps(trajectory: Trajectory) -> Trajectory:
     **Raises:** ``ValueError`` for a batch of trajectories.
     """
     require_one(trajectory)
-    return with_one_sided_limits(trajectory)
+    limits = with_one_sided_limits(trajectory)
+    # With its scenario, whose units the axes have; what makes a new trajectory leaves it out.
+    return limits if trajectory.scenario is None else limits.set_scenario(trajectory.scenario)
 
 
 def require_finite_rows(trajectory: Trajectory) -> np.ndarray:

@@ -1,6 +1,7 @@
 """The style of the figures, passed to each artist, because matplotlib's own settings are not changed."""
 
 import math
+import re
 import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -211,6 +212,14 @@ def cube(ax: Axes3D, radius: float, names: str) -> None:
     ax.set(xticklabels=names_of, yticklabels=[first, *names_of[1:]], zticklabels=names_of)
     ax.set_box_aspect((1, 1, 1))
     label_axes(ax, *(rf"$\mathbf{{{names}}}_{j}$" for j in (1, 2, 3)))
+
+
+_POWER, _SUPERSCRIPT = r"\^(-?\d+)", r"$^{\1}$"  # of a unit
+
+
+def label_with(words: str, unit: str) -> str:
+    """Returns the label of an axis with a unit such as ``"m s^-1"``, if there is one."""
+    return words if unit in ("", "1") else f"{words} ({re.sub(_POWER, _SUPERSCRIPT, unit)})"
 
 
 def label_axes(ax: Axes, *labels: str) -> None:

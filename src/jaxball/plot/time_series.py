@@ -45,8 +45,10 @@ def angular_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     run = with_jumps(trajectory)
     Omega, size = record(run).observables.angular_velocity_body, 1 / sizes_of(run.system).time
     if run.system.planar:
-        return over_run(run, [Series(-Omega[:, 1], "", COMPONENTS[0])], r"$\dot{\phi}$", ax, size=size)
-    return over_run(run, components(Omega, r"\Omega"), r"$\Omega_i$", ax, size=size)
+        series, name = [Series(-Omega[:, 1], "", COMPONENTS[0])], r"$\dot{\phi}$"
+    else:
+        series, name = components(Omega, r"\Omega"), r"$\Omega_i$"
+    return over_run(run, series, name, ax, size=size, dimension="rad/time")
 
 
 def energies(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -74,7 +76,7 @@ def energies(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     amounts = np.asarray(energy_losses(run))[:, finite_rows(run)]
     losses = (Series(values, name, *look) for (name, look), values in zip(TAKEN.items(), amounts, strict=True))
     series += [curve for curve in losses if np.any(without_rounding(curve.values, size))]
-    return over_run(run, series, "energy", ax, size=size, most=SHORT)
+    return over_run(run, series, "energy", ax, size=size, most=SHORT, dimension="energy")
 
 
 def power(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -84,7 +86,7 @@ def power(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """
     run = with_jumps(trajectory)
     series = [Series(record(run).observables.power, "", COMPONENTS[0])]
-    return over_run(run, series, r"$\dot{E}$", ax, size=sizes_of(run.system).power, jumps=True)
+    return over_run(run, series, r"$\dot{E}$", ax, size=sizes_of(run.system).power, jumps=True, dimension="power")
 
 
 def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -101,7 +103,7 @@ def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     series = [Series(N, "$N$", COMPONENTS[0]), Series(f, r"$|\,\mathbf{f}\,|$", COMPONENTS[1])]
     if (static := float(run.history.coefficients.get("static_friction", 0.0))) > 0:
         series.append(Series(static * N, r"$\mu_s N$", INK, DASHED))
-    ax = over_run(run, series, "contact force", ax, size=sizes_of(run.system).force, jumps=True)
+    ax = over_run(run, series, "contact force", ax, size=sizes_of(run.system).force, jumps=True, dimension="force")
     up_to_ticks(ax, low=0.0)
     if trajectory.interpolant is not None and always_rolls(trajectory):
         extremes = _extremes(trajectory)
@@ -232,7 +234,7 @@ def centre_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     labels = {j: rf"$V_{j + 1}$" for j in columns} if len(columns) > 1 else {0: ""}
     series = [Series(V[:, j], labels[j], COMPONENTS[j]) for j in columns]
     name = r"$\dot{z}$" if len(columns) == 1 else "$V_i$"
-    return over_run(run, series, name, ax, size=speed)
+    return over_run(run, series, name, ax, size=speed, dimension="length/time")
 
 
 def attitude(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -283,7 +285,8 @@ def height(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     '$h$'
     """
     run = _of_contact(trajectory)
-    return _from_zero(run, np.asarray(run.history.over_time["height"]), "$h$", sizes_of(run.system).length, ax)
+    h = np.asarray(run.history.over_time["height"])
+    return _from_zero(run, h, "$h$", "length", sizes_of(run.system).length, ax)
 
 
 def slip_speed(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -305,7 +308,7 @@ def slip_speed(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """
     run = _of_contact(trajectory)
     speed = np.linalg.norm(np.asarray(run.history.over_time["slip"])[:, :2], axis=1)
-    return _from_zero(run, speed, r"$|\,\mathbf{v}_s|$", sizes_of(run.system).speed, ax)
+    return _from_zero(run, speed, r"$|\,\mathbf{v}_s|$", "length/time", sizes_of(run.system).speed, ax)
 
 
 def of_contact(trajectory: Trajectory[Any, Any]) -> list[Callable[..., Axes]]:
@@ -324,8 +327,11 @@ def energy_losses(trajectory: Trajectory[Any, Any]) -> list[Float[np.ndarray, " 
     return [np.asarray(quantities.get(name, nothing)) for name in ("friction_loss", "impact_loss")]
 
 
-def _from_zero(run: Trajectory, values: Float[np.ndarray, " T"], name: str, size: float, ax: Axes | None) -> Axes:
-    ax = over_run(run, [Series(values[finite_rows(run)], "", COMPONENTS[0])], name, ax, size=size)
+def _from_zero(
+    run: Trajectory, values: Float[np.ndarray, " T"], name: str, dimension: str, size: float, ax: Axes | None
+) -> Axes:
+    series = [Series(values[finite_rows(run)], "", COMPONENTS[0])]
+    ax = over_run(run, series, name, ax, size=size, dimension=dimension)
     up_to_ticks(ax, low=0.0)
     return ax
 
@@ -363,7 +369,7 @@ def measurements(trajectory: Trajectory[Any, Any], sensors: Mapping[str, Abstrac
         columns = np.asarray(leaf)[rows].reshape(len(rows), -1).T
         labels = [rf"$x_{{{k}}}$" for k in range(1, len(columns) + 1)] if len(columns) > 1 else [""]
         series = [Series(*fields) for fields in zip(columns, labels, itertools.cycle(COMPONENTS), strict=False)]
-        over_run(run, series, name, ax, jumps=True)
+        over_run(run, series, name, ax, jumps=True, dimension=sensors[name].units)
         ax.label_outer()
     share_bands(figure)
     return figure

@@ -111,7 +111,8 @@ class Computation:
         self._made: dict[Any, Any] = {}
 
     def _of_arrays(self, arrays: list[Any]) -> list[Any]:
-        result = self.function(arrays)
+        with compiling():  # which tracing is the first part of
+            result = self.function(arrays)
         if not isinstance(result, Result):
             result = Result(result, Rest(jax.tree.structure(result)))
         self._results.append(result.rest)

@@ -6,11 +6,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ..interface.status import Status
 from ..numerics.arrays import to_array
+from ..physics.contact.released import ReleasedState
 from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario, ScenarioError, read_scenario
 from ..simulation.trajectory import Trajectory
@@ -57,8 +59,19 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
     if system is None:
         scenario = _scenario(path, about)
         system = scenario.system
+    arrays = load_arrays(path)
     with refuse_errors(path):
-        arrays = load_arrays(path)
+        return _run_in(path, about, arrays, system, scenario)
+
+
+def _run_in(
+    path: Path,
+    about: Mapping[str, Any],
+    arrays: Mapping[str, np.ndarray],
+    system: AbstractSystem,
+    scenario: Scenario | None,
+) -> Trajectory[Any, Any]:
+    """Returns the run with the attributes ``about`` and these arrays."""
     state = _state(arrays, system, path)
     under_feedback = INPUTS in about
     # The robot of the loop: the inputs that acted are held, as in the run itself.
@@ -84,8 +97,33 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
         )
     except KeyError as error:
         raise no_run(path, f"it has no {error}") from None
+    _require_rows(path, run)
+    if scenario is not None:
+        _require_shapes_of(path, state, scenario.state)
     settings_known = not str(about.get("scenario", "")).startswith(UNKNOWN_SOLVER)
     return run.set_scenario(scenario) if scenario is not None and settings_known else run
+
+
+def _require_rows(path: Path, run: Trajectory[Any, Any]) -> None:
+    """Raises a :class:`RunError` unless everything over time has as many rows as there are times."""
+    if jnp.ndim(run.times) != 1:
+        raise no_run(path, f"its times have the shape {jnp.shape(run.times)}")
+    recorded = {name: value for name, value in vars(run.history).items() if name not in ("switches", "law")}
+    for place, leaf in jax.tree_util.tree_leaves_with_path({"state": run.state, **recorded}):
+        if jnp.ndim(leaf) == 0 or len(leaf) != len(run.times):
+            name = jax.tree_util.keystr(place, simple=True, separator=".")
+            raise no_run(path, f"it has {len(run.times)} times, but its `{name}` has the shape {jnp.shape(leaf)}")
+
+
+def _require_shapes_of(path: Path, states: AbstractState, start: Any) -> None:
+    """Raises a :class:`RunError` where states over time are not of the shapes of the one that they began with."""
+    body = start.body if isinstance(start, ReleasedState) else start
+    if type(body) is not type(states):
+        return
+    for name, leaf in vars(states).items():
+        shape = jnp.shape(getattr(body, name))
+        if leaf.shape[1:] != shape:
+            raise no_run(path, f"its `{name}` has the shape {leaf.shape}, but at each time it must have {shape}")
 
 
 def saved_scenario(path: str | Path) -> Scenario:

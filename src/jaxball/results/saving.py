@@ -4,7 +4,7 @@ import dataclasses
 import importlib.metadata
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import jax
 import numpy as np
@@ -22,7 +22,7 @@ from ..simulation.extremes import contact_extremes
 from ..simulation.trajectory import Trajectory, always_rolls
 from ..simulation.variables import Variable
 from .feedback import feedback_labels
-from .files import FORMAT, UNKNOWN_SOLVER, check_format
+from .files import AT_THE_END, CHECKSUM, FORMAT, UNKNOWN_SOLVER, add_checksum, check_format
 from .recording import write_mcap
 from .variables import (
     Variables,
@@ -255,15 +255,27 @@ def _of_switches(trajectory: Trajectory[Any, Any]) -> Variables:
 
 
 def _write_netcdf(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario | None, sensors: Sensors) -> None:
-    to_dataset(trajectory, scenario, sensors).to_netcdf(path, engine="h5netcdf")
+    write_netcdf(to_dataset(trajectory, scenario, sensors).assign_attrs({CHECKSUM: AT_THE_END}), path)
+    add_checksum(path)
+
+
+def write_netcdf(dataset: "xarray.Dataset", path: Path) -> None:
+    """Writes a data set as netCDF.
+
+    **Raises:** ``OSError`` where the disk is full.
+    """
+    # Made in memory, because HDF5 ends the process where it cannot write the rest of a file that it has open.
+    path.write_bytes(cast("memoryview", dataset.to_netcdf(engine="h5netcdf")))
 
 
 def _write_npz(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario | None, sensors: Sensors) -> None:
     arrays: dict[str, Any] = {"time": np.asarray(trajectory.times)}
     parts = _over_time(trajectory, sensors), _of_switches(trajectory), *event_values(trajectory.events).values()
     arrays |= {name: array for part in parts for name, (_, array) in part.items()}
-    arrays |= {name: np.asarray(value) for name, value in attributes(trajectory, scenario, sensors).items()}
+    about = {**attributes(trajectory, scenario, sensors), CHECKSUM: AT_THE_END}
+    arrays |= {name: np.asarray(value) for name, value in about.items()}
     np.savez_compressed(path, **arrays)
+    add_checksum(path)
 
 
 def _write_csv(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario | None, sensors: Sensors) -> None:

@@ -35,7 +35,7 @@ def import_name(path: str, named: str, what: str = "function") -> Any:
     try:
         with _current_folder():
             target = getattr(importlib.import_module(module), name)
-    except Exception as error:  # of any kind: the module is the user's
+    except (Exception, SystemExit) as error:  # of any kind: the module is the user's, and may be a script that exits
         reason = f"{error}" if isinstance(error, ImportError | AttributeError) else f"{type(error).__name__}: {error}"
         reason = " ".join(reason.split())
     else:

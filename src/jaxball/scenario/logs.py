@@ -8,11 +8,12 @@ import csv
 import functools
 import io
 import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ..interface.wording import UserError, did_you_mean
+from ..interface.wording import UserError, did_you_mean, number_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -97,6 +98,11 @@ def columns_of(text: str, name: str, time: str, column: str) -> RecordedColumn:
     for row in reader:
         if row:  # a line without anything is not a row
             lines.append(reader.line_num)
+            if any(entry.strip() for entry in row[len(names) :]):
+                raise LogError(
+                    f"row {lines[-1]} of {name} has {len(row)} entries for {number_of(len(names), 'column')}; where "
+                    "commas separate them, numbers have decimal points, and texts with commas are quoted"
+                )
             numbers.append([_number(row, place, names[place], f"row {lines[-1]} of {name}") for place in places])
     if len(numbers) < 2:
         raise LogError(f"{name} has fewer than two rows below the names of its columns")
@@ -121,6 +127,9 @@ def _place_of(heading: str, names: list[str], name: str) -> int:
     raise LogError(f'{name} has no column "{heading}"{hint.rstrip(".")}')
 
 
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+
+
 def _number(row: list[str], place: int, column: str, where: str) -> float:
     entry = row[place] if place < len(row) else ""
     try:
@@ -129,6 +138,10 @@ def _number(row: list[str], place: int, column: str, where: str) -> float:
         number = math.nan
     if math.isfinite(number):
         return number
+    if _DECIMAL_COMMA.fullmatch(entry.strip()):
+        raise LogError(
+            f'{where} has "{entry.strip()}" in column "{column}", a number with a decimal comma; write decimal points'
+        )
     raise LogError(
         f'{where} has "{entry.strip()}" in column "{column}", which is not a finite number; leave such rows out, and '
         "the log is interpolated between those on both sides"

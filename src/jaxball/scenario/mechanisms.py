@@ -173,8 +173,9 @@ def _check_drive(table: dict[str, Any], path: str) -> None:
             )
 
 
+_DRIVE = {"drive": "one of `schedule`, `force`, `accelerated`"}
 JOINTS: Family = {
-    kind: Module(module.type, {**module.keys, **_DRIVES}, build=_maker(module), check=_check_drive)
+    kind: Module(module.type, {**module.keys, **_DRIVES}, build=_maker(module), check=_check_drive, elsewhere=_DRIVE)
     for kind, module in _GEOMETRY.items()
 }
 

@@ -10,6 +10,7 @@ from ..physics.body import Disk
 from ..physics.contact.law import Contact
 from ..physics.system import AbstractSystem
 from ..simulation import DEFAULT_TOLERANCE
+from ..simulation.arguments import MOST_STEPS
 from .errors import ScenarioError, key_error
 from .imports import is_python_name
 from .solvers import KNOW_MASS_MATRICES, SOLVERS, own_solver
@@ -111,7 +112,7 @@ SOLVE = {
     "solver": Key(_Solver(tuple(SOLVERS)), "dopri8"),
     "rtol": Key(Numbers(rule=POSITIVE), DEFAULT_TOLERANCE),
     "atol": Key(Numbers(rule=POSITIVE), DEFAULT_TOLERANCE),
-    "max_steps": Key(Integer(1, 10**9), 16384),
+    "max_steps": Key(Integer(1, MOST_STEPS), 16384),
     "step_to_times": Key(Flag(), False),
     "dae": Key(Flag(), False),
     "project": Key(Flag(), False),

@@ -157,7 +157,27 @@ def _parse(text: str) -> dict[str, Any]:
     """Parses TOML without the byte-order mark that some editors put at the beginning, which TOML does not allow."""
     import tomllib  # here, as below, because it takes as long as Python itself to start
 
-    return tomllib.loads(text.removeprefix("\ufeff"))
+    document = tomllib.loads(text.removeprefix("\ufeff"))
+    _require_shallow(document)
+    return document
+
+
+DEEPEST = 100  # levels of tables and lists in a file
+
+
+def _require_shallow(document: dict[str, Any]) -> None:
+    """Raises a ``RecursionError`` for a document that is nested too deeply for whatever reads it, level by level."""
+    level: list[Any] = [document]
+    for _ in range(DEEPEST):
+        level = [
+            item
+            for above in level
+            for item in (above.values() if isinstance(above, dict) else above)
+            if isinstance(item, dict | list)
+        ]
+        if not level:
+            return
+    raise RecursionError
 
 
 def _heading(text: str) -> str:

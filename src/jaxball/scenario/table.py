@@ -2,6 +2,7 @@
 
 import contextlib
 import functools
+import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextvars import ContextVar
@@ -9,7 +10,7 @@ from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import Any
 
-from ..interface.wording import did_you_mean
+from ..interface.wording import did_you_mean, number_of, plain
 from .errors import ScenarioError, describe, each_of, key_error
 from .imports import is_python_name
 from .values import Choice, Kind, Nested
@@ -40,6 +41,7 @@ class Module:
     - ``build``: makes the object from the values of the keys; the class itself if not given.
     - ``attributes``: where the object holds a key's value, if not under the same name; without ``build``, the argument.
     - ``check``: raises for values that do not fit each other, given the values and the path.
+    - ``elsewhere``: what stands in a file for an argument of the class that is no key, in words.
     """
 
     type: type
@@ -47,10 +49,12 @@ class Module:
     build: Callable[..., Any] | None = None
     attributes: Mapping[str, str] = field(default_factory=dict)
     check: Callable[[dict[str, Any], str], None] | None = None
+    elsewhere: Mapping[str, str] = field(default_factory=dict)
 
     def read(self, values: Any, path: str) -> Any:
         """Reads the object that a table describes."""
-        table = read_table(values, path, self.keys)
+        named_otherwise = {python: f"`{key}`" for key, python in self.attributes.items()}
+        table = read_table(values, path, self.keys, named_otherwise | dict(self.elsewhere))
         if self.check is not None:
             self.check(table, path)
         return self.make(table)
@@ -93,12 +97,15 @@ class OpenFamily(dict[str, Module]):
 
 def join(path: str, name: str) -> str:
     """Returns the path of the key ``name`` in the table at ``path``; a key without letters is quoted, as in a file."""
-    name = name or '""'
+    name = name if name and plain(name) == name and "\n" not in name else json.dumps(name)
     return f"{path}.{name}" if path else name
 
 
-def read_table(values: Any, path: str, keys: Keys) -> dict[str, Any]:
-    """Reads the values of a table, defaults filled in. An unknown, missing or wrong key raises."""
+def read_table(values: Any, path: str, keys: Keys, elsewhere: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """Reads the values of a table, defaults filled in. An unknown, missing or wrong key raises.
+
+    ``elsewhere`` says what stands for a name of Python that is no key.
+    """
     if not isinstance(values, dict):
         raise key_error(path, "a table", describe(values))
 
@@ -112,7 +119,7 @@ def read_table(values: Any, path: str, keys: Keys) -> dict[str, Any]:
     readers = [functools.partial(value, name, key) for name, key in keys.items()]
     # Together with what is missing or wrong, so that one message names a misspelt key and the one that is missing for
     # it.
-    _, *read = each_of(lambda: refuse_unknown(values, path, keys), *readers)
+    _, *read = each_of(lambda: refuse_unknown(values, path, keys, elsewhere), *readers)
     return dict(zip(keys, read, strict=True))
 
 
@@ -243,18 +250,34 @@ def read_by_name(values: Any, path: str, read: Callable[[Any, str], Any]) -> dic
     return dict(zip(values, read_each, strict=True))
 
 
-def refuse_unknown(values: Any, path: str, names: Iterable[str]) -> None:
-    """Raises for a value that is not a table, and for a key that is not among ``names``."""
+MOST_UNKNOWN = 10  # keys of one table that are told one by one
+
+
+def refuse_unknown(values: Any, path: str, names: Iterable[str], elsewhere: Mapping[str, str] | None = None) -> None:
+    """Raises for a value that is not a table, and for a key that is not among ``names``; see :func:`read_table`."""
     if not isinstance(values, dict):
         raise key_error(path, "a table", describe(values))
     names = sorted(names)
+    right_names = set(names)
+    unknown = [name for name in values if name not in right_names]
 
     def refuse(name: str) -> None:
-        if name not in names:
-            here = f"the keys here are {', '.join(names)}" if names else "there are no keys here"
-            raise ScenarioError(f"Key `{join(path, name)}` is not known{did_you_mean(name, names, here, '`')}")
+        here = f"the keys here are {', '.join(names)}" if names else "there are no keys here"
+        hint = did_you_mean(name, names, here, "`")
+        if elsewhere and name in elsewhere:
+            hint = f"; in a file it is {elsewhere[name]}."
+        raise ScenarioError(f"Key `{join(path, name)}` is not known{hint}")
 
-    each_of(*(functools.partial(refuse, name) for name in values))
+    def refuse_others(first: str, more: int) -> None:
+        others = f"{number_of(more, 'other key')} here {'is' if more == 1 else 'are'}"
+        raise ScenarioError(f"Key `{join(path, first)}` is not known, and {others} not.")
+
+    readers = [functools.partial(refuse, name) for name in unknown[:MOST_UNKNOWN]]
+    if unknown[MOST_UNKNOWN + 1 :]:
+        readers.append(functools.partial(refuse_others, unknown[MOST_UNKNOWN], len(unknown) - MOST_UNKNOWN - 1))
+    elif unknown[MOST_UNKNOWN:]:
+        readers.append(functools.partial(refuse, unknown[MOST_UNKNOWN]))
+    each_of(*readers)
 
 
 def _is_default(value: Any, key: Key) -> bool:

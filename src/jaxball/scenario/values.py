@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..compat import is_traced
-from ..interface.wording import did_you_mean, nearest, one_of
+from ..interface.wording import beyond_numbers, did_you_mean, nearest, one_of
 from ..physics.conditions import Condition
 from .errors import ScenarioError as ScenarioError, describe as describe, key_error
 from .paths import key_of
@@ -236,7 +236,7 @@ class Numbers:
             raise key_error(path, self.words, describe(value))
         # Both together: an infinite number might fulfil the rule.
         holds = namespace(array).isfinite(array).all() & self.rule.holds(array.reshape(-1))
-        require(holds, path, self.words, lambda: describe(value))
+        require(holds, path, self.words, lambda: f"{describe(value)}{beyond_numbers(value)}")
         kinds_read = _KINDS_READ.get()
         # Also where the number is traced, since its kind depends on the key alone.
         if kinds_read is not None:

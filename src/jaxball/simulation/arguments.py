@@ -15,7 +15,8 @@ import numpy as np
 from jaxtyping import Array
 
 from ..compat import is_traced
-from ..interface.arguments import describe, refusal, require
+from ..interface.arguments import describe, refusal, require, whole_number
+from ..interface.deprecation import warn_at_users_line
 from ..interface.wording import UserError, all_of
 from ..numerics.arrays import Numbers, default_dtype, has_shape, require_numbers, shapes_of_fields, to_array
 from ..physics.body import AbstractBody
@@ -68,7 +69,8 @@ def check_times(times: Numbers) -> Array | np.ndarray:
     """
     if isinstance(times, tuple | list) and len(times) == 2 and {*map(type, times)} <= {float, int}:
         start, end = times
-        if start > -PLAIN and end < PLAIN and (array := np.asarray(times, default_dtype()))[0] < array[1]:
+        near = start > -PLAIN and end < PLAIN and abs(start) <= FAR * (end - start)
+        if near and (array := np.asarray(times, default_dtype()))[0] < array[1]:
             return array  # after a few microseconds; the rest takes ten
     array = _as_array("times", times)
     if array.ndim != 1 or array.size < 2:
@@ -81,7 +83,25 @@ def check_times(times: Numbers) -> Array | np.ndarray:
             "Argument `times` must be increasing and finite, but it starts with "
             f"{array[:3].tolist()} and ends with {array[-3:].tolist()}."
         )
+    if isinstance(array, np.ndarray):
+        _warn_of_far_times(array)
     return array
+
+
+FAR = 100  # spans from zero, from where on counting times from the start is worth it
+FINE = 1e-8  # of the shortest interval: how finely times must be known
+
+
+def _warn_of_far_times(times: np.ndarray) -> None:
+    """Warns of times such as 1.7e9, in seconds since 1970, of which few digits tell one moment from the next."""
+    start, span, spacing = float(times[0]), float(times[-1] - times[0]), float(np.spacing(abs(times[0])))
+    if abs(start) > FAR * span and spacing > FINE * float(np.min(np.diff(times))):
+        warn_at_users_line(
+            f"Argument `times` starts at {start:.12g} and lasts {span:.6g}: so far from 0, times are known to "
+            f"{spacing:.1g} only, which costs accuracy and steps. Count the times of the run, and those of its logs, "
+            "from the start: times - times[0].",
+            UserWarning,
+        )
 
 
 def check_solver(solver: diffrax.AbstractAdaptiveSolver | None) -> diffrax.AbstractAdaptiveSolver:
@@ -100,16 +120,15 @@ def check_solver(solver: diffrax.AbstractAdaptiveSolver | None) -> diffrax.Abstr
     raise refusal("solver", "an adaptive solver, such as diffrax.Dopri8()", solver, remedy)
 
 
+MOST_STEPS = 10**9  # which take days, and which a counter of 32 bits holds
+
+
 def check_steps(max_steps: int) -> int:
     """Checks the number of steps.
 
-    **Raises:** ``TypeError`` or ``ValueError`` for anything but a positive whole number.
+    **Raises:** ``TypeError`` or ``ValueError`` for anything but a whole number from 1 to 10⁹.
     """
-    if isinstance(max_steps, bool) or not isinstance(max_steps, int | np.integer):
-        raise refusal("max_steps", "a whole number of steps", max_steps)
-    if max_steps < 1:
-        raise ValueError(f"Argument `max_steps` must be 1 or more, but it is {max_steps}.")
-    return int(max_steps)
+    return whole_number("max_steps", max_steps, 1, MOST_STEPS)
 
 
 def check_adjoint(

@@ -3,7 +3,6 @@
 import contextlib
 import json
 import math
-import os
 import re
 import shutil
 import time
@@ -28,21 +27,14 @@ def write_atomically(path: Path, content: bytes) -> None:
         beside.write_bytes(content)
 
 
-def remove_parts(folder: Path) -> None:
-    """Removes what killed processes left."""
-    # Temporary files of chunks; they were never moved to their places.
-    for path in folder.rglob(".part-*"):
-        path.unlink(missing_ok=True)
-
-
-def remove_dead_parts(folder: Path) -> None:
-    """Removes what killed processes left in ``folder`` itself, where others may be running.
+def remove_dead_parts(folder: Path, *, everywhere: bool = False) -> None:
+    """Removes what killed processes left in ``folder`` itself or, ``everywhere``, also below it; others may be running.
 
     Whether a process of this machine is dead is known. For other machines it is not, and their files are removed when
     older than a day. Files that cannot be removed stay.
     """
     with contextlib.suppress(OSError):
-        for path in folder.glob(".part-*"):
+        for path in list((folder.rglob if everywhere else folder.glob)(".part-*")):
             if _is_dead(path):
                 _remove(path)
 
@@ -51,22 +43,20 @@ def _is_dead(path: Path) -> bool:
     named = _PART.fullmatch(path.name)
     if named is None:
         return False
-    if named["machine"] == machine() and not _is_running(int(named["process"])):
+    if named["machine"] == machine() and not is_running(int(named["process"])):
         return True
     with contextlib.suppress(OSError):
         return time.time() - path.stat().st_mtime > SECONDS_OF_A_PART
     return False
 
 
-def _is_running(process: int) -> bool:
-    try:
-        # Signal 0 is not sent, but tells whether the process exists.
-        os.kill(process, 0)
-    except (ProcessLookupError, OverflowError):
-        return False
-    except OSError:  # it is another user's
-        return True
-    return True
+def is_running(process: int) -> bool:
+    """Returns whether a process of this machine is running."""
+    # Imported here, because it belongs to the extra `sweep`. On Windows `os.kill` would end the process, or, as
+    # Ctrl-C, all those of its console.
+    import psutil
+
+    return psutil.pid_exists(process)
 
 
 def _remove(path: Path) -> None:

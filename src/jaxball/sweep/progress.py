@@ -11,7 +11,7 @@ from jaxtyping import Int
 
 from ..interface.activity import ERASE
 from ..interface.status import SUCCESSES, Status
-from ..interface.wording import number_of
+from ..interface.wording import heading, number_of
 from ..scenario import ScenarioError, read_document
 from ..scenario.paths import with_numbers
 from ..simulation.variables import LEFT_PLANE
@@ -95,7 +95,7 @@ def describe(folder: str | Path) -> str:
     attributes = read_attributes(folder)
     check_intact(folder)
     counts = status_counts(folder)
-    lines = [attributes["title"]] if attributes["title"] else []
+    lines = [heading(attributes["title"])] if attributes["title"] else []
     lines.append(
         f"{counts.rows:,} of {attributes['rows']:,} rows are done ({100 * counts.rows / attributes['rows']:.1f} %)"
     )

@@ -21,7 +21,8 @@ from ..scenario import Scenario
 from .engine import solve_in_lanes
 from .errors import StudyError
 from .executors import Task, compute, executor_of, solve_all, solve_chunk, solve_chunk_elsewhere
-from .files import BYTES_OF_A_CHECKSUM, Damage, remove_parts
+from .files import BYTES_OF_A_CHECKSUM, Damage, remove_dead_parts
+from .locks import only_one
 from .outputs import Output, outputs_of
 from .progress import Progress, Stream, duration, status_counts
 from .rows import Engine
@@ -86,6 +87,15 @@ def sweep(
     store = open_store(Path(out).resolve(), study, outputs_of(study, study.template()))
     words = STOPPING if stream is not None else ""
     stream = io.StringIO() if stream is None else stream
+    with only_one(store.folder, shard, stream):
+        return _complete(store, shard, workers, executor, engine, stream, words)
+
+
+def _complete(
+    store: Store, shard: tuple[int, int], workers: int, executor: Any, engine: Engine, stream: Stream, words: str
+) -> Outcome:
+    """Computes what is missing in a shard of the store, and says ``words`` when a signal stops it."""
+    study = store.study
     stream.write(_describe_repair(study, store.repair()))
     # An executor of another library may not say how many workers it has.
     parallel = workers if executor is None else int(getattr(executor, "_max_workers", 0) or 32)
@@ -128,8 +138,8 @@ def _finish(store: Store, interrupted: bool) -> Outcome:
     # A table's bytes depend on the store alone, so that one that exists is right, also after chunks were computed
     # again.
     if finished and not store.table.exists():
-        # All chunks are done, so that nobody writes to the store any more.
-        remove_parts(store.folder)
+        # Of those who live, another sweep may be writing a chunk that has been done meanwhile.
+        remove_dead_parts(store.folder, everywhere=True)
         write_table(store)
     rows = sum(len(study.rows_of(k)) for k in done)
     return Outcome(store.folder, store.table, study.rows, rows, finished, interrupted and not finished)

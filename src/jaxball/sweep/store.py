@@ -6,6 +6,7 @@ without a mark are computed again.
 """
 
 import contextlib
+import errno
 import functools
 import importlib.metadata
 import json
@@ -113,6 +114,8 @@ class Store:
         # Every folder above a new file, because a name is on disk only when its folder is.
         folders = set()
         try:
+            # Before any folder is made, which would take the place of a store that has been removed.
+            self.folder.stat()
             for name, output in self.outputs.items():
                 # All chunks of a Zarr array have the same shape; what is beyond the last row stays at the fill value.
                 padded = output.empty(self.study.chunk)
@@ -128,10 +131,16 @@ class Store:
             write_atomically(self._mark(chunk), b"")
             flush_to_disk(self._mark(chunk).parent)
         except OSError as error:
-            raise StoreError(
-                f'The store "{self.folder}" cannot be written: {error.strerror or error}. Its contents are intact; '
-                "free some space, and run the same command again."
-            ) from error
+            raise self._write_error(error) from error
+
+    def _write_error(self, error: OSError) -> StoreError:
+        if not self.folder.exists():
+            return StoreError(
+                f'The store "{self.folder}" must stay in its place while a sweep writes to it, but it has been removed '
+                "or moved; put it back, or let the same command compute all rows again."
+            )
+        reason = f'The store "{self.folder}" cannot be written: {error.strerror or error}.'
+        return StoreError(f"{reason} Its contents are intact; {remedy_of(error)}run the same command again.")
 
     def list_chunks(self) -> list[int]:
         """Lists the chunks that are on disk, in order."""
@@ -381,9 +390,17 @@ def write_table(store: Store) -> None:
         flush_to_disk(store.table.parent)
     except OSError as error:
         raise StoreError(
-            f'The table "{store.table}" cannot be written: {error.strerror or error}. The store is intact; free some '
-            "space, and run the same command again."
+            f'The table "{store.table}" cannot be written: {error.strerror or error}. The store is intact; '
+            f"{remedy_of(error)}run the same command again."
         ) from error
+
+
+def remedy_of(error: OSError) -> str:
+    """Returns what to do before the next attempt, as the beginning of a clause; empty where nothing is known."""
+    return "free some space, and " if error.errno in NO_SPACE else ""
+
+
+NO_SPACE = {getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG") if hasattr(errno, name)}
 
 
 def _unit_of(store: Store, name: str) -> dict[str, str] | None:

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from ..interface.html import repr_html
 from ..interface.printing import json_types
+from ..interface.wording import heading
 from .case import ERROR_ALLOWED, Trust
 
 
@@ -109,7 +110,7 @@ class Report:
     _repr_html_ = repr_html
 
     def __repr__(self) -> str:
-        lines = [self.title] if self.title else []
+        lines = [heading(self.title)] if self.title else []
         lines += table(self.rows)
         if self.trust is not None:
             lines.append(f"  {self.trust}")

@@ -230,7 +230,7 @@ def test_a_program_is_found_without_a_trace_and_computes_the_same(in_process, us
     np.testing.assert_allclose(first, jax.jit(jax.value_and_grad(usual["loss"]))(0.3), rtol=1e-13)  # rounded otherwise
 
 
-def test_arguments_and_settings_are_told_apart(in_process):
+def test_arguments_and_settings_are_tell_numbers_apart(in_process):
     def made(x):
         return jaxball.jit(lambda x: jax.tree.map(lambda one: 2 * one, x))(x)
 

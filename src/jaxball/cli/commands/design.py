@@ -10,6 +10,7 @@ from typing import Any
 from ...interface.activity import Line
 from ...interface.interruption import interrupt_message
 from ...interface.output import check_folder
+from ...interface.wording import heading
 from ..input import PROBLEMS, gather_problems, text_and_document
 from ..jax_setup import set_up_jax
 from ..options import working
@@ -101,7 +102,7 @@ def _search(options: argparse.Namespace, problem_file: Any, source: Any) -> int:
 def _print_summary(title: str, objectives: dict[str, float], in_units: dict[str, str], violations: dict[str, str]):
     """Prints the objectives, with the lengths, angles and times that they stand for, and the constraints."""
     if title:
-        print(title)
+        print(heading(title))
     for name, value in objectives.items():
         print(f"  {name}: {value:.6g}{f' ({in_units[name]})' if in_units[name] else ''}")
     for name, sentence in violations.items():

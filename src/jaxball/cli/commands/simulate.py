@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...interface.output import check_view
-from ...interface.wording import number_of
+from ...interface.wording import heading, number_of
 from ...results.files import check_format
 from ...scenario.errors import ScenarioError
 from ...scenario.paths import with_values
@@ -114,7 +114,7 @@ def _simulate(options: argparse.Namespace, scenario: "Scenario") -> int:
     from ...physics.rolling import AbstractRollingSystem
     from ...plot.record import finite_rows
     from ...scenario.checks import message_in_keys
-    from ..files import write_json
+    from ..files import find_places, write_json
 
     # The dense output serves the extremes of the contact force, which other systems do not have; samples have none.
     rolls = isinstance(scenario.system_to_solve, AbstractRollingSystem) and scenario.feedback is None
@@ -123,6 +123,7 @@ def _simulate(options: argparse.Namespace, scenario: "Scenario") -> int:
     events = _events(options, scenario)
     with working(options, "simulating"):
         trajectory = scenario.simulate(dense=rolls and shown, events=events)
+    find_places(options)
     written = []
     if options.out is not None:
         with working(options, "evaluating and saving"):
@@ -144,7 +145,7 @@ def _simulate(options: argparse.Namespace, scenario: "Scenario") -> int:
         content = {} if options.json is None else _content(scenario, trajectory)
         checks = [] if options.quiet else _checks(trajectory)
     write_json(options, content)
-    say(options, scenario.title, trajectory, *checks, name_files(written))
+    say(options, heading(scenario.title), trajectory, *checks, name_files(written))
     return 0
 
 

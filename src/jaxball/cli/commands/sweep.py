@@ -12,7 +12,7 @@ from ..input import STUDY, gather_problems, text_and_document
 from ..jax_setup import set_up_jax
 from ..options import FAILED_SOLVE, BadInputError, add_formats, add_replacing, count, working
 
-NEEDED = ("zarr", "google_crc32c", "pandas", "pyarrow", "scipy")
+NEEDED = ("zarr", "google_crc32c", "pandas", "pyarrow", "scipy", "filelock", "psutil")
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -70,7 +70,8 @@ def run(options: argparse.Namespace) -> int:
         parser.error(f"unrecognized argument: {options.store}")
     if options.out is None and not options.dry_run:
         parser.error("the following argument is required: --out")
-    require_packages(NEEDED)
+    if not options.dry_run or options.measure:
+        require_packages(NEEDED)
     text, _ = text_and_document(options.study, "study", STUDY)
     set_up_jax(options.device)
     return _sweep(options, text)

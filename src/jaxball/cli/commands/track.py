@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ...interface.output import check_destination
 from ...interface.status import BACK_WITHIN
+from ...interface.wording import heading
 from ...results.files import READ_BACK
 from ...scenario.errors import ScenarioError
 from ..input import add_scenario, scenario_document, scenario_of
@@ -132,7 +133,7 @@ def _track(options: argparse.Namespace, scenario: "Scenario", axes: tuple[ChartA
     from ... import results
     from ...scenario.checks import message_in_keys
     from ...scenario.closed_loop import feedback_along, nominal_run
-    from ..files import write_json
+    from ..files import find_places, write_json
 
     disturbed = _disturb(options, scenario)
     with working(options, "simulating the motion"):
@@ -144,6 +145,7 @@ def _track(options: argparse.Namespace, scenario: "Scenario", axes: tuple[ChartA
         feedback = feedback_along(scenario, motion)
     held = [_simulate_loops(options, entry, feedback) for entry in disturbed]
     basins = {} if axes is None else _basins(options, scenario, feedback, axes)
+    find_places(options)
     written = []
     if options.out is not None:
         with working(options, "evaluating and saving"):
@@ -155,7 +157,7 @@ def _track(options: argparse.Namespace, scenario: "Scenario", axes: tuple[ChartA
     deviations = _Deviations.of(scenario, feedback)
     write_json(options, _content(scenario, deviations, held, basins))
     lines = [_track_of(feedback), *_table(deviations, held), *(_basin_line(*entry) for entry in basins.items())]
-    say(options, scenario.title, *lines, name_files(written))
+    say(options, heading(scenario.title), *lines, name_files(written))
     return 0 if all(loop.ok for entry in held for loop in entry.loops.values()) else FAILED_SOLVE
 
 

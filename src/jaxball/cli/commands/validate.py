@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from ...interface.wording import number_of
+from ...interface.wording import heading, number_of, plain
 from ...scenario.errors import ScenarioError, all_problems
 from ...scenario.logs import with_logs
 from ...scenario.sources import builtin_scenarios, builtin_text, document_of, text_of
-from ..input import CONTROL, PROBLEM, SCENARIO, STUDY, input_text, kind_of_document, source_name
+from ..input import CONTROL, PROBLEM, SCENARIO, STUDY, first_problems, input_text, kind_of_document, source_name
 from ..jax_setup import set_up_jax
 from ..options import BAD_INPUT, sentence
 
@@ -33,10 +33,10 @@ def run(options: argparse.Namespace) -> int:
         with all_problems() as problems:
             description = _describe(source, options)
         name = source_name(source)
-        for problem in problems:
-            print(f"{name}: {sentence(problem)}", file=sys.stderr)
+        for problem in first_problems(problems):
+            print(plain(f"{name}: {sentence(problem)}"), file=sys.stderr)
         if not problems and not options.quiet:
-            print(f"{name} is valid: {description}", flush=True)
+            print(plain(f"{name} is valid: {description}"), flush=True)
         all_valid &= not problems
     return 0 if all_valid else BAD_INPUT
 
@@ -112,4 +112,4 @@ def _names(what: str, items: Mapping[str, Any]) -> str:
 
 def _add_title(kind: str, content: str, document: dict[str, Any]) -> str:
     title = document.get("title", "")
-    return f'{kind}, "{title}": {content}.' if title else f"{kind}: {content}."
+    return f'{kind}, "{heading(title)}": {content}.' if title else f"{kind}: {content}."

@@ -107,7 +107,9 @@ def _draw(options: argparse.Namespace, scenario: "Scenario", report: "Report") -
         return f"  not written: {options.plot}, because none of the laws is a balance that applies"
     from ...plot import law_residuals
     from ...plot.report import write_figure
+    from ..files import find_places
 
+    find_places(options)
     with working(options, "drawing"):
         drawn = law_residuals(report.times, report.residuals)
         write_figure(drawn, options.plot, scenario.system, scenario.title)

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PyTree
 
-from ...interface.arguments import require_callable
+from ...interface.arguments import require_callable_with
 from ...numerics.arrays import numbers
 from ...physics.body import System
 from .run import Run
@@ -35,7 +35,7 @@ class OfFunction(Requirement):
     parameters: PyTree = None
 
     def __check_init__(self):
-        require_callable("function", self.function, "run", "parameters")
+        require_callable_with("function", self.function, self.parameters, "run")
 
 
 class AbstractObjective(Requirement):

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...interface.arguments import describe, require_callable, require_function, require_value
+from ...interface.arguments import call_with, describe, require_callable_with, require_function, require_value
 from ...interface.printing import Printed
 from ...numerics.arrays import Numbers, a_number, default_dtype, numbers, require_shape, to_array
 from ...numerics.functions import HarmonicSeries, OfKinkedFunctionOfState, VectorOfTime
@@ -200,10 +200,10 @@ class FunctionWrench(OfKinkedFunctionOfState, AbstractWrench):
     """
 
     def __check_init__(self):
-        require_callable("function", self.function, "t", "motion", "parameters")
+        require_callable_with("function", self.function, self.parameters, "t", "motion")
 
     def wrench(self, t: Float[Array, ""], motion: BodyMotion) -> Wrench:
-        value = self.function(t, motion, self.parameters)
+        value = call_with(self.function, t, motion, parameters=self.parameters)
         return _check_wrench("function", value if isinstance(value, Wrench) else Wrench(value))
 
     def kinks_with(self, motion: BodyMotion) -> Float[Array, " kinks"]:

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...interface.arguments import require, require_flags, require_function
+from ...interface.arguments import call_with, require, require_flags, require_function
 from ...numerics.arrays import AnyArray, a_number, join_arrays, namespace_of, numbers
 from ...numerics.functions import OfKinkedFunctionOfState
 from ...numerics.vectors import cross, dot, sine_cosine, unit_vector
@@ -66,7 +66,7 @@ class HeightField(OfKinkedFunctionOfState, AbstractSurface):
         return 1 / jnp.sqrt(1 + along_x**2 + along_y**2)
 
     def _height(self, t: Time, x: Coordinate, y: Coordinate) -> Float[Array, ""]:
-        return jnp.asarray(self.function(t, x, y, self.parameters), x.dtype)
+        return jnp.asarray(call_with(self.function, t, x, y, parameters=self.parameters), x.dtype)
 
     def over(self, t: Time, x: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
         return x[:2]
@@ -108,7 +108,7 @@ class ParametricSurface(OfKinkedFunctionOfState, AbstractSurface):
         require_function("function", self.function, (3,), t=number, u1=number, u2=number, parameters=self.parameters)
 
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
-        return self.function(t, u1, u2, self.parameters)
+        return call_with(self.function, t, u1, u2, parameters=self.parameters)
 
     def kinks(self) -> Float[Array, " kinks"]:
         return join_arrays([self.kink_times, AbstractSurface.kinks(self)])

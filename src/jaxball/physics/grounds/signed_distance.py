@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...interface.arguments import require_function
+from ...interface.arguments import call_with, require_function
 from ...numerics.arrays import a_number, join_arrays, namespace_of, number_or_none, numbers
 from ...numerics.functions import OfKinkedFunctionOfState
 from ...numerics.roots import find_rising_root, with_derivatives_of_root
@@ -140,7 +140,7 @@ class SignedDistance(OfKinkedFunctionOfState, AbstractSurface):
 
     def value_at(self, t: Time, x: Float[Array, "3"]) -> Float[Array, ""]:
         """Evaluates the function at a point, before ``motion`` moves both."""
-        return jnp.asarray(self.function(t, x[0], x[1], x[2], self.parameters), x.dtype)
+        return jnp.asarray(call_with(self.function, t, x[0], x[1], x[2], parameters=self.parameters), x.dtype)
 
     def gradient_at(self, t: Time, x: Float[Array, "3"]) -> Float[Array, "3"]:
         """Computes the gradient of the function at a point, before ``motion`` moves both."""

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...interface.arguments import require, require_callable, require_flags, require_value, traceable
+from ...interface.arguments import call_with, require, require_callable_with, require_flags, require_value, traceable
 from ...interface.printing import Printed
 from ...numerics.arrays import (
     AnyArray,
@@ -438,11 +438,11 @@ class FunctionJointForce(OfKinkedFunctionOfState, AbstractJointForce):
     """
 
     def __check_init__(self):
-        require_callable("function", self.function, "t", "theta", "thetadot", "state", "parameters")
+        require_callable_with("function", self.function, self.parameters, "t", "theta", "thetadot", "state")
 
     def __call__(self, t, theta, thetadot, state):
         with traceable("function", self.function):
-            force = self.function(t, theta, thetadot, state, self.parameters)
+            force = call_with(self.function, t, theta, thetadot, state, parameters=self.parameters)
         require_value("function", force, ())
         return force
 

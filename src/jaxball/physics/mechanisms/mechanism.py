@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, PyTree
 
-from ...interface.arguments import require_each, require_function
+from ...interface.arguments import call_with, require_each, require_function
 from ...interface.printing import Printed
 from ...numerics.arrays import Numbers, default_dtype, join_arrays, numbers, stack_arrays
 from ...numerics.vectors import cross
@@ -378,7 +378,7 @@ class FunctionMechanism(AbstractMechanism):
 
     def places(self, theta: Float[Array, " k"]) -> Places:
         def at(theta):
-            return self.function(theta, self.parameters)
+            return call_with(self.function, theta, parameters=self.parameters)
 
         units = jnp.eye(len(self.given), dtype=theta.dtype)
         return Places(at(theta), jnp.stack([jax.jvp(at, (theta,), (unit,))[1] for unit in units]), theta)

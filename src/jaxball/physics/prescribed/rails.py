@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...interface.arguments import require, require_function
+from ...interface.arguments import call_with, require, require_function
 from ...interface.printing import Printed
 from ...numerics.arrays import a_number, numbers
 from ...numerics.calculus import Furthest, furthest, two_derivatives
@@ -91,7 +91,7 @@ class FunctionRail(OfFunction, AbstractRail):
         require_function("function", self.function, (3,), theta=a_number(), parameters=self.parameters)
 
     def __call__(self, theta: Float[Array, ""]) -> Float[Array, "3"]:
-        return self.function(theta, self.parameters)
+        return call_with(self.function, theta, parameters=self.parameters)
 
     @property
     def period(self) -> float | None:

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from ...compat import is_traced
 from ...interface.arguments import refusal
 from ...interface.printing import Printed
-from ...interface.wording import one_of
+from ...interface.wording import one_of, tell_numbers_apart
 from ...numerics.arrays import AnyArray, numbers
 from ...numerics.functions import PiecewisePolynomial, not_a_knot_cubic_spline
 from ...numerics.kinks import CLOSE_KINKS
@@ -290,12 +290,14 @@ def coverages(arguments: Any, times: Float[AnyArray, " T"]) -> Iterator[Explaine
 
 
 def _too_short(name: str, log: AbstractRecorded, times: Float[AnyArray, " T"]) -> Problem:
-    start, end, first, last = (float(t) for t in (times[0], times[-1], log.times[0], log.times[-1]))
+    start, end, first, last = tell_numbers_apart(
+        *(float(t) for t in (times[0], times[-1], log.times[0], log.times[-1]))
+    )
     others = one_of([f'"{choice}"' for choice in log.choices_outside if choice != "refuse"])
     return Problem(
         name,
-        f"be a log that lasts as long as the run, from t = {start:g} to t = {end:g}",
-        f"it lasts from t = {first:g} to t = {last:g}; change the times of the run, or give `outside`, {others}",
+        f"be a log that lasts as long as the run, from t = {start} to t = {end}",
+        f"it lasts from t = {first} to t = {last}; change the times of the run, or give `outside`, {others}",
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...compat import is_traced
-from ...interface.arguments import require_function
+from ...interface.arguments import call_with, require_function
 from ...interface.printing import Printed
 from ...numerics.arrays import AnyArray, Numbers, a_number, numbers, to_array
 from ...numerics.calculus import two_derivatives
@@ -97,7 +97,7 @@ class FunctionSchedule(OfFunction, AbstractSchedule):
         require_function("function", self.function, (), t=a_number(), parameters=self.parameters)
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
-        return self.theta + self.function(t, self.parameters)
+        return self.theta + call_with(self.function, t, parameters=self.parameters)
 
     def shift(self, by: Float[Array, ""]) -> "FunctionSchedule":
         return eqx.tree_at(lambda s: s.theta, self, self.theta + by)

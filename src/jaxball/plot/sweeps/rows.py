@@ -16,7 +16,7 @@ from ...interface.status import SUCCESSES, Status
 from ...interface.wording import did_you_mean
 from ...scenario.paths import entries
 from ...simulation.variables import EXTREMES, FINDS, RUN, symbol_of
-from ..style import ColourScale
+from ..style import ColourScale, label_with
 
 if TYPE_CHECKING:
     import xarray
@@ -57,7 +57,6 @@ NUMBERS = {
 Labels = Mapping[str, str] | None
 GREEK = {"Gamma": "Γ", "Lambda": "Λ", "Omega": "Ω", "chi": "χ", "lambda": "λ", "mu": "μ", "phi": "φ", "theta": "θ"}
 SUBSCRIPTS = str.maketrans("0123456789sx", "₀₁₂₃₄₅₆₇₈₉ₛₓ")
-POWER, SUPERSCRIPT = r"\^(-?\d+)", r"$^{\1}$"  # of a unit
 SEED = 0
 FEW_PATHS = 2
 _NEEDED = ("shape", "paths", "path_axis", "path_logarithmic", "axis_scattered")
@@ -82,11 +81,7 @@ def number_label(
     # A function, because a replacement text would take backslashes of the symbol as its own.
     numbered = re.sub("#", lambda _: str(int(next(indices)) + 1), symbol)
     unit = ("" if data is None else data[path].attrs.get("units", "")) or dimension
-    return _with_unit(f"${numbered}$" if symbol else path, unit if with_unit else "")
-
-
-def _with_unit(words: str, unit: str) -> str:
-    return words if unit in ("", "1") else f"{words} ({re.sub(POWER, SUPERSCRIPT, unit)})"
+    return label_with(f"${numbered}$" if symbol else path, unit if with_unit else "")
 
 
 def plain(path: str) -> str:
@@ -338,7 +333,7 @@ def label_of(data: "xarray.Dataset", result: str, labels: Labels = None, *, at_t
         words = f"${symbol_of(name)}{'_{' + ','.join(indices) + '}' if indices else ''}$"
         words += " at the end" if at_the_end else ""
     units = data[name].attrs.get("units", "") or (entry.units if entry else "")
-    return _with_unit(words, units)
+    return label_with(words, units)
 
 
 def _index(data: "xarray.Dataset", dimension: str, k: int) -> str:

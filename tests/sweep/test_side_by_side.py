@@ -1,0 +1,95 @@
+"""Several sweeps into one store at once, and a store that goes away under one."""
+
+import io
+import os
+import shutil
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import filelock
+import pytest
+
+from jaxball.interface.output import part_prefix
+from jaxball.sweep import StoreError, sweep
+from jaxball.sweep.files import is_running
+from jaxball.sweep.locks import WAITING
+from jaxball.sweep.store import remedy_of
+from tests.sweep.studies import files, pretend, study
+
+SETTINGS = "chunk = 1"  # so that both have much to write
+
+
+def test_two_sweeps_into_one_new_store(tmp_path):
+    """One of them waits, and both end with the files that one alone writes."""
+    both = threading.Barrier(2)
+
+    def run(_):
+        both.wait()
+        return sweep(study(tmp_path, settings=SETTINGS), tmp_path / "s.zarr", engine=pretend)
+
+    (tmp_path / "alone").mkdir()
+    alone = sweep(study(tmp_path / "alone", settings=SETTINGS), tmp_path / "alone" / "s.zarr", engine=pretend)
+    with ThreadPoolExecutor(2) as pool:
+        outcomes = list(pool.map(run, range(2)))
+    assert [outcome.finished for outcome in outcomes] == [True, True]
+    assert files(tmp_path / "s.zarr") == files(alone.store)
+    assert not list(tmp_path.glob(".*"))  # neither locks nor parts
+
+
+def test_a_sweep_says_that_it_waits_for_another(tmp_path):
+    stream, begun = io.StringIO(), threading.Event()
+
+    def engine(batch, request):
+        begun.set()
+        return pretend(batch, request)
+
+    with ThreadPoolExecutor(1) as pool:
+        with filelock.FileLock(tmp_path / ".lock-s.zarr-1-1"):
+            waiting = pool.submit(sweep, study(tmp_path), tmp_path / "s.zarr", engine=engine, stream=stream)
+            while not stream.getvalue():
+                waiting.exception(0.01) if waiting.done() else threading.Event().wait(0.01)
+            assert not begun.is_set()
+        assert waiting.result().finished
+    assert stream.getvalue().startswith(WAITING)
+
+
+def test_shards_do_not_wait_for_each_other(tmp_path):
+    with filelock.FileLock(tmp_path / ".lock-s.zarr-1-2"):
+        half = sweep(study(tmp_path, settings=SETTINGS), tmp_path / "s.zarr", shard=(2, 2), engine=pretend)
+    assert half.done == 7  # of 15 rows
+
+
+def test_what_another_is_writing_stays(tmp_path):
+    """Where there are no locks, two sweeps may write the same chunk, and one is done before the other."""
+    (tmp_path / "s.zarr").parent.mkdir(exist_ok=True)
+    writing = []
+
+    def engine(batch, request):
+        if not writing:
+            writing.append(tmp_path / "s.zarr" / "z" / f"{part_prefix()}ab12")
+            writing[0].write_text("half of a chunk")
+        return pretend(batch, request)
+
+    assert sweep(study(tmp_path), tmp_path / "s.zarr", engine=engine).finished
+    assert writing[0].read_text() == "half of a chunk"
+
+
+def test_a_store_that_is_removed_under_a_sweep(tmp_path):
+    def engine(batch, request):
+        shutil.rmtree(tmp_path / "s.zarr")
+        return pretend(batch, request)
+
+    with pytest.raises(StoreError, match=r"must stay in its place while a sweep writes to it, but it has been removed"):
+        sweep(study(tmp_path), tmp_path / "s.zarr", engine=engine)
+    assert not (tmp_path / "s.zarr").exists()
+    assert sweep(study(tmp_path), tmp_path / "s.zarr", engine=pretend).finished
+
+
+def test_space_is_asked_for_where_there_is_none():
+    assert remedy_of(OSError(28, os.strerror(28))) == "free some space, and "
+    assert remedy_of(PermissionError(13, os.strerror(13))) == ""
+
+
+def test_who_is_running():
+    assert is_running(os.getpid())
+    assert not is_running(2**30)  # beyond every process number
