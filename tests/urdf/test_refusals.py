@@ -161,7 +161,11 @@ REFUSALS = {
         URDF.replace("<robot", '<!DOCTYPE robot [<!ENTITY bob SYSTEM "file:///etc/hostname">]><robot'),
         "The file must have no document type and no entities, but it declares some; leave them out.",
     ),
-    "no XML": ("robot", "The file must be XML, but it is not: "),
+    "no XML": ("robot <", "The file must be XML, but it is not: "),
+    "no file": (
+        "robot.urdf",
+        'Argument `source` must be the path of a URDF file, or its text, but it is "robot.urdf" (No such file or',
+    ),
     "MJCF": ("<mujoco/>", "The file must have <robot> as its root, but it has <mujoco>."),
     "empty": ("<robot/>", "The file must have a <link>, the shell, but it has none."),
 }
