@@ -117,7 +117,7 @@ class Frame(NamedTuple):
 
 
 class Angles(NamedTuple):
-    """The unit of angles in rad, and the sequence of Euler's angles as SciPy has it: rotating axes in capitals."""
+    """The unit of angles in rad, and the axes of Euler's angles: x, y, z if they turn, too, and capitals if not."""
 
     unit: float
     sequence: str
@@ -176,7 +176,7 @@ def _turn(element: ET.Element, angles: Angles) -> Float[np.ndarray, "3 3"]:
         axis = values[:3] / np.linalg.norm(values[:3])
         return Rotation.from_rotvec(axis * values[3] * angles.unit).as_matrix()
     if name == "euler":
-        return Rotation.from_euler(angles.sequence, values * angles.unit).as_matrix()
+        return _turn_by_euler(angles.sequence, values * angles.unit)
     if name == "zaxis" and np.any(values != 0):
         return _turn_to(values)
     # MuJoCo, too, takes y only as far as it is across x.
@@ -188,6 +188,15 @@ def _turn(element: ET.Element, angles: Angles) -> Float[np.ndarray, "3 3"]:
         f'Attribute `{name}` of {label(element)} must be an orientation, with axes that are not 0, but it is "'
         f'{element.get(name)}".'
     )
+
+
+def _turn_by_euler(sequence: str, angles: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    # One by one, because MuJoCo lets axes that turn and axes that do not follow each other, and the same one twice.
+    turn = np.eye(3)
+    for axis, angle in zip(sequence, angles, strict=True):
+        single = Rotation.from_euler(axis.lower(), angle).as_matrix()
+        turn = turn @ single if axis.islower() else single @ turn
+    return turn
 
 
 def read_inertial(body: ET.Element, angles: Angles) -> Inertial | None:

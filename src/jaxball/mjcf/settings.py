@@ -88,7 +88,7 @@ def read_settings(root: ET.Element) -> Settings:
     if "gravity" in disabled:
         gravity = np.zeros(3)
     unit = 1.0 if angle == "radian" else np.pi / 180
-    inertias = Inertias(Angles(unit, sequence.swapcase()), from_geoms)
+    inertias = Inertias(Angles(unit, sequence), from_geoms)
     return Settings(inertias, autolimits == "true", gravity, disabled, idle_groups, alignfree == "true")
 
 
