@@ -1,4 +1,4 @@
-"""A hundred files as MuJoCo compiles them: masses, forces, and accelerations of rolling, also after MuJoCo saved them."""
+"""A hundred files as MuJoCo compiles and saves them: masses, forces, and accelerations of rolling."""
 
 import jax
 import jax.numpy as jnp
