@@ -28,7 +28,8 @@ def replace_ratios(inside: Inside, actuators: list[ET.Element], inertial: Inerti
 
     Returns whether there were any.
 
-    **Raises:** :class:`MJCFError` for an actuator with a damping and a ratio of it.
+    **Raises:** :class:`MJCFError` for a time or a ratio that is not positive, and for an actuator that has a damping and
+    a ratio of it.
     """
     servos = [actuator for actuator in actuators if _ratio(actuator)]
     if not servos and not any(map(_springdamper, inside.elements)):
@@ -51,7 +52,14 @@ def _springdamper(joint: ET.Element) -> tuple[float, float] | None:
     if joint.get("springdamper") is None:
         return None
     time, ratio = map(float, numbers(joint, "springdamper", count=2))
-    return (time, ratio) if time > 0 and ratio > 0 else None
+    if time == ratio == 0:
+        return None
+    if time <= 0 or ratio <= 0:
+        raise MJCFError(
+            f"Attribute `springdamper` of {label(joint)} must be a time and a ratio that are positive, but it is "
+            f'"{joint.get("springdamper")}".'
+        )
+    return time, ratio
 
 
 def _ratio(actuator: ET.Element) -> float:

@@ -56,15 +56,14 @@ INNER = Element(inner=None)  # what may be in it is checked where it is read
 NO_MEDIUM = Refused("a medium has no counterpart here; add `resistance` to the scenario")
 STATED = Refused("inertias must be those that the file states")
 ON_JOINT = "a `joint` is the only thing that actuators act on here"
+ENDS = ("tendon", "site", "refsite", "cranksite", "slidersite")  # of actuators that act on no joint
 ACTUATOR = Element(
     "name class joint jointinparent group gear ctrlrange ctrllimited forcerange forcelimited damping",
     "user nsample interp lengthrange cranklength",
     refused={
         "armature": Refused("a rotor geared to a joint has no counterpart here"),
         "delay": Refused(NO_DELAY),
-        **dict.fromkeys(
-            ("tendon", "site", "refsite", "body", "cranksite", "slidersite"), Refused(ON_JOINT, ("left out",))
-        ),
+        **dict.fromkeys(ENDS, Refused(ON_JOINT, ("left out",))),
     },
 )
 SENSOR = Element(
@@ -101,7 +100,10 @@ ACTUATORS = {
         ACTUATOR,
         "dyntype gaintype biastype gainprm biasprm",
         "dynprm input velrange ffrange actdim actlimited actrange actearly",
-        refused={"inheritrange": Refused("joints have no ranges here")},
+        refused={
+            "inheritrange": Refused("joints have no ranges here"),
+            "body": Refused(ON_JOINT, ("left out",)),
+        },
     ),
 }
 OTHER_ACTUATORS = (
@@ -221,12 +223,16 @@ TABLE: dict[str, dict[str, Element]] = {
         "framepos": _with(SENSOR, "objtype objname reftype refname"),
     },
 }
-IDENTITY = {"name", "class", "joint", "jointinparent", "lengthrange"}  # of an element: nothing that a class could give
+# Of an element: nothing that a class could give.
+IDENTITY = {"name", "class", "joint", "jointinparent", "lengthrange", "body", *ENDS}
 
 
 def _without_identity(element: Element) -> Element:
-    kept = (" ".join(name for name in names.split() if name not in IDENTITY) for names in (element.read, element.idle))
-    return Element(*kept, element.told, element.refused)
+    read, idle = (
+        " ".join(name for name in names.split() if name not in IDENTITY) for names in (element.read, element.idle)
+    )
+    refused = {name: why for name, why in element.refused.items() if name not in IDENTITY}
+    return Element(read, idle, element.told, refused)
 
 
 TABLE["default"] = {
