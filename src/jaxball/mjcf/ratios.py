@@ -28,8 +28,8 @@ def replace_ratios(inside: Inside, actuators: list[ET.Element], inertial: Inerti
 
     Returns whether there were any.
 
-    **Raises:** :class:`MJCFError` for a time or a ratio that is not positive, and for an actuator that has a damping and
-    a ratio of it.
+    **Raises:** :class:`MJCFError` for a time or a ratio that is not positive, and for an actuator with a damping and a
+    ratio of it.
     """
     servos = [actuator for actuator in actuators if _ratio(actuator)]
     if not servos and not any(map(_springdamper, inside.elements)):
@@ -99,8 +99,8 @@ def _inertias(inertial: Inertial, inside: Inside, planar: bool) -> Float[np.ndar
     M[3:6, 3:6] = turn @ np.diag(inertial.moments) @ turn.T
     for mass, velocities in [(inertial.mass, _of_shell(inertial.axes.shift, n)), *_points(inside, n)]:
         M += mass * velocities.T @ velocities
-    kept = [*(PLANAR if planar else range(6)), *range(6, 6 + n)]
-    return 1 / np.diag(np.linalg.inv(M[np.ix_(kept, kept)]))[len(kept) - n :]
+    freedoms = [*(PLANAR if planar else range(6)), *range(6, 6 + n)]
+    return 1 / np.diag(np.linalg.inv(M[np.ix_(freedoms, freedoms)]))[len(freedoms) - n :]
 
 
 def _points(inside: Inside, n: int) -> Iterator[tuple[float, Float[np.ndarray, "3 dofs"]]]:

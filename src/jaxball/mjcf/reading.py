@@ -144,15 +144,8 @@ def read_mjcf(source: Source, *, times: Numbers | None = None, contact: bool = F
     check_names(root)
     apply_defaults(root)
     check_values(root)
-    settings, world = read_settings(root), _only(root, "worldbody", "the file")
-    refuse_others(world, IN_WORLD, "only geoms and one body are read")
-    shell = _only(world, "body", "the world")
-    refuse_others(shell, IN_SHELL, "it has no counterpart here")
-    plane, sphere = _touching(world, "plane"), _touching(shell, "sphere")
-    if not _is_at(frame_of(plane, settings.angles), np.eye(3), 2):
-        raise MJCFError(f"Element {label(plane)} must be the plane z = 0, but it is elsewhere; tilt gravity instead.")
-    _check_contact(root, shell, plane, sphere)
-    key = root.find("keyframe/key")
+    settings, key = read_settings(root), root.find("keyframe/key")
+    shell, plane, sphere = _outside(root, settings)
     _check_alignment(shell, key, settings)
     body_frame = _own_frame(shell, sphere, settings.inertias)
     actuators = [element for group in root.findall("actuator") for element in group]
@@ -167,7 +160,7 @@ def read_mjcf(source: Source, *, times: Numbers | None = None, contact: bool = F
     rolls = not contact and _rolls(system, state)
     law = None if rolls else Contact(friction=surface.friction[0])
     if law is not None and "frictionloss" not in settings.disabled:
-        for joint in shell.iter("joint"):
+        for joint in inside.elements:
             refuse_values(joint, ("frictionloss",), "joints cannot stick in a body that slips and flies")
     start = state.body if rolls else state
     sensors = read_sensors(root, inside.sites, dict(zip(inside.joints, system.coordinates, strict=True)))
@@ -175,6 +168,19 @@ def read_mjcf(source: Source, *, times: Numbers | None = None, contact: bool = F
         root.get("model", ""), system, start, _times(times, key, recordings), contact=law, sensors=sensors
     )
     return Imported(scenario, tuple(notes))
+
+
+def _outside(root: ET.Element, settings: Settings) -> tuple[ET.Element, ET.Element, ET.Element]:
+    """Returns the shell, and the plane and the sphere that touch each other."""
+    world = _only(root, "worldbody", "the file")
+    refuse_others(world, IN_WORLD, "only geoms and one body are read")
+    shell = _only(world, "body", "the world")
+    refuse_others(shell, IN_SHELL, "it has no counterpart here")
+    plane, sphere = _touching(world, "plane"), _touching(shell, "sphere")
+    if not _is_at(frame_of(plane, settings.angles), np.eye(3), 2):
+        raise MJCFError(f"Element {label(plane)} must be the plane z = 0, but it is elsewhere; tilt gravity instead.")
+    _check_contact(root, shell, plane, sphere)
+    return shell, plane, sphere
 
 
 def _times(
@@ -192,15 +198,17 @@ def _read_inside(
     shell: ET.Element, body_frame: OwnFrame, actuators: list[ET.Element], controls: list[Recording], settings: Settings
 ) -> tuple[Inside, list[str]]:
     """Reads what is in the shell, with the forces of actuators, and a sentence for each thing that was left out."""
-    own = Inertial(body_frame.inertial.mass, body_frame.in_ball(body_frame.inertial.axes), body_frame.inertial.moments)
+    in_ball = Inertial(
+        body_frame.inertial.mass, body_frame.in_ball(body_frame.inertial.axes), body_frame.inertial.moments
+    )
 
     def read() -> tuple[Inside, list[str]]:
         actuated = read_actuators(actuators, controls, settings)
         return read_inside(shell, body_frame.inverse, settings, actuated.forces), actuated.notes
 
     inside, notes = read()
-    # Ratios of damping are of the inertias of what has been read.
-    if replace_ratios(inside, actuators, own, shell.find("freejoint") is None):
+    # Ratios of damping need the inertias of all that has been read.
+    if replace_ratios(inside, actuators, in_ball, shell.find("freejoint") is None):
         return read()
     return inside, notes
 

@@ -32,12 +32,12 @@ class Refused(NamedTuple):
 
 
 class Element(NamedTuple):
-    """The attributes of an element, by what becomes of them, and the elements in it.
+    """The attributes of an element, by how they are treated, and the elements in it.
 
     - ``read``, ``idle``: names, with spaces between them; ``idle`` ones move nothing.
     - ``told``: those that act in MuJoCo and not here, with the reason, for a note.
     - ``refused``: those that must not act.
-    - ``inner``: the tags of what may be in it; None where the readers of this element say so themselves.
+    - ``inner``: the tags that may be in it; None where the readers of this element say so themselves.
     """
 
     read: str = ""
@@ -249,7 +249,7 @@ def check_names(root: ET.Element) -> None:
 
     Elements whose tags are not in the table are left to those who read what they are in.
     """
-    for element, kind in _known_elements(root):
+    for element, kind in _find_elements(root):
         for name in element.attrib:
             if name not in kind.names:
                 others = f"its attributes are {', '.join(sorted(kind.names))}" if kind.names else "it has none"
@@ -263,7 +263,7 @@ def check_values(root: ET.Element) -> None:
     """Raises a :class:`MJCFError` for the first attribute that acts in MuJoCo and cannot here; classes must have been
     applied.
     """
-    for element, kind in _known_elements(root):
+    for element, kind in _find_elements(root):
         for name, refused in kind.refused.items():
             if element.get(name) is not None:
                 _require_idle(element, name, refused)
@@ -273,15 +273,15 @@ def notes_of(elements: Iterable[ET.Element]) -> list[str]:
     """Writes a sentence for each of these elements of bodies that has attributes which act in MuJoCo and not here."""
     notes = []
     for element in elements:
-        told = BODIES[element.tag].told
-        names = [f"`{name}`" for name in told if element.get(name) is not None]
+        reasons = BODIES[element.tag].told
+        names = [f"`{name}`" for name in reasons if element.get(name) is not None]
         if names:
-            why, were = next(iter(told.values())), "was" if len(names) == 1 else "were"
+            why, were = next(iter(reasons.values())), "was" if len(names) == 1 else "were"
             notes.append(f"The {all_of(names)} of {label(element)} {were} not imported, because {why}.")
     return notes
 
 
-def _known_elements(root: ET.Element) -> Iterator[tuple[ET.Element, Element]]:
+def _find_elements(root: ET.Element) -> Iterator[tuple[ET.Element, Element]]:
     """Iterates over the elements that the table has, and raises for those in them that have no place there."""
     # By a list, because a file may be nested more deeply than functions may be.
     waiting = [(root, Element("model", inner=None))]
@@ -296,9 +296,9 @@ def _known_elements(root: ET.Element) -> Iterator[tuple[ET.Element, Element]]:
                     f"Element {label(child)} in {label(element)} must be left out, because {NO_COUNTERPART}; accepted "
                     f"there is {accepted}."
                 )
-            known = inner.get(child.tag, UNREAD)
-            if known is not UNREAD:
-                waiting.append((child, known))
+            kind_of_child = inner.get(child.tag, UNREAD)
+            if kind_of_child is not UNREAD:
+                waiting.append((child, kind_of_child))
 
 
 def _require_idle(element: ET.Element, name: str, refused: Refused) -> None:

@@ -99,6 +99,6 @@ def word_of(element: ET.Element, name: str, words: tuple[str, ...], default: str
     """
     word = element.get(name, words[0] if default is None else default)
     if word not in words:
-        listed = ", ".join(f'"{known}"' for known in words)
+        listed = ", ".join(f'"{choice}"' for choice in words)
         raise MJCFError(f'Attribute `{name}` of {label(element)} must be one of {listed}, but it is "{word}".')
     return word

@@ -135,7 +135,7 @@ def to_mjcf(
 
 
 def _scenario_of(robot: Scenario | AbstractSystem | Trajectory) -> Scenario:
-    """Returns the scenario of what is to be written."""
+    """Returns the scenario of a robot that is to be written."""
     must = "a ball, a disk, a run of one, or a Scenario, such as load_scenario returns"
     require("robot", robot, (Scenario, AbstractSystem, Trajectory), must)
     if isinstance(robot, Scenario):

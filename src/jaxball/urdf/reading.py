@@ -8,8 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from ..interface.wording import all_of, did_you_mean
 from ..mjcf.elements import Frame, Inertial, label
-from ..mjcf.reading import TIMES, Imported
+from ..mjcf.reading import Imported
 from ..mjcf.source import Source
+from ..mjcf.writing import TIMES
 from ..numerics.arrays import Numbers
 from ..physics.body import Ball
 from ..physics.mechanisms import (

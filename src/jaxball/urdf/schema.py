@@ -86,15 +86,15 @@ def _check_attribute(name: str, where: str, kind: Element) -> None:
 
 def _check_inner(element: ET.Element, where: str, kind: Element) -> list[str]:
     """Returns the sentence about elements in another that are not read."""
-    known, tags = (*kind.inner, *kind.often), [child.tag for child in element]
+    accepted, tags = (*kind.inner, *kind.often), [child.tag for child in element]
     for tag in kind.inner:
         if tags.count(tag) > 1:
             raise URDFError(
                 f"There must be one <{tag}> in {where}, but there are {tags.count(tag)}; leave the others out."
             )
-    others = list(dict.fromkeys(tag for tag in tags if tag not in known))
+    others = list(dict.fromkeys(tag for tag in tags if tag not in accepted))
     for tag in others:
-        near = did_you_mean(tag, known)
+        near = did_you_mean(tag, accepted)
         if near != ".":
             raise URDFError(f"Element <{tag}> in {where} must be one that URDF has{near}")
     # Those of the robot have a note of their own.

@@ -258,7 +258,7 @@ class Mechanism(AbstractMechanism):
     def links(self, theta: Float[Array, " k"]) -> list[Moved]:
         """Computes where each joint places its link, and how it moves it."""
         links: list[Moved] = []
-        for a, (joint, on) in enumerate(zip(self.joints, _carried_by(self.joints), strict=True)):
+        for a, (joint, on) in enumerate(zip(self.joints, _list_carriers(self.joints), strict=True)):
             links.append(joint.move(links[on].placement if on >= 0 else in_place(theta), theta[a]))
         return links
 
@@ -400,7 +400,7 @@ def _carrier(index: int, joint: int, count: int) -> int:
     return joint % count
 
 
-def _carried_by(joints: Sequence[AbstractJoint]) -> list[int]:
+def _list_carriers(joints: Sequence[AbstractJoint]) -> list[int]:
     """Lists, of each joint, the joint that carries it; -1 for the body."""
     return [a - 1 if joint.on is None else joint.on for a, joint in enumerate(joints)]
 
@@ -409,7 +409,7 @@ def _chains(joints: Sequence[AbstractJoint]) -> list[tuple[int, ...]]:
     """Lists, of each joint, those that carry it, and itself."""
     # Of the joints alone: each access to a method of a module takes as long as the module has leaves.
     chains: list[tuple[int, ...]] = []
-    for a, on in enumerate(_carried_by(joints)):
+    for a, on in enumerate(_list_carriers(joints)):
         chains.append((*(chains[on] if on >= 0 else ()), a))
     return chains
 
