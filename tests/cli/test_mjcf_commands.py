@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from jaxball import load_scenario
 from jaxball.cli import main
 from tests.urdf.robots import URDF
 
@@ -78,6 +79,11 @@ def test_a_robot_goes_to_mujoco_and_back(robot, capsys):
         {"joints": given["mechanisms"][0]["joints"], "masses": given["mechanisms"][0]["masses"]}
     ]
     assert again["time"]["end"] == 1.0
+    # Without an end and a step, those of the scenario, which the file keeps.
+    assert main(["import", "robot.xml", "--out", "same.toml", "--quiet"]) == 0
+    assert load_scenario("same.toml").times.tolist() == [0.0, 0.5, 1.0]
+    assert main(["import", "robot.xml", "--out", "more.toml", "--end", "2", "--step", "1", "--quiet"]) == 0
+    assert load_scenario("more.toml").times.tolist() == [0.0, 1.0, 2.0]
 
 
 def test_files_go_to_standard_output(robot, capsys):

@@ -177,3 +177,8 @@ def of_shell(system, state):
     if isinstance(system, Disk):
         return np.array([state.V[0], state.V[2], state.body.phidot])
     return np.concatenate([state.V, state.body.Omega])
+
+
+def rotation(q):
+    """The matrix of a quaternion of any norm, with its scalar first."""
+    return Rotation.from_quat(np.roll(np.asarray(q), -1)).as_matrix()

@@ -239,6 +239,7 @@ def test_a_contact_pair_is_told():
     assert read.notes == (
         'The <pair name="grip"> of "skin" and "floor" was not imported, because only the shell and the plane touch '
         "here, with the friction of their geoms; give it to these as `friction`.",
+        'The `margin` of <geom name="floor"> was not imported, because contacts are rigid here.',
     )
 
 
@@ -344,7 +345,8 @@ def test_what_is_no_ball_with_mechanisms_is_refused_by_name(case):
 def test_a_disk_that_is_held_by_its_first_joints_is_refused(attribute):
     text = to_mjcf(scenario(free_disk())).text
     first = text.index("<joint")
-    with pytest.raises(MJCFError, match=f"`{attribute}` .* must be 0 .* nothing holds the shell but the plane"):
+    why = "a rotor geared to a joint" if attribute == "armature" else "nothing holds the shell but the plane"
+    with pytest.raises(MJCFError, match=f"`{attribute}` .* must be 0 .* {why}"):
         from_mjcf(f'{text[:first]}<joint {attribute}="0.5"{text[first + len("<joint") :]}')
 
 

@@ -129,3 +129,11 @@ def test_notes_name_what_was_not_read():
         "<gazebo> and <transmission> in <robot> were not read.",
     )
     assert read_urdf(INSIDE_OUT).notes == ()
+
+
+def test_notes_name_attributes_and_elements_that_move_nothing_here():
+    text = INSIDE_OUT.replace('<link name="plate">', '<link name="plate" kind="a"><sensor/><self_collide/>')
+    assert read_urdf(text).notes == (
+        '`kind` of <link name="plate"> was not read.',
+        '<sensor> and <self_collide> in <link name="plate"> were not read.',
+    )

@@ -161,7 +161,31 @@ REFUSALS = {
         URDF.replace("<robot", '<!DOCTYPE robot [<!ENTITY bob SYSTEM "file:///etc/hostname">]><robot'),
         "The file must have no document type and no entities, but it declares some; leave them out.",
     ),
-    "no XML": ("robot", "The file must be XML, but it is not: "),
+    "no XML": ("robot <", "The file must be XML, but it is not: "),
+    "a misspelt attribute": (
+        URDF.replace('damping="0.05"', 'dampng="0.05"'),
+        'Attribute `dampng` of <dynamics> in <joint name="swing"> must be one that URDF has; did you mean `damping`?',
+    ),
+    "an attribute of another element": (
+        URDF.replace('<mass value="0.5"/>', '<mass value="0.5" density="3"/>'),
+        'Attribute `density` of <mass> in <link name="yoke"> must be one that URDF has.',
+    ),
+    "a misspelt element": (
+        URDF.replace('<dynamics damping="0.05"/>', '<dinamics damping="0.05"/>'),
+        'Element <dinamics> in <joint name="swing"> must be one that URDF has; did you mean "dynamics"?',
+    ),
+    "a misspelt link": (
+        added(URDF, '<lnk name="a"/>'),
+        'Element <lnk> in <robot name="pendulum robot"> must be one that URDF has; did you mean "link"?',
+    ),
+    "two dampers": (
+        URDF.replace('<dynamics damping="0.05"/>', '<dynamics damping="0.05"/><dynamics damping="0.5"/>'),
+        'There must be one <dynamics> in <joint name="swing">, but there are 2; leave the others out.',
+    ),
+    "no file": (
+        "robot.urdf",
+        'Argument `source` must be the path of a URDF file, or its text, but it is "robot.urdf" (No such file or',
+    ),
     "MJCF": ("<mujoco/>", "The file must have <robot> as its root, but it has <mujoco>."),
     "empty": ("<robot/>", "The file must have a <link>, the shell, but it has none."),
 }

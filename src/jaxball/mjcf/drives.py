@@ -1,4 +1,4 @@
-"""Writes and reads the drives of joints: springs and dampers as attributes of MuJoCo's joints, others as actuators."""
+"""Writes the drives of joints: springs and dampers as attributes of MuJoCo's joints, others as actuators."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterable
@@ -22,12 +22,11 @@ from ..physics.mechanisms import (
     SpeedLimitedMotor,
     Spring,
 )
-from ..physics.prescribed.schedules import AbstractSchedule, ConstantRate
-from .elements import Angles, MJCFError, add, label, number, numbers, refuse_values
+from ..physics.prescribed.schedules import AbstractSchedule
+from .elements import MJCFError, add
 
 Signal = Callable[[Float[Array, ""]], Float[Array, ""]]
 KEEPING = 0.2  # of a servo that stands for a prescribed motion: its natural frequency times the time step
-LIMITS = "the range of a joint of MuJoCo is held by a law of its own, not by stiffness and damping"
 
 
 class Control(NamedTuple):
@@ -169,128 +168,6 @@ def _add_affine(
 def _add_actuator(actuators: ET.Element, tag: str, name: str, joint: str, limit: Array | None) -> ET.Element:
     bounds = None if limit is None else (-float(limit), float(limit))
     return add(actuators, tag, name=name, joint=joint, forcerange=bounds)
-
-
-def read_springs(joint: ET.Element, angles: Angles) -> list[AbstractJointForce]:
-    """Reads the spring, the damper and the dry friction among the attributes of a joint.
-
-    **Raises:** :class:`MJCFError` where the joint has a rotor's inertia or a range.
-    """
-    refuse_values(joint, ("armature",), "a rotor geared to a joint has no counterpart here")
-    refuse_values(joint, ("ref",), "angles are measured from the configuration in which the file has its bodies")
-    if joint.get("range") is not None and joint.get("limited") != "false":
-        raise MJCFError(
-            f"Attribute `range` of {label(joint)} must be left out, because {LIMITS}; add `end-stops` to the scenario."
-        )
-    forces: list[AbstractJointForce] = []
-    stiffness, damping = number(joint, "stiffness", 0.0), number(joint, "damping", 0.0)
-    if stiffness:
-        # The rest of a slide is a length.
-        unit = angles.unit if joint.get("type", "hinge") == "hinge" else 1.0
-        forces.append(Spring(stiffness, number(joint, "springref", 0.0) * unit))
-    if damping:
-        forces.append(Damper(damping))
-    friction = number(joint, "frictionloss", 0.0)
-    if friction:
-        forces.append(JointFriction(friction))
-    return forces
-
-
-class Actuated(NamedTuple):
-    """The forces of actuators by the names of their joints, and a sentence for each thing that was left out."""
-
-    forces: dict[str, list[AbstractJointForce]]
-    notes: list[str]
-
-
-def read_actuators(actuators: Iterable[ET.Element], controls: Float[np.ndarray, " n"]) -> Actuated:
-    """Reads the forces of actuators, with the controls that they keep.
-
-    **Raises:** :class:`MJCFError` for an actuator whose force is none of those that joints have here.
-    """
-    forces: dict[str, list[AbstractJointForce]] = {}
-    notes = []
-    for element, control in zip(actuators, controls, strict=True):
-        joint = element.get("joint")
-        if joint is None:
-            raise MJCFError(f"Element {label(element)} must act on a `joint`, but it acts on something else.")
-        refuse_values(element, ("lengthrange",), "forces here do not depend on it")
-        within = _range(element, "ctrl")
-        # As MuJoCo does.
-        control = float(control) if within is None else float(np.clip(control, *within))
-        force, limits_control = _read_actuator(element, control, within)
-        forces.setdefault(joint, []).append(force)
-        if within is not None and not limits_control:
-            notes.append(
-                f"The `ctrlrange` of {label(element)} was not imported, because only a motor whose range is the same "
-                f"in both directions has a limit that stands for it; its control, {control:g}, is within it."
-            )
-    return Actuated(forces, notes)
-
-
-def _read_actuator(
-    element: ET.Element, control: float, within: tuple[float, float] | None
-) -> tuple[AbstractJointForce, bool]:
-    """Reads the force of an actuator whose control is ``within`` a range, and whether its limit holds it there too."""
-    limit, gear = _limit(element), float(numbers(element, "gear", (1.0,))[0])
-    gain, stiffness, damping = (1.0, 0.0, 0.0) if element.tag == "motor" else _affine(element)
-    if element.tag != "motor" and gear != 1:
-        raise MJCFError(f'Attribute `gear` of {label(element)} must be 1 except for motors, but it is "{gear:g}".')
-    if stiffness == 0 and damping == 0:
-        limits_control = within is not None and within[0] == -within[1]
-        # The force is proportional to the control, so the bounds of both are bounds of the force.
-        if within is not None and limits_control:
-            largest = abs(gain) * within[1]
-            limit = largest if limit is None else min(limit, largest)
-        # The range is that of the force before the gear.
-        return Motor(gear * gain * control, None if limit is None else abs(gear) * limit), limits_control
-    # A motor with a limited speed has no limit of its force but the stall.
-    if stiffness == 0 and limit is None:
-        return SpeedLimitedMotor(control, stall=gain, free_speed=gain / damping), False
-    if stiffness == 0:
-        return PDServo(ConstantRate(0.0, rate=gain * control / damping), 0.0, damping, limit), False
-    return PDServo(ConstantRate(gain * control / stiffness), stiffness, damping, limit), False
-
-
-def _range(element: ET.Element, what: str) -> tuple[float, float] | None:
-    """Reads the range of an actuator's control (``ctrl``) or force, None where it has none or does not keep to it."""
-    if element.get(f"{what}range") is None or element.get(f"{what}limited") == "false":
-        return None
-    low, high = numbers(element, f"{what}range", count=2)
-    return float(low), float(high)
-
-
-def _affine(element: ET.Element) -> tuple[float, float, float]:
-    """Reads the gain, the stiffness and the damping of an actuator whose force is linear in its control, θ and θ̇."""
-    if element.tag == "position":
-        refuse_values(element, ("dampratio", "timeconst"), "it must have its damping as `kv`")
-        stiffness = number(element, "kp", 1.0)
-        return stiffness, stiffness, number(element, "kv", 0.0)
-    if element.tag == "velocity":
-        damping = number(element, "kv", 1.0)
-        return damping, 0.0, damping
-    linear = element.get("dyntype", "none") == "none" and element.get("gaintype", "fixed") == "fixed"
-    biased = element.get("biastype", "none")
-    bias = numbers(element, "biasprm", (0.0, 0.0, 0.0)) if biased == "affine" else np.zeros(3)
-    if element.tag != "general" or not linear or biased not in ("none", "affine") or bias[0] != 0:
-        raise MJCFError(
-            f"Element {label(element)} must be a <motor>, <position> or <velocity>, or a <general> whose force is "
-            "linear in its control, the angle and the rate of its joint, but it is not."
-        )
-    return float(numbers(element, "gainprm", (1.0,))[0]), -float(bias[1]), -float(bias[2])
-
-
-def _limit(element: ET.Element) -> float | None:
-    within = _range(element, "force")
-    if within is None:
-        return None
-    low, high = within
-    if low != -high:
-        raise MJCFError(
-            f"Attribute `forcerange` of {label(element)} must be the same in both directions, but it is "
-            f'"{element.get("forcerange")}".'
-        )
-    return high
 
 
 def control_values(controls: Iterable[Control], times: Float[np.ndarray, " T"]) -> Float[np.ndarray, "T controls"]:

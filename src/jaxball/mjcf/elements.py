@@ -4,7 +4,7 @@ The readers of :mod:`jaxball.urdf` use the frames and inertias as well.
 """
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,11 +15,7 @@ from ..interface.wording import UserError
 
 MINVAL = 1e-15  # MuJoCo's mjMINVAL: the mass and the moments that it requires of a link that moves
 ORIENTATIONS = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
-MAIN = "main"
-IN_BODIES = ("geom", "joint", "site")
-SHARED = ("ctrlrange", "ctrllimited", "forcerange", "forcelimited", "gear", "class")  # by all kinds of actuators
-Attributes = Mapping[str, str]
-Class = dict[str, dict[str, str]]  # the attributes by the tag
+LIMITS = "the range of a joint of MuJoCo is held by a law of its own, not by stiffness and damping"
 
 
 class MJCFError(UserError):
@@ -102,7 +98,7 @@ def refuse_values(element: ET.Element, names: Iterable[str], why: str) -> None:
 
 def refuse_what_holds(joint: ET.Element) -> None:
     """Raises a :class:`MJCFError` where a joint between the world and the shell has a force of its own."""
-    names = "damping", "armature", "frictionloss", "stiffness"
+    names = "damping", "armature", "frictionloss", "stiffness", "springdamper"
     refuse_values(joint, names, "nothing holds the shell but the plane here")
 
 
@@ -121,7 +117,7 @@ class Frame(NamedTuple):
 
 
 class Angles(NamedTuple):
-    """The unit of angles in rad, and the sequence of Euler's angles as SciPy has it: rotating axes in capitals."""
+    """The unit of angles in rad, and the axes of Euler's angles: x, y, z if they turn, too, and capitals if not."""
 
     unit: float
     sequence: str
@@ -142,6 +138,27 @@ def frame_of(element: ET.Element, angles: Angles) -> Frame:
     return Frame(_turn(element, angles), numbers(element, "pos", np.zeros(3)))
 
 
+def frame_between(element: ET.Element) -> tuple[Frame, float]:
+    """Reads the frame of an element that is between two points, and half their distance.
+
+    It is in the middle of the two, and its third axis points from the second to the first.
+
+    **Raises:** :class:`MJCFError` for two points that are one.
+    """
+    ends = numbers(element, "fromto", count=6).reshape(2, 3)
+    along = ends[0] - ends[1]
+    if not np.any(along != 0):
+        raise MJCFError(f"Attribute `fromto` of {label(element)} must be two points, but both are the same.")
+    return Frame(_turn_to(along), ends.mean(axis=0)), float(np.linalg.norm(along)) / 2
+
+
+def _turn_to(direction: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    """Computes the least rotation that takes the third axis to a direction, about the first if that is opposite."""
+    x, y, z = direction / np.linalg.norm(direction)
+    axis = np.array([-y, x, 0.0]) if x or y else np.array([1.0, 0.0, 0.0])
+    return Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.arctan2(np.hypot(x, y), z)).as_matrix()
+
+
 def _turn(element: ET.Element, angles: Angles) -> Float[np.ndarray, "3 3"]:
     turns = [name for name in ORIENTATIONS if element.get(name) is not None]
     if not turns:
@@ -159,16 +176,27 @@ def _turn(element: ET.Element, angles: Angles) -> Float[np.ndarray, "3 3"]:
         axis = values[:3] / np.linalg.norm(values[:3])
         return Rotation.from_rotvec(axis * values[3] * angles.unit).as_matrix()
     if name == "euler":
-        return Rotation.from_euler(angles.sequence, values * angles.unit).as_matrix()
+        return _turn_by_euler(angles.sequence, values * angles.unit)
+    if name == "zaxis" and np.any(values != 0):
+        return _turn_to(values)
     # MuJoCo, too, takes y only as far as it is across x.
-    if name == "xyaxes":
-        x = values[:3] / np.linalg.norm(values[:3])
-        y = values[3:] - (values[3:] @ x) * x
-        return np.column_stack([x, y / np.linalg.norm(y), np.cross(x, y / np.linalg.norm(y))])
+    across = np.cross(values[:3], values[3:]) if name == "xyaxes" else np.zeros(3)
+    if np.any(across != 0):
+        x, z = values[:3] / np.linalg.norm(values[:3]), across / np.linalg.norm(across)
+        return np.column_stack([x, np.cross(z, x), z])
     raise MJCFError(
-        f"Attribute `{name}` of {label(element)} must be a `quat`, `axisangle`, `xyaxes` or `euler` that is not 0, "
-        f'but it is "{element.get(name)}".'
+        f'Attribute `{name}` of {label(element)} must be an orientation, with axes that are not 0, but it is "'
+        f'{element.get(name)}".'
     )
+
+
+def _turn_by_euler(sequence: str, angles: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    # One by one, because MuJoCo lets axes that turn and axes that do not follow each other, and the same one twice.
+    turn = np.eye(3)
+    for axis, angle in zip(sequence, angles, strict=True):
+        single = Rotation.from_euler(axis.lower(), angle).as_matrix()
+        turn = turn @ single if axis.islower() else single @ turn
+    return turn
 
 
 def read_inertial(body: ET.Element, angles: Angles) -> Inertial | None:
@@ -206,86 +234,3 @@ def combine(parts: Sequence[Inertial]) -> Inertial:
         inertia += turn @ np.diag(part.moments) @ turn.T + part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     moments, axes = principal(inertia)
     return Inertial(mass, Frame(axes, centre), moments)
-
-
-def apply_defaults(root: ET.Element) -> None:
-    """Gives the elements of a file the attributes of their classes, and removes the classes.
-
-    A ``<joint type="free">`` becomes the ``<freejoint>`` that it is.
-
-    **Raises:** :class:`MJCFError` for a class that is not there, and for an actuator whose class has the numbers of
-    actuators of another kind.
-    """
-    classes: dict[str, Class] = {MAIN: {}}
-    for element in root.findall("default"):
-        _collect(element, MAIN, classes[MAIN], classes)
-        root.remove(element)
-    for world in root.findall("worldbody"):
-        _apply_in(world, None, classes)
-    for actuators in root.findall("actuator"):
-        for element in actuators:
-            _complete(element, _of_actuator(element, _class_of(element, None, classes)))
-
-
-def _collect(element: ET.Element, otherwise: str | None, inherited: Class, classes: dict[str, Class]) -> None:
-    """Adds the classes of a ``<default>`` and those within it, which inherit from it."""
-    name = element.get("class", otherwise)
-    if name is None:
-        raise MJCFError(f"Element {label(element)} within another one must have a `class`, but it has none.")
-    defaults = {tag: dict(attributes) for tag, attributes in inherited.items()}
-    for child in element:
-        if child.tag != "default":
-            defaults[child.tag] = defaults.get(child.tag, {}) | child.attrib
-    classes[name] = defaults
-    # Elements that name no class have the outermost one, whatever its name is.
-    if otherwise is not None:
-        classes[MAIN] = defaults
-    for child in element.findall("default"):
-        _collect(child, None, defaults, classes)
-
-
-def _apply_in(body: ET.Element, childclass: str | None, classes: Mapping[str, Class]) -> None:
-    childclass = body.get("childclass", childclass)
-    for element in body:
-        if element.tag == "body":
-            _apply_in(element, childclass, classes)
-        elif element.tag in IN_BODIES:
-            _complete(element, _class_of(element, childclass, classes).get(element.tag, {}))
-            if element.tag == "joint" and element.get("type") == "free":
-                _make_free(element)
-
-
-def _class_of(element: ET.Element, childclass: str | None, classes: Mapping[str, Class]) -> Class:
-    name = element.get("class", childclass or MAIN)
-    if name not in classes:
-        raise MJCFError(f'Attribute `class` of {label(element)} must be a class of <default>, but it is "{name}".')
-    return classes[name]
-
-
-def _of_actuator(element: ET.Element, defaults: Class) -> Attributes:
-    """Returns the defaults of an actuator, of which MuJoCo has one set for all kinds."""
-    attributes: dict[str, str] = {}
-    for tag in ("general", "motor", "position", "velocity", "intvelocity", "damper", "cylinder", "muscle", "adhesion"):
-        for name, value in defaults.get(tag, {}).items():
-            if tag != element.tag and name not in SHARED:
-                raise MJCFError(
-                    f"Attribute `{name}` of <{tag}> in <default> must be left out, because {label(element)} is an "
-                    f"actuator of another kind; give it to each <{tag}>."
-                )
-            attributes[name] = value
-    return attributes
-
-
-def _complete(element: ET.Element, defaults: Attributes) -> None:
-    """Sets the attributes that an element lacks; one orientation replaces another, as ends do a place."""
-    names = set(element.attrib)
-    turned = any(name in names for name in (*ORIENTATIONS, "fromto"))
-    for name, value in defaults.items():
-        if name not in names and not (turned and name in (*ORIENTATIONS, "fromto")):
-            element.set(name, value)
-    element.attrib.pop("class", None)
-
-
-def _make_free(joint: ET.Element) -> None:
-    refuse_what_holds(joint)
-    joint.tag = "freejoint"

@@ -1,6 +1,7 @@
 """Reads what a shell carries: bodies without joints as fixed masses, and trees of bodies on joints as mechanisms."""
 
 import xml.etree.ElementTree as ET
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -20,24 +21,29 @@ from ..physics.mechanisms import (
 )
 from ..physics.prescribed.frames import MatrixFrame
 from ..physics.prescribed.motion import Fixed
-from .drives import read_springs
-from .elements import MINVAL, Frame, MJCFError, frame_of, label, numbers, refuse_others, refuse_values
+from .elements import MINVAL, Frame, MJCFError, frame_between, frame_of, label, number, numbers, refuse_others
+from .forces import read_springs
 from .sensors import Site
-from .shapes import Inertias
+from .settings import Settings
 
 IN_BODY = ("inertial", "joint", "geom", "body", "site", "camera", "light")
 
 
 class Inside(NamedTuple):
-    """What a shell carries; ``joints`` has the names of all joints, in the order of the file and of a state's θ.
+    """What a shell carries; ``elements`` are those of all joints, in the order of MuJoCo's and of a state's θ.
 
     ``sites`` are those of the shell and of all bodies in it, by their names.
     """
 
     masses: tuple[PointMass, ...]
     mechanisms: tuple[Mechanism, ...]
-    joints: tuple[str, ...]
+    elements: tuple[ET.Element, ...]
     sites: dict[str, Site]
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The names of all joints."""
+        return tuple(element.get("name", "") for element in self.elements)
 
 
 @dataclass
@@ -46,7 +52,7 @@ class _Tree:
 
     joints: list[AbstractJoint] = field(default_factory=list)
     masses: list[CarriedMass] = field(default_factory=list)
-    names: list[str] = field(default_factory=list)
+    elements: list[ET.Element] = field(default_factory=list)
 
 
 class _Carrier(NamedTuple):
@@ -58,21 +64,29 @@ class _Carrier(NamedTuple):
 
 @dataclass
 class _Reader:
-    inertias: Inertias
+    settings: Settings
     forces: Mapping[str, Sequence[AbstractJointForce]]
     masses: list[PointMass] = field(default_factory=list)
     trees: list[_Tree] = field(default_factory=list)
     sites: dict[str, Site] = field(default_factory=dict)
 
-    def read(self, body: ET.Element, outer: Frame, carrier: _Carrier) -> None:
-        """Reads a body, whose parent has the frame ``outer`` in the axes of the ball, and the bodies in it."""
+    def read_bodies(self, shell: ET.Element, outermost: Frame) -> None:
+        """Reads the bodies in a shell, which has a frame in the axes of the ball, each after the one that it is in."""
+        # By a list, because a file may be nested more deeply than functions may be.
+        waiting = [(body, outermost, _Carrier(None, -1)) for body in reversed(shell.findall("body"))]
+        while waiting:
+            body, outer, carrier = waiting.pop()
+            frame, carrier = self._read(body, outer, carrier)
+            waiting += [(inner, frame, carrier) for inner in reversed(body.findall("body"))]
+
+    def _read(self, body: ET.Element, outer: Frame, carrier: _Carrier) -> tuple[Frame, _Carrier]:
+        """Reads a body, whose parent has the frame ``outer`` in the axes of the ball; returns what the bodies in it are
+        on.
+        """
         refuse_others(body, IN_BODY, "it has no counterpart here")
-        refuse_values(body, ("gravcomp",), "gravity acts on all of a robot")
-        if body.get("mocap") == "true":
-            raise MJCFError(f"Element {label(body)} must move by joints, but it is a mocap body.")
         for geom in body.findall("geom"):
             refuse_contacts(geom)
-        frame = outer.then(frame_of(body, self.inertias.angles))
+        frame = outer.then(frame_of(body, self.settings.angles))
         # The joints of one body are a chain: each is on the one before.
         for element in body.findall("joint"):
             carrier = self._on_joint(element, frame, carrier)
@@ -82,8 +96,7 @@ class _Reader:
                 self.masses.append(PointMass(mass.mass, Fixed(mass.place)))
             else:
                 carrier.tree.masses.append(CarriedMass(mass.mass, mass.place, carrier.joint))
-        for inner in body.findall("body"):
-            self.read(inner, frame, carrier)
+        return frame, carrier
 
     def read_sites(self, body: ET.Element, frame: Frame, carrier: _Carrier) -> None:
         """Reads the sites of a body, which has the ``frame`` in the axes of the ball."""
@@ -92,7 +105,8 @@ class _Reader:
         where = [index for index, other in enumerate(self.trees) if other is tree]
         on = f"mechanisms[{where[0]}].joints[{carrier.joint}]" if where else None
         for site in body.findall("site"):
-            self.sites[site.get("name", "")] = Site(on, frame.then(frame_of(site, self.inertias.angles)))
+            placed = frame_of(site, self.settings.angles) if site.get("fromto") is None else frame_between(site)[0]
+            self.sites[site.get("name", "")] = Site(on, frame.then(placed))
 
     def _on_joint(self, element: ET.Element, frame: Frame, carrier: _Carrier) -> _Carrier:
         tree = carrier.tree
@@ -101,15 +115,15 @@ class _Reader:
             self.trees.append(tree)
         before = len(tree.joints) - 1
         name = element.get("name", "")
-        drive = _sum([*read_springs(element, self.inertias.angles), *self.forces.get(name, ())])
+        drive = _sum([*read_springs(element, self.settings), *self.forces.get(name, ())])
         # The joint before is the default, which scenarios do not state.
         on = None if carrier.joint == before else carrier.joint
         tree.joints.append(_joint(element, frame, drive, on))
-        tree.names.append(name)
+        tree.elements.append(element)
         return _Carrier(tree, before + 1)
 
     def _masses(self, body: ET.Element, frame: Frame) -> Iterator[CarriedMass]:
-        inertial = self.inertias.of(body)
+        inertial = self.settings.inertias.of(body)
         # The least that MuJoCo requires of a body that moves; `_add_least` writes it, and it stands for nothing.
         if inertial is None or (inertial.mass <= MINVAL and np.all(inertial.moments <= MINVAL)):
             return
@@ -125,7 +139,7 @@ class _Reader:
 
 
 def read_inside(
-    shell: ET.Element, frame: Frame, inertias: Inertias, forces: Mapping[str, Sequence[AbstractJointForce]]
+    shell: ET.Element, frame: Frame, settings: Settings, forces: Mapping[str, Sequence[AbstractJointForce]]
 ) -> Inside:
     """Reads the masses and mechanisms in a shell, whose element has the ``frame`` in the axes of the ball.
 
@@ -133,15 +147,19 @@ def read_inside(
 
     **Raises:** :class:`MJCFError` for what a ball with mechanisms does not have.
     """
-    reader = _Reader(inertias, forces)
+    reader = _Reader(settings, forces)
     reader.read_sites(shell, frame, _Carrier(None, -1))
-    for body in shell.findall("body"):
-        reader.read(body, frame, _Carrier(None, -1))
-    names = tuple(name for tree in reader.trees for name in tree.names)
+    reader.read_bodies(shell, frame)
+    elements = tuple(element for tree in reader.trees for element in tree.elements)
+    inside = Inside(tuple(reader.masses), tuple(map(_mechanism, reader.trees)), elements, reader.sites)
+    names = Counter(name for name in inside.joints if name)
+    for name, count in names.items():
+        if count > 1:
+            raise MJCFError(f'Joints must have names of their own, but {count} are called "{name}".')
     for name in forces:
         if name not in names:
             raise MJCFError(f'Actuators must act on joints in the shell, but one acts on "{name}", which is not there.')
-    return Inside(tuple(reader.masses), tuple(map(_mechanism, reader.trees)), names, reader.sites)
+    return inside
 
 
 def refuse_contacts(geom: ET.Element) -> None:
@@ -154,14 +172,19 @@ def refuse_contacts(geom: ET.Element) -> None:
 
 def touches(geom: ET.Element) -> bool:
     """Returns whether other geoms may touch a geom."""
-    return geom.get("contype", "1") != "0" or geom.get("conaffinity", "1") != "0"
+    return any(bits_of(geom, name) for name in ("contype", "conaffinity"))
+
+
+def bits_of(geom: ET.Element, name: str) -> int:
+    """Reads the bits of a geom by which MuJoCo decides whether it touches another: its `contype` or `conaffinity`."""
+    return int(number(geom, name, 1.0))
 
 
 def _mechanism(tree: _Tree) -> Mechanism:
     try:
         return Mechanism(tree.joints, tree.masses)
     except ValueError as error:
-        which = ", ".join(f'"{name}"' for name in tree.names)
+        which = ", ".join(f'"{element.get("name", "")}"' for element in tree.elements)
         raise MJCFError(f"The bodies on the joints {which} are no mechanism: {error}") from None
 
 

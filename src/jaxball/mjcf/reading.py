@@ -5,13 +5,13 @@ read to the same ``Imported``.
 """
 
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from ..interface.arguments import require
 from ..interface.wording import all_of
 from ..numerics.arrays import Numbers, to_array
 from ..physics.body import Ball, Disk, System
@@ -21,13 +21,12 @@ from ..physics.forces.resistance import Resistance
 from ..physics.grounds.ground import Ground
 from ..physics.state import BallState, DiskState
 from ..scenario import Scenario
-from .drives import read_actuators
+from .classes import apply_defaults
 from .elements import (
     Angles,
     Frame,
     Inertial,
     MJCFError,
-    apply_defaults,
     frame_of,
     label,
     number,
@@ -36,21 +35,26 @@ from .elements import (
     refuse_values,
     refuse_what_holds,
 )
-from .inside import IN_BODY, Inside, read_inside, touches
+from .forces import read_actuators
+from .inside import IN_BODY, Inside, bits_of, read_inside, touches
+from .ratios import replace_ratios
+from .recordings import TIMES as SAVES, Recording, read_recordings
+from .schema import check_names, check_values, notes_of
 from .sensors import read_sensors
+from .settings import Settings, read_settings, word_of
 from .shapes import Inertias
-from .writing import ROOT
+from .source import Source, read_xml
+from .writing import ROOT, TIMES
 
 TOP = ("compiler", "option", "default", "worldbody", "actuator", "keyframe", "contact", "sensor")
 UNREAD = ("size", "visual", "statistic", "asset", "custom")
 IN_WORLD = ("geom", "body", "light", "camera", "site")
 IN_SHELL = (*IN_BODY, "freejoint")
-FLUID = ("density", "viscosity", "wind", "magnetic")
-CHANGED = ("boundmass", "boundinertia", "settotalmass")
-ROLLS = 1e-9  # relative to √(g r): a slip velocity, and to r: a height, up to which the body rolls
+# Relative to √(g r) or the speed: a slip velocity, and to r: a height, up to which the body rolls. Six digits, which
+# MuJoCo writes, leave up to 2e-5 of each.
+ROLLS = 2e-5
 LEAST_FRICTION = 1e-5  # MuJoCo's mjMINMU
 FRICTION = (1.0, 0.005, 0.0001)
-TIMES = tuple(np.linspace(0.0, 10.0, 101))
 
 
 class OwnFrame(NamedTuple):
@@ -64,6 +68,10 @@ class OwnFrame(NamedTuple):
         """The frame of the element in that of the ball."""
         turn = self.frame.turn.T
         return Frame(turn, -turn @ self.frame.shift)
+
+    def in_ball(self, frame: Frame) -> Frame:
+        """Returns a frame in that of the element as one in that of the ball."""
+        return self.inverse.then(frame)
 
 
 class Surface(NamedTuple):
@@ -84,18 +92,19 @@ class Imported(NamedTuple):
     notes: tuple[str, ...]
 
 
-def from_mjcf(text: str, *, times: Numbers = TIMES, contact: bool = False) -> Scenario:
+def from_mjcf(source: Source, *, times: Numbers | None = None, contact: bool = False) -> Scenario:
     """Reads the scenario of a ball or a disk with mechanisms that an MJCF file describes.
 
     The file must have a plane; one body on it with a free joint (for a disk, two slides and a hinge) and a sphere; and
     in it bodies on hinges and slides without contacts. Bodies state their inertias, or have those of their geoms,
     spheres, capsules, cylinders, boxes and ellipsoids. The first keyframe, if there is one, is the initial state, and
-    its controls are kept.
+    its controls are kept. What acts in MuJoCo is read, told by a note of :func:`read_mjcf`, or refused.
 
     **Arguments:**
 
-    - ``text``: of the file.
-    - ``times``: the save times, increasing, in the units of the file; 0 to 10 by 0.1 if not given.
+    - ``source``: the path of the file, or its text.
+    - ``times``: the save times, increasing, in the units of the file; if not given, those that :func:`to_mjcf` wrote
+      into it, and for other files 0 to 10 by 0.1 from the time of the keyframe on.
     - ``contact``: whether the body may slip and fly, with MuJoCo's coefficient of friction; otherwise only one that
       does not start by rolling may, and all others always roll.
 
@@ -109,15 +118,15 @@ def from_mjcf(text: str, *, times: Numbers = TIMES, contact: bool = False) -> Sc
     >>> len(again.system.mechanisms), again.state.Omega
     (3, Array([0., 0., 0.], dtype=float64))
     """
-    return read_mjcf(text, times=times, contact=contact).scenario
+    return read_mjcf(source, times=times, contact=contact).scenario
 
 
-def read_mjcf(text: str, *, times: Numbers = TIMES, contact: bool = False) -> Imported:
+def read_mjcf(source: Source, *, times: Numbers | None = None, contact: bool = False) -> Imported:
     """Reads the scenario of a file as :func:`from_mjcf` returns it, with notes on what is not in it.
 
     **Arguments:**
 
-    - ``text``: the text of the file.
+    - ``source``: the path of the file, or its text.
     - ``times``: as for :func:`from_mjcf`.
     - ``contact``: as for :func:`from_mjcf`.
 
@@ -130,48 +139,98 @@ def read_mjcf(text: str, *, times: Numbers = TIMES, contact: bool = False) -> Im
     >>> read_mjcf(to_mjcf(load_scenario("three-rotors")).text).notes
     ()
     """
-    require("text", text, str, "the text of an MJCF file")
-    try:
-        root = ET.fromstring(text)
-    except ET.ParseError as error:
-        raise MJCFError(f"The file must be XML, but it is not: {error}.") from None
-    if root.tag != "mujoco":
-        raise MJCFError(f"The file must have <mujoco> as its root, but it has {label(root)}.")
+    root = read_xml(source, "an MJCF file", "mujoco", MJCFError)
     refuse_others(root, (*TOP, *UNREAD), "it has no counterpart here")
+    check_names(root)
     apply_defaults(root)
-    inertias, world = _inertias(root), _only(root, "worldbody", "the file")
-    angles = inertias.angles
+    check_values(root)
+    settings, key = read_settings(root), root.find("keyframe/key")
+    shell, plane, sphere = _outside(root, settings)
+    _check_alignment(shell, key, settings)
+    body_frame = _own_frame(shell, sphere, settings.inertias)
+    actuators = [element for group in root.findall("actuator") for element in group]
+    recordings = read_recordings(root)
+    controls = _controls(actuators, key, recordings)
+    inside, notes = _read_inside(shell, body_frame, actuators, controls, settings)
+    notes = [*_notes(shell, actuators, key, root.findall("contact/pair"), settings), *notes]
+    notes += notes_of([plane, sphere, *(joint for joint in inside.elements if number(joint, "frictionloss", 0.0))])
+    surface = _surface(plane, sphere)
+    system = _system(shell, sphere, body_frame, settings, inside, surface)
+    state = _state(system, shell, body_frame, settings.angles, key, inside.joints)
+    rolls = not contact and _rolls(system, state)
+    law = None if rolls else Contact(friction=surface.friction[0])
+    if law is not None and "frictionloss" not in settings.disabled:
+        for joint in inside.elements:
+            refuse_values(joint, ("frictionloss",), "joints cannot stick in a body that slips and flies")
+    start = state.body if rolls else state
+    sensors = read_sensors(root, inside.sites, dict(zip(inside.joints, system.coordinates, strict=True)))
+    scenario = Scenario(
+        root.get("model", ""), system, start, _times(times, key, recordings), contact=law, sensors=sensors
+    )
+    return Imported(scenario, tuple(notes))
+
+
+def _outside(root: ET.Element, settings: Settings) -> tuple[ET.Element, ET.Element, ET.Element]:
+    """Returns the shell, and the plane and the sphere that touch each other."""
+    world = _only(root, "worldbody", "the file")
     refuse_others(world, IN_WORLD, "only geoms and one body are read")
     shell = _only(world, "body", "the world")
     refuse_others(shell, IN_SHELL, "it has no counterpart here")
     plane, sphere = _touching(world, "plane"), _touching(shell, "sphere")
-    if not _is_at(frame_of(plane, angles), np.eye(3), 2):
+    if not _is_at(frame_of(plane, settings.angles), np.eye(3), 2):
         raise MJCFError(f"Element {label(plane)} must be the plane z = 0, but it is elsewhere; tilt gravity instead.")
-    key = root.find("keyframe/key")
-    actuators = [element for group in root.findall("actuator") for element in group]
-    controls = np.zeros(len(actuators))
-    controls = controls if key is None else numbers(key, "ctrl", controls)
-    actuated = read_actuators(actuators, controls)
-    notes = [*_notes(shell, actuators, key, root.findall("contact/pair")), *actuated.notes]
-    body_frame = _own_frame(shell, sphere, inertias)
-    inside = read_inside(shell, body_frame.inverse, inertias, actuated.forces)
-    surface = _surface(plane, sphere)
-    system = _system(shell, sphere, body_frame, angles, inside, surface, _gravity(root))
-    state = _state(system, shell, body_frame, angles, key, inside.joints)
-    rolls = not contact and _rolls(system, state)
-    law = None if rolls else Contact(friction=surface.friction[0])
-    if law is not None:
-        for joint in shell.iter("joint"):
-            refuse_values(joint, ("frictionloss",), "joints cannot stick in a body that slips and flies")
-    start = state.body if rolls else state
-    sensors = read_sensors(root, inside.sites, dict(zip(inside.joints, system.coordinates, strict=True)))
-    times = np.asarray(times, dtype=float)
-    scenario = Scenario(root.get("model", ""), system, start, times, contact=law, sensors=sensors)
-    return Imported(scenario, tuple(notes))
+    _check_contact(root, shell, plane, sphere)
+    return shell, plane, sphere
+
+
+def _times(
+    times: Numbers | None, key: ET.Element | None, recordings: Mapping[str, Recording]
+) -> Float[np.ndarray, " T"]:
+    """Returns the save times that were given, or else those of the file, or else some from its keyframe on."""
+    if times is not None:
+        return np.asarray(times, dtype=float)
+    if SAVES in recordings:
+        return recordings[SAVES].times
+    return TIMES + (0.0 if key is None else number(key, "time", 0.0))
+
+
+def _read_inside(
+    shell: ET.Element, body_frame: OwnFrame, actuators: list[ET.Element], controls: list[Recording], settings: Settings
+) -> tuple[Inside, list[str]]:
+    """Reads what is in the shell, with the forces of actuators, and a sentence for each thing that was left out."""
+    in_ball = Inertial(
+        body_frame.inertial.mass, body_frame.in_ball(body_frame.inertial.axes), body_frame.inertial.moments
+    )
+
+    def read() -> tuple[Inside, list[str]]:
+        actuated = read_actuators(actuators, controls, settings)
+        return read_inside(shell, body_frame.inverse, settings, actuated.forces), actuated.notes
+
+    inside, notes = read()
+    # Ratios of damping need the inertias of all that has been read.
+    if replace_ratios(inside, actuators, in_ball, shell.find("freejoint") is None):
+        return read()
+    return inside, notes
+
+
+def _controls(
+    actuators: list[ET.Element], key: ET.Element | None, recordings: Mapping[str, Recording]
+) -> list[Recording]:
+    """Returns the controls of actuators: those that the file has of all save times, or else of its first keyframe."""
+    at_start = np.zeros(len(actuators))
+    at_start = at_start if key is None else numbers(key, "ctrl", at_start)
+    return [
+        recordings.get(actuator.get("name", ""), Recording.constant(float(control)))
+        for actuator, control in zip(actuators, at_start, strict=True)
+    ]
 
 
 def _notes(
-    shell: ET.Element, actuators: list[ET.Element], key: ET.Element | None, pairs: list[ET.Element]
+    shell: ET.Element,
+    actuators: list[ET.Element],
+    key: ET.Element | None,
+    pairs: list[ET.Element],
+    settings: Settings,
 ) -> list[str]:
     """Returns the sentences about controls that the file does not have, limits of joints and contact pairs."""
     notes = []
@@ -180,7 +239,7 @@ def _notes(
         are = "control of {} is" if len(actuators) == 1 else "controls of {} are"
         notes.append(f"The {are.format(names)} 0, because no keyframe has {'it' if len(actuators) == 1 else 'them'}.")
     for joint in shell.iter("joint"):
-        if joint.get("actuatorfrcrange") is not None and joint.get("actuatorfrclimited") != "false":
+        if settings.limits(joint, "actuatorfrc") is not None:
             notes.append(
                 f"The `actuatorfrcrange` of {label(joint)} was not imported, because limits here are those of single "
                 "motors; give them to the actuators as `forcerange`."
@@ -193,30 +252,43 @@ def _notes(
     return notes
 
 
-def _inertias(root: ET.Element) -> Inertias:
-    angle, sequence, from_geoms = "degree", "xyz", "auto"
-    for compiler in root.findall("compiler"):
-        refuse_values(compiler, CHANGED, "inertias must be those that the file states")
-        if compiler.get("balanceinertia") == "true":
-            raise MJCFError("Element <compiler> must leave inertias as the file states them, but it changes them.")
-        if compiler.get("inertiagrouprange") is not None:
+def _check_contact(root: ET.Element, shell: ET.Element, plane: ET.Element, sphere: ET.Element) -> None:
+    """Raises a :class:`MJCFError` where the shell would fall through the plane in MuJoCo."""
+    bits = {(geom, name): bits_of(geom, name) for geom in (plane, sphere) for name in ("contype", "conaffinity")}
+    if not (
+        bits[plane, "contype"] & bits[sphere, "conaffinity"] or bits[sphere, "contype"] & bits[plane, "conaffinity"]
+    ):
+        raise MJCFError(
+            f"The `contype` of {label(plane)} or {label(sphere)} must have a bit of the `conaffinity` of the other, "
+            "because the plane holds the shell here, but they have none in common."
+        )
+    bodies = {"world", *(body.get("name", "") for body in root.iter("body"))} - {""}
+    for exclude in root.findall("contact/exclude"):
+        pair = [exclude.get(name, "") for name in ("body1", "body2")]
+        for name in pair:
+            if name not in bodies:
+                raise MJCFError(f'Element {label(exclude)} must name two bodies, but one that it names is "{name}".')
+        # All others have no contacts here in any case.
+        if {"world", shell.get("name")} == set(pair):
             raise MJCFError(
-                "Attribute `inertiagrouprange` of <compiler> must be left out, because all geoms of a body have mass "
-                f'here, but it is "{compiler.get("inertiagrouprange")}"; give mass 0 to the others.'
+                f"Element {label(exclude)} must not be of the world and the shell, because the plane holds the shell "
+                "here; leave it out."
             )
-        from_geoms = compiler.get("inertiafromgeom", from_geoms)
-        angle = compiler.get("angle", angle)
-        sequence = compiler.get("eulerseq", sequence)
-    unit = 1.0 if angle == "radian" else np.pi / 180
-    return Inertias(Angles(unit, sequence.swapcase()), from_geoms)
 
 
-def _gravity(root: ET.Element) -> Float[np.ndarray, "3"]:
-    gravity = np.array([0.0, 0.0, -9.81])
-    for option in root.findall("option"):
-        refuse_values(option, FLUID, "a medium has no counterpart here; add `resistance` to the scenario")
-        gravity = numbers(option, "gravity", gravity)
-    return gravity
+def _check_alignment(shell: ET.Element, key: ET.Element | None, settings: Settings) -> None:
+    """Raises a :class:`MJCFError` where a keyframe is of a frame of the shell that MuJoCo chooses, not the file."""
+    free = shell.find("freejoint")
+    word = "auto" if free is None else word_of(free, "align", ("auto", "true", "false"))
+    moves = word == "true" or (word == "auto" and settings.alignfree)
+    # MuJoCo aligns no shell with bodies in it; and without numbers of a keyframe the place of the shell remains.
+    if free is None or not moves or shell.find("body") is not None or key is None:
+        return
+    if key.get("qpos") is not None or key.get("qvel") is not None:
+        raise MJCFError(
+            f"Element {label(shell)} must not be aligned with its principal axes, because the numbers of {label(key)} "
+            "are then of other axes than those of the file; leave `align` and `alignfree` out, and change the keyframe."
+        )
 
 
 def _only(parent: ET.Element, tag: str, where: str) -> ET.Element:
@@ -274,12 +346,11 @@ def _system(
     shell: ET.Element,
     sphere: ET.Element,
     body_frame: OwnFrame,
-    angles: Angles,
+    settings: Settings,
     inside: Inside,
     surface: Surface,
-    gravity: Float[np.ndarray, "3"],
 ) -> System:
-    radius, g = float(numbers(sphere, "size")[0]), float(np.linalg.norm(gravity))
+    radius, g = float(numbers(sphere, "size")[0]), float(np.linalg.norm(settings.gravity))
     dry = surface.friction[2] if surface.condim == 6 else 0.0
     arguments: dict[str, Any] = {
         "mass": body_frame.inertial.mass,
@@ -288,12 +359,12 @@ def _system(
         "offset": body_frame.inverse.of_point(body_frame.inertial.axes.shift),
         "masses": inside.masses,
         "mechanisms": inside.mechanisms,
-        "ground": _ground(gravity),
+        "ground": _ground(settings.gravity),
         "resistance": Resistance(dry=dry / radius) if dry > LEAST_FRICTION else None,  # a length there
     }
     if shell.find("freejoint") is not None:
         return Ball(inertia=body_frame.inertial.moments, **arguments)
-    _check_disk(shell, body_frame, angles)
+    _check_disk(shell, body_frame, settings.angles)
     return Disk(inertia=body_frame.inertial.moments[1], **arguments)
 
 
@@ -372,5 +443,6 @@ def _rolls(system: System, state: ReleasedState) -> bool:
     r = float(system.radius)
     slip = np.asarray(release(system, to_array(0.0), state.body).V - state.V)
     # In the scales of the body, for files in any units.
-    slowest, lowest = ROLLS * np.sqrt(float(system.gravity) * r), ROLLS * r
+    speed = max(np.sqrt(float(system.gravity) * r), float(np.max(np.abs(state.V))))
+    slowest, lowest = ROLLS * speed, ROLLS * r
     return bool(np.all(np.abs(slip) <= slowest)) and abs(float(state.height)) <= lowest

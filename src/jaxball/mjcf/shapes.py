@@ -6,9 +6,20 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
-from .elements import Angles, Frame, Inertial, MJCFError, combine, frame_of, label, number, numbers, read_inertial
+from .elements import (
+    Angles,
+    Frame,
+    Inertial,
+    MJCFError,
+    combine,
+    frame_between,
+    frame_of,
+    label,
+    number,
+    numbers,
+    read_inertial,
+)
 
 DENSITY = 1000.0
 Size = Float[np.ndarray, " n"]
@@ -112,9 +123,6 @@ def _place(geom: ET.Element, kind: str, count: int, angles: Angles) -> tuple[Fra
             f"Attribute `fromto` of {label(geom)} must be left out, because only a capsule and a cylinder are read "
             f"between two points, but it is a {kind}."
         )
-    ends = numbers(geom, "fromto", count=6).reshape(2, 3)
-    along = ends[1] - ends[0]
-    length = float(np.linalg.norm(along))
-    # Any turn about the axis will do, for both are bodies of revolution.
-    turn = Rotation.align_vectors(along[None], [[0.0, 0.0, 1.0]])[0].as_matrix()
-    return Frame(turn, ends.mean(axis=0)), np.array([numbers(geom, "size")[0], length / 2])
+    # A capsule and a cylinder are bodies of revolution: which end is which does not matter.
+    frame, half = frame_between(geom)
+    return frame, np.array([numbers(geom, "size")[0], half])

@@ -14,15 +14,19 @@ from ..physics.forces.resistance import Resistance
 from ..physics.grounds.ground import Ground
 from ..physics.mechanisms import AbstractJointForce, AbstractMechanism, EndStops, JointForces, JointFriction
 from ..physics.state import BallState, DiskState, RotationState
-from ..physics.system import AbstractState
+from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario
-from .drives import LIMITS, Control, control_values
-from .elements import MJCFError, add
+from ..simulation.arguments import require_one_run
+from ..simulation.trajectory import Trajectory
+from .drives import Control, control_values
+from .elements import LIMITS, MJCFError, add
 from .grounds import centre_at_start, check_ground, write_ground
 from .links import SHOWN_RADIUS, Links, write_links
+from .recordings import write_recordings
 from .sensors import write_sensors
 
 TIMESTEP = 0.002  # MuJoCo's own
+TIMES = np.linspace(0.0, 10.0, 101)  # of a robot that states none
 STICKING = 1.0  # the coefficient of friction of a body that always rolls: MuJoCo's own
 ROOT = {
     "x": {"type": "slide", "axis": (1.0, 0.0, 0.0)},
@@ -54,18 +58,24 @@ class Exported(NamedTuple):
 
 
 def to_mjcf(
-    scenario: Scenario, *, timestep: float = TIMESTEP, any_units: bool = False, extent: float | None = None
+    robot: Scenario | AbstractSystem | Trajectory,
+    *,
+    timestep: float = TIMESTEP,
+    any_units: bool = False,
+    extent: float | None = None,
 ) -> Exported:
-    """Writes a scenario with a ball or a disk as MJCF, with the same equations of motion in free flight.
+    """Writes a robot with a ball or a disk as MJCF, with the same equations of motion in free flight.
 
     A link of a mechanism is a body, and each mass a body fixed in it. Hinges and sliders are those of MuJoCo, a
     carriage on a circle is the hinge about its axis and one in a tube a slider. A prescribed joint or mass has a servo,
-    as stiff as ``timestep`` allows. The keyframe ``start`` has the initial state. Contact is left to MuJoCo, where a
-    body always slips a little.
+    as stiff as ``timestep`` allows. The keyframe ``start`` has the initial state; the save times, and controls that
+    vary over them, are numbers of which MuJoCo takes no heed and which :func:`from_mjcf` reads. Contact is left to
+    MuJoCo, where a body always slips a little.
 
     **Arguments:**
 
-    - ``scenario``: a :class:`~jaxball.Scenario` of a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`.
+    - ``robot``: a :class:`~jaxball.Scenario` of a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`; a run, whose
+      start and times are written; or a ball or a disk itself, in its default state, with times from 0 to 10.
     - ``timestep``: of MuJoCo, in the units of the scenario.
     - ``any_units``: whether to write the numbers as they are, if the scenario states units that are not those of SI. A
       file of MuJoCo does not say its units, and other programs take them for SI. Dimensionless numbers are always
@@ -85,7 +95,7 @@ def to_mjcf(
     >>> exported.text.splitlines()[2]
     '  <option timestep="0.002" gravity="0 0 -1" integrator="implicitfast" cone="elliptic" impratio="100" />'
     """
-    require("scenario", scenario, Scenario, "a Scenario, such as load_scenario returns")
+    scenario = _scenario_of(robot)
     system = scenario.system
     if not isinstance(system, System):
         raise MJCFError(
@@ -118,9 +128,24 @@ def to_mjcf(
     root.append(world)
     root.extend(element for element in (actuators, sensors) if len(element))
     _add_keyframe(root, system, t, state, centre, links)
+    write_recordings(root, scenario.times, links.controls)
     ET.indent(root)
     text = ET.tostring(root, encoding="unicode") + "\n"
     return Exported(text, (*_notes(scenario, links), *notes), tuple(links.controls))
+
+
+def _scenario_of(robot: Scenario | AbstractSystem | Trajectory) -> Scenario:
+    """Returns the scenario of a robot that is to be written."""
+    must = "a ball, a disk, a run of one, or a Scenario, such as load_scenario returns"
+    require("robot", robot, (Scenario, AbstractSystem, Trajectory), must)
+    if isinstance(robot, Scenario):
+        return robot
+    if isinstance(robot, Trajectory):
+        require_one_run(robot.status, "`to_mjcf`", "write its runs one by one")
+        contact = None if robot.contact is None else robot.contact.law
+        scenario = Scenario(robot.system.title, robot.system, robot.start, np.asarray(robot.times), contact=contact)
+        return scenario if robot.scenario is None else robot.scenario
+    return Scenario(robot.title, robot, robot.default_state(), TIMES)
 
 
 def _check_units(scenario: Scenario, any_units: bool) -> None:

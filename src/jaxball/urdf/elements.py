@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from ..interface.wording import UserError
 from ..mjcf.elements import Frame, Inertial, label, principal
+from ..mjcf.source import Source, read_xml
 from ..physics.conditions import real_inertia
 
 MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
@@ -28,21 +29,13 @@ class Shape(NamedTuple):
     purpose: str
 
 
-def parse(text: str) -> ET.Element:
-    """Parses the root of a file.
+def parse(source: Source) -> ET.Element:
+    """Parses the root of a file, from its path or its text.
 
-    **Raises:** :class:`URDFError` for a text that is no XML, that declares entities, that xacro has not expanded yet,
-    or that has another root.
+    **Raises:** :class:`URDFError` for a file that is not there, a text that is no XML, that declares entities, or that
+    xacro has not expanded yet, and for one that has another root.
     """
-    # A short file of nested entities can grow to gigabytes while it is parsed.
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise URDFError("The file must have no document type and no entities, but it declares some; leave them out.")
-    try:
-        root = ET.fromstring(text)
-    except ET.ParseError as error:
-        raise URDFError(f"The file must be XML, but it is not: {error}.") from None
-    if root.tag != "robot":
-        raise URDFError(f"The file must have <robot> as its root, but it has {label(root)}.")
+    root = read_xml(source, "a URDF file", "robot", URDFError)
     for element in root.iter():
         if "xacro" in element.tag or any("${" in value for value in element.attrib.values()):
             raise URDFError(

@@ -6,10 +6,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..interface.arguments import require
 from ..interface.wording import all_of, did_you_mean
 from ..mjcf.elements import Frame, Inertial, label
-from ..mjcf.reading import TIMES, Imported
+from ..mjcf.reading import Imported
+from ..mjcf.source import Source
+from ..mjcf.writing import TIMES
 from ..numerics.arrays import Numbers
 from ..physics.body import Ball
 from ..physics.mechanisms import (
@@ -28,6 +29,7 @@ from ..physics.prescribed.frames import MatrixFrame
 from ..physics.state import BallState
 from ..scenario import Scenario
 from .elements import CONTACT, LOOK, Shape, URDFError, number, numbers, parse, reach, shapes_of
+from .schema import check_names
 from .tree import HINGES, Joint, Tree, read_tree
 
 GRAVITY = 9.81  # in m/s², the units of every URDF file
@@ -43,7 +45,9 @@ class Shell(NamedTuple):
     frame: Frame
 
 
-def from_urdf(text: str, *, shell: str | None = None, times: Numbers = TIMES, gravity: float = GRAVITY) -> Scenario:
+def from_urdf(
+    source: Source, *, shell: str | None = None, times: Numbers = TIMES, gravity: float = GRAVITY
+) -> Scenario:
     """Reads the scenario of a ball with mechanisms that a URDF file describes, at rest on a level plane.
 
     The shell is the link with a sphere as its collision, or, where no link has one, as its visual. All other links are
@@ -52,7 +56,7 @@ def from_urdf(text: str, *, shell: str | None = None, times: Numbers = TIMES, gr
 
     **Arguments:**
 
-    - ``text``: of the file, which xacro has expanded.
+    - ``source``: the path of the file, which xacro has expanded, or its text.
     - ``shell``: the name of the link that rolls, where several have a sphere; the others must be within its own.
     - ``times``: the save times, increasing, in s; 0 to 10 by 0.1 if not given.
     - ``gravity``: in m/s², which URDF does not state.
@@ -69,15 +73,17 @@ def from_urdf(text: str, *, shell: str | None = None, times: Numbers = TIMES, gr
     >>> float(from_urdf(ball).system.radius)
     0.2
     """
-    return read_urdf(text, shell=shell, times=times, gravity=gravity).scenario
+    return read_urdf(source, shell=shell, times=times, gravity=gravity).scenario
 
 
-def read_urdf(text: str, *, shell: str | None = None, times: Numbers = TIMES, gravity: float = GRAVITY) -> Imported:
+def read_urdf(
+    source: Source, *, shell: str | None = None, times: Numbers = TIMES, gravity: float = GRAVITY
+) -> Imported:
     """Reads the scenario of a file as :func:`from_urdf` returns it, with notes on what is not in it.
 
     **Arguments:**
 
-    - ``text``: the text of the file.
+    - ``source``: the path of the file, or its text.
     - ``shell``: as for :func:`from_urdf`.
     - ``times``: as for :func:`from_urdf`.
     - ``gravity``: as for :func:`from_urdf`.
@@ -93,8 +99,8 @@ def read_urdf(text: str, *, shell: str | None = None, times: Numbers = TIMES, gr
     ...     print(error)
     The file must have a <link>, the shell, but it has none.
     """
-    require("text", text, str, "the text of a URDF file")
-    robot = parse(text)
+    robot = parse(source)
+    unread = check_names(robot)
     tree = read_tree(robot)
     shapes = {name: shapes_of(link) for name, link in tree.links.items()}
     rolls = _shell(tree, shapes, shell)
@@ -119,7 +125,7 @@ def read_urdf(text: str, *, shell: str | None = None, times: Numbers = TIMES, gr
     zeros = np.zeros(sum(mechanism.n_joints for mechanism in inside.mechanisms))
     state = BallState(q=q, theta=zeros, thetadot=zeros)
     scenario = Scenario(robot.get("name", ""), system, state, np.asarray(times, dtype=float))
-    return Imported(scenario, tuple(_notes(robot, tree, shapes)))
+    return Imported(scenario, (*_notes(robot, tree, shapes), *unread))
 
 
 def _shell(tree: Tree, shapes: dict[str, list[Shape]], asked: str | None) -> Shell:
@@ -186,26 +192,27 @@ class _Inside:
             self.joints: list[AbstractJoint] = []
             self.masses: list[CarriedMass] = []
             self.names: list[str] = []
-            self._read_joint(joint, shell, None)
+            # By a list, because a chain may be longer than calls of functions may be nested.
+            waiting: list[tuple[Joint, str, int | None]] = [(joint, shell, None)]
+            while waiting:
+                waiting += reversed(self._read_joint(*waiting.pop()))
             try:
                 self.mechanisms.append(Mechanism(self.joints, self.masses))
             except ValueError as error:
                 raise URDFError(f"The links on {all_of(self.names)} are no mechanism: {error}") from None
 
     def _joints_on(self, link: str, but: Joint | None) -> list[Joint]:
-        together = self.tree.together(link)
-        return [
-            joint
-            for joint in self.tree.joints
-            if joint != but and (joint.parent in together or joint.child in together)
-        ]
+        rigid = self.tree.rigid
+        ends = ((joint, rigid[joint.parent], rigid[joint.child]) for joint in self.tree.joints if joint is not but)
+        return [joint for joint, parent, child in ends if rigid[link] in (parent, child)]
 
-    def _read_joint(self, joint: Joint, inner: str, on: int | None) -> None:
+    def _read_joint(self, joint: Joint, inner: str, on: int | None) -> list[tuple[Joint, str, int | None]]:
         """Reads a joint on the link ``inner``, which the joint with the index ``on`` carries, None if it is the shell.
 
-        Where the shell is on the side of the child, the joint turns the other way.
+        Where the shell is on the side of the child, the joint turns the other way. Returns the joints further out, with
+        what they are on.
         """
-        before, forward = len(self.joints) - 1, joint.parent in self.tree.together(inner)
+        before, forward = len(self.joints) - 1, self.tree.rigid[joint.parent] == self.tree.rigid[inner]
         # URDF puts a joint at the origin of its child, also where the shell is the child.
         frame = self.into.then(self.tree.frames[joint.child])
         axis = frame.turn @ _axis(joint) * (1.0 if forward else -1.0)
@@ -218,8 +225,7 @@ class _Inside:
         inertia = self.tree.inertial(outer)
         if inertia is not None:
             self.masses += _masses(inertia._replace(axes=self.into.then(inertia.axes)), before + 1)
-        for further in self._joints_on(outer, joint):
-            self._read_joint(further, outer, before + 1)
+        return [(further, outer, before + 1) for further in self._joints_on(outer, joint)]
 
 
 def _masses(inertia: Inertial, joint: int) -> list[CarriedMass]:

@@ -27,10 +27,16 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", metavar="FILE", help="an MJCF or a URDF file, or - for standard input")
     parser.add_argument("--out", type=Path, default=STDOUT, metavar="FILE", help=".toml; default: standard output")
     parser.add_argument(
-        "--end", type=positive, default=DEFAULT_END, metavar="TIME", help=f"of the run; default: {DEFAULT_END:g}"
+        "--end",
+        type=positive,
+        metavar="TIME",
+        help=f"of the run; default: that of a file of `jaxball export`, {DEFAULT_END:g} after the start of others",
     )
     parser.add_argument(
-        "--step", type=positive, default=DEFAULT_STEP, metavar="TIME", help=f"between saves; default: {DEFAULT_STEP:g}"
+        "--step",
+        type=positive,
+        metavar="TIME",
+        help=f"between saves; default: as for --end, {DEFAULT_STEP:g} for others",
     )
     parser.add_argument(
         "--contact", action="store_true", help="let it slip and fly, with MuJoCo's coefficient of friction; MJCF alone"
@@ -46,6 +52,8 @@ def run(options: argparse.Namespace) -> int:
     if options.file != STDIN:
         refuse_document(Path(options.file))
     text = sys.stdin.read() if options.file == STDIN else text_of(options.file, "file of MuJoCo or ROS", ScenarioError)
+    if "<" not in text:
+        raise BadInputError("The file must be XML, but it is not: it has no element.")
     urdf = _is_urdf(text)
     if urdf and options.contact:
         raise BadInputError(
@@ -55,20 +63,14 @@ def run(options: argparse.Namespace) -> int:
     if options.shell is not None and not urdf:
         raise BadInputError("Argument `--shell` must be left out for a file that is no URDF, where one body rolls.")
     set_up_jax()
-    import numpy as np
-
     from ...mjcf import read_mjcf
     from ...scenario import write_scenario
     from ...urdf import read_urdf
 
-    # Whole steps to the end that is nearest, at least one.
-    times = options.step * np.arange(max(round(options.end / options.step), 1) + 1)
-    if urdf:
-        robot = read_urdf(text, shell=options.shell, times=times)
-    else:
-        robot = read_mjcf(text, times=times, contact=options.contact)
-    written = write_scenario(robot.scenario)
-    notes = [*robot.notes, *_problems(robot.scenario)]
+    robot = read_urdf(text, shell=options.shell) if urdf else read_mjcf(text, contact=options.contact)
+    scenario = _with_times(robot.scenario, options.end, options.step)
+    written = write_scenario(scenario)
+    notes = [*robot.notes, *_problems(scenario)]
     # Standard output has the file, and nothing else.
     if options.out == STDOUT:
         sys.stdout.write(written)
@@ -78,6 +80,23 @@ def run(options: argparse.Namespace) -> int:
         write_text(options.out, written)
         say(options, *notes, name_files([options.out]))
     return 0
+
+
+def _with_times(scenario: "Scenario", end: float | None, step: float | None) -> "Scenario":
+    """Returns a scenario with other save times, if there is an end or a step of them."""
+    if end is None and step is None:
+        return scenario
+    import dataclasses
+
+    import numpy as np
+
+    start, last = float(scenario.times[0]), float(scenario.times[-1])
+    step = DEFAULT_STEP if step is None else step
+    length = (last if end is None else end) - start
+    if length <= 0:
+        raise BadInputError(f"Argument `--end` must be later than the start of the file, {start:g}, but it is {end:g}.")
+    # Whole steps to the end that is nearest, at least one.
+    return dataclasses.replace(scenario, times=start + step * np.arange(max(round(length / step), 1) + 1))
 
 
 def _problems(scenario: "Scenario") -> list[str]:

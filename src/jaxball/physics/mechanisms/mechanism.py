@@ -253,20 +253,12 @@ class Mechanism(AbstractMechanism):
 
     def carriers(self, a: int) -> tuple[int, ...]:
         """Lists the joints that carry joint ``a``, and itself."""
-        before = [a]
-        while (on := self._on(before[0])) >= 0:
-            before.insert(0, on)
-        return tuple(before)
-
-    def _on(self, a: int) -> int:
-        on = self.joints[a].on
-        return a - 1 if on is None else on
+        return _chains(self.joints)[a]
 
     def links(self, theta: Float[Array, " k"]) -> list[Moved]:
         """Computes where each joint places its link, and how it moves it."""
         links: list[Moved] = []
-        for a, joint in enumerate(self.joints):
-            on = self._on(a)
+        for a, (joint, on) in enumerate(zip(self.joints, _list_carriers(self.joints), strict=True)):
             links.append(joint.move(links[on].placement if on >= 0 else in_place(theta), theta[a]))
         return links
 
@@ -301,12 +293,14 @@ class Mechanism(AbstractMechanism):
     def _before(self) -> Bool[np.ndarray, "k k"]:
         """Whether the joint of a column is among those that carry the joint of a row."""
         k = self.n_joints
-        return np.asarray([[b in self.carriers(a)[:-1] for b in range(k)] for a in range(k)], dtype=bool).reshape(k, k)
+        rows = [[b in chain[:-1] for b in range(k)] for chain in _chains(self.joints)]
+        return np.asarray(rows, dtype=bool).reshape(k, k)
 
     @property
     def _moved(self) -> Bool[np.ndarray, "k n 1"]:
         """Whether each joint moves each mass."""
-        rows = [[a in self.carriers(link) for link in self.carrier] for a in range(self.n_joints)]
+        chains = _chains(self.joints)
+        rows = [[a in chains[link] for link in self.carrier] for a in range(self.n_joints)]
         return np.asarray(rows, dtype=bool)[..., None]
 
     def conditions(self, name: str) -> Iterator[Condition]:
@@ -406,8 +400,23 @@ def _carrier(index: int, joint: int, count: int) -> int:
     return joint % count
 
 
+def _list_carriers(joints: Sequence[AbstractJoint]) -> list[int]:
+    """Lists, of each joint, the joint that carries it; -1 for the body."""
+    return [a - 1 if joint.on is None else joint.on for a, joint in enumerate(joints)]
+
+
+def _chains(joints: Sequence[AbstractJoint]) -> list[tuple[int, ...]]:
+    """Lists, of each joint, those that carry it, and itself."""
+    # Of the joints alone: each access to a method of a module takes as long as the module has leaves.
+    chains: list[tuple[int, ...]] = []
+    for a, on in enumerate(_list_carriers(joints)):
+        chains.append((*(chains[on] if on >= 0 else ()), a))
+    return chains
+
+
 def _require_moved(mechanism: Mechanism) -> None:
-    carrying = {a for link in mechanism.carrier for a in mechanism.carriers(link)}
+    chains = _chains(mechanism.joints)
+    carrying = {a for link in set(mechanism.carrier) for a in chains[link]}
     for a in range(mechanism.n_joints):
         if a not in carrying:
             raise ValueError(
