@@ -74,7 +74,7 @@ def test_what_is_printed_of_a_disk_on_its_head_holds(end, tolerance):
     values, errors = np.array(numbers, float).T
     exact = np.array([rate, 0.0, -rate])
     assert np.all(np.abs(values - exact) <= errors)
-    assert np.all((0 < errors) & (errors < 100 * tolerance))
+    assert np.all((errors > 0) & (errors < 100 * tolerance))
     # Two and a half standard errors, as everywhere.
     assert np.all(np.abs(found.exponents - exact) < 2.5 * found.standard_error)
 

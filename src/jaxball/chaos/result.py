@@ -24,8 +24,7 @@ class Limits(NamedTuple):
 
     Along a regular motion deviations grow as a power tᵃ of time, whose rate is a/t, and λ is zero.
 
-    - ``limits``, ``errors``: λ and its standard error, that of the fit alone, NaN where the run has too few intervals to
-      fit it.
+    - ``limits``, ``errors``: λ and its standard error, that of the fit alone; NaN where the run has too few intervals.
     - ``told``: whether the exponent is distinguished from zero: λ has the sign of the mean rate and is more than 2.5
       standard errors from zero, and deviations changed by more than three e-folds.
     - ``drifting``: whether, in addition, the mean differs from λ by more than its own standard error, and by more than
