@@ -49,7 +49,7 @@ def picture_with_masses(trajectory, k, dpi):
 @pytest.fixture(scope="module")
 def disk_film(disk_trajectory, tmp_path_factory):
     """The paper's disk at t = 0, 1, …, 20, four of these times a second."""
-    return plot.animate(disk_trajectory, tmp_path_factory.mktemp("film") / "disk.gif", fps=4, speed=4.0, dpi=60)
+    return plot.animate(disk_trajectory, tmp_path_factory.mktemp("film") / "disk.gif", fps=4, speed=4.0, dpi=60).path
 
 
 @pytest.mark.thorough
@@ -80,7 +80,7 @@ def test_what_has_moved_on_leaves_nothing_behind(disk_film):
 @pytest.mark.parametrize("fps", [4, 7, 20, 30])
 def test_a_gif_lasts_as_long_as_it_should(disk_trajectory, tmp_path, fps):
     """Its frames last whole hundredths of a second, and so not all of them the same time."""
-    path = plot.animate(disk_trajectory, tmp_path / "disk.gif", fps, speed=float(fps), dpi=20)
+    path = plot.animate(disk_trajectory, tmp_path / "disk.gif", fps, speed=float(fps), dpi=20).path
     _, durations = frames_of(path)
     assert len(durations) == 21
     assert abs(sum(durations) - 1000 * 21 / fps) <= 5
@@ -91,7 +91,7 @@ def test_a_gif_lasts_as_long_as_it_should(disk_trajectory, tmp_path, fps):
 @pytest.mark.parametrize("body", ["ball", "disk"])
 def test_a_gif_is_small(body, request, tmp_path):
     trajectory = request.getfixturevalue(f"{body}_trajectory")
-    path = plot.animate(trajectory, tmp_path / "film.gif", fps=1, size=SIZE)
+    path = plot.animate(trajectory, tmp_path / "film.gif", fps=1, size=SIZE).path
     with Image.open(path) as film:
         assert film.size == SIZE
         assert path.stat().st_size < A_SECOND_APART * LARGEST / IN_ALL * film.n_frames
@@ -150,7 +150,7 @@ def test_a_film_that_was_interrupted_is_not_left(disk_trajectory, tmp_path, suff
 
 @needs_ffmpeg
 def test_an_mp4_shows_every_frame_also_of_an_odd_size(disk_trajectory, tmp_path):
-    path = plot.animate(disk_trajectory, tmp_path / "film.mp4", 10, speed=10.0, size=(401, 301))
+    path = plot.animate(disk_trajectory, tmp_path / "film.mp4", 10, speed=10.0, size=(401, 301)).path
     command = [
         FFMpegWriter.bin_path(),
         "-loglevel",
@@ -172,7 +172,7 @@ def test_an_mp4_shows_every_frame_also_of_an_odd_size(disk_trajectory, tmp_path)
 
 @needs_ffmpeg
 def test_an_mp4_where_no_suffix_is_given(disk_trajectory, tmp_path):
-    path = plot.animate(disk_trajectory, tmp_path / "disk", fps=1, speed=10.0, dpi=40)
+    path = plot.animate(disk_trajectory, tmp_path / "disk", fps=1, speed=10.0, dpi=40).path
     assert path == tmp_path / "disk.mp4"
     assert path.read_bytes()[4:8] == b"ftyp"
 
@@ -191,7 +191,7 @@ def test_an_ffmpeg_that_fails_is_quoted(disk_trajectory, tmp_path, monkeypatch):
 @pytest.mark.thorough
 def test_without_ffmpeg_a_gif(bare_trajectory, tmp_path, monkeypatch):
     monkeypatch.setattr(FFMpegWriter, "isAvailable", classmethod(lambda cls: False))
-    path = plot.animate(bare_trajectory, tmp_path / "bare", fps=1, dpi=30)
+    path = plot.animate(bare_trajectory, tmp_path / "bare", fps=1, dpi=30).path
     assert path == tmp_path / "bare.gif"
     with pytest.raises(ValueError, match=r"^Argument `path` must end in \.gif where ffmpeg is not installed"):
         plot.animate(bare_trajectory, tmp_path / "bare.mp4")

@@ -9,7 +9,7 @@ are not changed.
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:  # for type checkers and editors, the same interface
-    from .animation import animate as animate, snapshot as snapshot
+    from .animation import Animation as Animation, animate as animate, snapshot as snapshot
     from .chaos import (
         chaos_chart as chaos_chart,
         eigenvalues as eigenvalues,

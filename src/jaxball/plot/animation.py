@@ -1,6 +1,9 @@
 """Animations of a rolling ball or disk as MP4 or GIF, and single frames of them."""
 
+import base64
 import contextlib
+import functools
+import html
 import struct
 import subprocess
 import tempfile
@@ -38,16 +41,98 @@ EVEN = "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white"  # the chroma of a film has h
 PIXELS = "yuv420p"  # which every player can show
 
 
+class Animation:
+    """A run as a film, which a notebook plays in place. :func:`animate` makes one.
+
+    - ``path``: the file to which it was written last; None if it was not.
+    """
+
+    def __init__(
+        self,
+        trajectory: Trajectory,
+        fps: float | int | None,
+        speed: float,
+        dpi: float | int,
+        size: tuple[int, int] | None,
+        progress: Callable[[int, int], Any] | None,
+    ) -> None:
+        """Prepares what :func:`animate` describes; nothing is drawn before it is saved or shown."""
+        for name, value in (("fps", fps), ("speed", speed)):
+            if value is not None and not value > 0:
+                raise ValueError(f"Argument `{name}` must be a positive number, but it is {value}.")
+        require_finite_rows(trajectory)
+        self.path: Path | None = None
+        self._trajectory, self._run = trajectory, record(trajectory)
+        self._fps, self._speed, self._dpi, self._size, self._progress = fps, speed, dpi, size, progress
+
+    def save(self, path: str | Path) -> Path:
+        """Writes the film to ``path``, as :func:`animate` does, and returns the path of the file."""
+        path = _check_path(Path(path))
+        fps = FRAMES[path.suffix] if self._fps is None else self._fps
+        figure, show = scene(self._trajectory, self._run)
+        dpi = self._dpi if self._size is None else _widen_figure(figure, self._size)
+        shown = frames(self._run.times, self._speed / fps)
+        show(int(shown[0]))
+        canvas = Canvas(figure, dpi)
+
+        def pictures() -> Iterator[Picture]:
+            for done, k in enumerate(shown, start=1):
+                show(int(k))
+                yield canvas.picture()
+                if self._progress is not None:
+                    self._progress(done, len(shown))
+
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path) as temporary:
+            if path.suffix == ".mp4":
+                mp4(temporary, pictures(), fps, canvas.size)
+            else:
+                gif(temporary, pictures(), fps, canvas.size, _colours(figure))
+        self.path = path
+        return path
+
+    def _repr_html_(self) -> str:
+        kind, film = self._film
+        data, name = base64.b64encode(film).decode(), html.escape(repr(self), quote=True)
+        if kind == ".gif":
+            return f'<img src="data:image/gif;base64,{data}" alt="{name}" style="max-width: 100%">'
+        return (
+            f'<video controls autoplay loop muted style="max-width: 100%" title="{name}">'
+            f'<source src="data:video/mp4;base64,{data}" type="video/mp4"></video>'
+        )
+
+    @functools.cached_property
+    def _film(self) -> tuple[str, bytes]:
+        """The suffix and the content of the file, made once, however often a notebook shows it."""
+        if self.path is not None and self.path.exists():
+            return self.path.suffix, self.path.read_bytes()
+        with tempfile.TemporaryDirectory() as folder:
+            path = self.save(Path(folder) / "film")
+            self.path = None  # as the folder goes
+            return path.suffix, path.read_bytes()
+
+    def __repr__(self) -> str:
+        first, last = self._run.times[[0, -1]]
+        return f"Animation of a {self._trajectory.system.title} from t = {first:g} to t = {last:g}"
+
+
+def _colours(figure: Figure) -> list[ColorType]:
+    """Lists the colours of a scene: a palette must have all of them before the first frame is drawn."""
+    lines = [line.get_color() for ax in figure.axes for line in ax.lines]
+    faces = (np.atleast_2d(face.get_facecolor()) for ax in figure.axes for face in ax.collections)
+    return [*lines, *(tuple(colour) for face in faces for colour in face)]
+
+
 def animate(
     trajectory: Trajectory,
-    path: str | Path,
+    path: str | Path | None = None,
     fps: int | None = None,
     *,
     speed: float = 1.0,
     dpi: float | int = 120,
     size: tuple[int, int] | None = None,
     progress: Callable[[int, int], Any] | None = None,
-) -> Path:
+) -> Animation:
     """Animates the rolling body: shell, rails, masses, centre of mass and the trail of the contact point.
 
     Gravity points down, so that a tilted plane is the top of a wedge. A moving plane carries floor and trail along, and
@@ -62,50 +147,23 @@ def animate(
 
     - ``trajectory``: what :func:`jaxball.simulate` returns; only its finite states are shown.
     - ``path``: a file that ends in ``.mp4``, which needs ffmpeg, or in ``.gif``. Without a suffix,
-      ``.mp4`` is added where ffmpeg is installed, and ``.gif`` otherwise.
+      ``.mp4`` is added where ffmpeg is installed, and ``.gif`` otherwise. Nothing is written if not given.
     - ``fps``: frames per second; if not given, 30 in an MP4 and 20 in a GIF.
     - ``speed``: units of the trajectory's time per second of the animation.
     - ``dpi``: dots per inch; a frame is 8 inches wide.
     - ``size``: width and height of a frame in pixels, instead of ``dpi``; the scene is scaled to fit.
     - ``progress``: called with the number of frames done and the number of all, after each frame.
 
-    **Returns:** the path of the file. It is written when all frames have been drawn; nothing is written if that fails.
+    **Returns:** an :class:`Animation`, which a notebook plays, and which has a method ``save(path)``. A file is written
+    when all frames have been drawn; nothing is written if that fails.
 
     **Raises:** ``ValueError`` for another suffix, for ``.mp4`` without ffmpeg, for an ``fps`` or a
     ``speed`` that is not positive, for a trajectory without a finite state, and for a reduced one or a batch.
     """
-    path = _check_path(Path(path))
-    fps = FRAMES[path.suffix] if fps is None else fps
-    for name, value in (("fps", fps), ("speed", speed)):
-        if not value > 0:
-            raise ValueError(f"Argument `{name}` must be a positive number, but it is {value}.")
-    require_finite_rows(trajectory)
-    run = record(trajectory)
-    figure, show = scene(trajectory, run)
-    if size is not None:
-        dpi = _widen_figure(figure, size)
-    shown = frames(run.times, speed / fps)
-    show(int(shown[0]))
-    canvas = Canvas(figure, dpi)
-
-    def pictures() -> Iterator[Picture]:
-        for done, k in enumerate(shown, start=1):
-            show(int(k))
-            yield canvas.picture()
-            if progress is not None:
-                progress(done, len(shown))
-
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as temporary:
-        if path.suffix == ".mp4":
-            mp4(temporary, pictures(), fps, canvas.size)
-        else:
-            lines = [line.get_color() for ax in figure.axes for line in ax.lines]
-            # The palette must have all colours before the first frame is drawn.
-            faces = (np.atleast_2d(face.get_facecolor()) for ax in figure.axes for face in ax.collections)
-            colours = [*lines, *(tuple(colour) for face in faces for colour in face)]
-            gif(temporary, pictures(), fps, canvas.size, colours)
-    return path
+    film = Animation(trajectory, fps, speed, dpi, size, progress)
+    if path is not None:
+        film.save(path)
+    return film
 
 
 def frames(times: Float[np.ndarray, " T"], step: float) -> Int[np.ndarray, " frames"]:

@@ -22,7 +22,8 @@ from .modes import PATHS, Track, modes_of, track_of
 from .palette import FAINT, INK, SHELL, TRAIL, mass_colour
 from .record import Record, finite_rows
 from .shapes import BREAK, looks, outline, parallel, rail_points, split, towards, wireframe
-from .style import CAPTION, SMALL_FONT, mass_line, subject
+from .shown import ShownFigure
+from .style import CAPTION, SMALL_FONT, describe_units, mass_line, subject, title_of
 from .surface import Curve, Mesh, curve_under, mesh_under
 
 ELEVATION_3D, AZIMUTH_3D = 26.0, -60.0  # degrees
@@ -163,7 +164,7 @@ def _ball_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
 def _stage(content: Float[np.ndarray, "points 3"], azimuth: float) -> tuple[Figure, Axes3D]:
     """Makes a figure that the points ``content`` fill, and its Axes, seen from ``azimuth``."""
     low, high = content.min(axis=0), content.max(axis=0)
-    figure = Figure(figsize=(SCENE_WIDTH, SCENE_WIDTH))
+    figure = ShownFigure(figsize=(SCENE_WIDTH, SCENE_WIDTH))
     ax = figure.add_axes((0.0, 0.0, 1.0, 1.0), projection="3d", computed_zorder=False)
     assert isinstance(ax, Axes3D)
     ax.set_proj_type("ortho")
@@ -199,7 +200,7 @@ def _disk_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
     bottom, top = low - 0.25 * r, high + (1.55 * r if curve is None else 0.45 * r)
     # A disk that hardly moves, or goes far, would have a figure that is a tower or a line.
     height = np.clip(SCENE_WIDTH * (top - bottom) / (right - left), 2.0, 6.0)
-    figure = Figure(figsize=(SCENE_WIDTH, round(10 * float(height)) / 10))
+    figure = ShownFigure(figsize=(SCENE_WIDTH, round(10 * float(height)) / 10))
     ax = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(left, right), ylim=(bottom, top), aspect="equal")
     ax.set_axis_off()
     look: dict[str, Any] = {"linewidth": 3.0, "zorder": 2, "solid_capstyle": "butt"}
@@ -256,7 +257,8 @@ def _contents(figure: Figure, ax: Axes, trajectory: Trajectory, placed: Placed) 
     figure.legend(
         loc="upper right", ncols=min(len(set(shown)) + 1, 7), frameon=False, prop=SMALL_FONT, handletextpad=0.2
     )
-    figure.text(0.5, 0.02 / figure.get_figheight(), subject(system), ha="center", va="bottom", **CAPTION)
+    shown_system = subject(system, title_of(trajectory), describe_units(trajectory))
+    figure.text(0.5, 0.02 / figure.get_figheight(), shown_system, ha="center", va="bottom", **CAPTION)
     clock = _clock(figure, ax)
 
     def show(k: int) -> None:

@@ -13,6 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from ...interface.status import Status
 from ...interface.wording import number_of
 from ..palette import COMPONENTS
+from ..shown import ShownFigure
 from ..style import SMALL_FONT, caption, label_axes, plane_axes
 from .axes import (
     LOOKS,
@@ -85,7 +86,7 @@ def sweep_matrix(
         variables.append(_Variable(label_of(data, name, labels), values_of(rows, name)))
     n, keys, panels = len(variables), {}, {}
     drawn, left_out = sample(rows, MOST_DOTS_OF_PANEL)
-    figure = Figure(figsize=(MATRIX_PANEL * n + 0.6, MATRIX_PANEL * n + 0.6), layout="constrained")
+    figure = ShownFigure(figsize=(MATRIX_PANEL * n + 0.6, MATRIX_PANEL * n + 0.6), layout="constrained")
     caption(figure, title=title_of(rows.data))
     for i, up in enumerate(variables):
         for j, right in enumerate(variables[: i + 1]):
