@@ -9,9 +9,11 @@ from matplotlib.animation import FFMpegWriter
 from matplotlib.colors import to_rgb
 from PIL import Image
 
+import jaxball
 from jaxball import plot
 from jaxball.interface.output import OutputError
 from jaxball.plot.animation import Canvas, frames, long_runs, palette_of
+from jaxball.plot.floor import Placed, Setting, place
 from jaxball.plot.palette import mass_colour
 from jaxball.plot.record import record
 from jaxball.plot.scene import scene
@@ -238,3 +240,25 @@ def test_a_snapshot_shows_the_nearest_saved_time_or_the_last(disk_trajectory, tm
     plot.snapshot(disk_trajectory, t).savefig(path, dpi=60)
     shown = np.asarray(Image.open(path).convert("RGB"), dtype=float)
     np.testing.assert_allclose(shown, picture_with_masses(disk_trajectory, k, dpi=60)[0], atol=1)
+
+
+@pytest.mark.parametrize("heading", [0.0, 1.1, 2.5, -2.0])
+@pytest.mark.parametrize("width", [0.0, 0.3])
+def test_a_path_on_a_level_plane_leads_to_the_right_of_the_page(heading, width):
+    """The camera's right is (−sin a, cos a), and its view is across: a bent path is as deep as it is wide."""
+    s = np.linspace(-1.0, 1.0, 41)
+    across = width * (s**2 - np.mean(s**2))
+    c, n = np.array([np.cos(heading), np.sin(heading)]), np.array([-np.sin(heading), np.cos(heading)])
+    path = np.array([3.0, -2.0, 0.0]) + np.column_stack([s[:, None] * c + across[:, None] * n, np.zeros(41)])
+    setting = Setting(np.eye(3), np.zeros((41, 3)), None, np.zeros(3))
+    placed = Placed(s, setting, np.zeros((41, 3, 3)), path, np.zeros((41, 0, 3)), path, path, [])
+    a = np.deg2rad(placed.azimuth(-60.0))
+    np.testing.assert_allclose([-np.sin(a), np.cos(a)], c, atol=1e-12)
+
+
+def test_a_slope_is_seen_from_beside_its_descent():
+    """As before, whatever the path: the view is 60° from the direction of steepest descent."""
+    tilted = jaxball.Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=jaxball.Ground(angle=0.2))
+    run = jaxball.simulate(tilted, [0.0, 1.0, 2.0], jaxball.BallState(Omega=(0.0, 0.5, 0.1)))
+    placed = place(run, record(run))
+    assert placed.azimuth(-60.0) == pytest.approx(placed.setting.downhill - 60.0)

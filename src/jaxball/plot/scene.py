@@ -117,8 +117,7 @@ def scene(trajectory: Trajectory, run: Record) -> Scene:
 
 def _ball_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
     setting, r = placed.setting, float(trajectory.system.radius)
-    # A slope is seen from its side, so that it is visible, and never from below.
-    azimuth = AZIMUTH_3D + setting.downhill
+    azimuth = placed.azimuth(AZIMUTH_3D)
     viewer = towards(ELEVATION_3D, azimuth)
     wire, silhouette = wireframe(r), outline(r, viewer)
     # Every eighth point of the silhouette is enough to find its extent.

@@ -25,7 +25,6 @@ from ..problem.run import Run
 from ..problem.space import DesignError
 
 MOTOR_LIMITS = "motor-limits"
-CUT_OFF = 10.0  # as many times a violation of a motor's limit counts, because its simulation keeps the limit
 
 
 class MotorIndex(NamedTuple):
@@ -66,8 +65,8 @@ class Inputs(NamedTuple):
 class MotorLimits(AbstractRunningConstraint):
     """The force of every motor, within its limit; shape (t, motors).
 
-    It holds at the nodes. Between them the polynomials may exceed it by a tenth of what other constraints may be
-    violated by, in the interval in which the torque leaves its limit: a motor cuts that off, so that the end moves.
+    It holds at the nodes. Between them the polynomials may exceed it, in the interval in which the torque leaves its
+    limit: a motor cuts that off, so that the end moves. Meshes with limits are therefore refined further.
     """
 
     most: Float[Array, " motors"]
@@ -77,7 +76,7 @@ class MotorLimits(AbstractRunningConstraint):
         return (jnp.abs(self._forces(run)) - self.most[None]) / self._unit(run)
 
     def margins(self, run: Run):
-        return CUT_OFF * room(self._forces(run)[..., None], self.most[None]) / self._unit(run)
+        return room(self._forces(run)[..., None], self.most[None]) / self._unit(run)
 
     def _forces(self, run: Run) -> Float[Array, "t motors"]:
         motors = _motors_of(run.system, self.motors)
