@@ -10,12 +10,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..classical import LagrangianState
 from ..physics.body import AbstractBody
 from ..physics.system import AbstractSystem
 from ..sensors import AbstractSensor
 from ..simulation.trajectory import Trajectory
 from .coordinates import acceleration, accelerations, joint_angles, joint_efforts, mass_angles, mass_units
 from .files import plain_name, run_mark, save_figure, save_figures
+from .lagrangian import lagrangian_motion
 from .laws import classical_motion, law_errors
 from .modes import share_bands
 from .record import record, require_one_of_body
@@ -34,7 +36,6 @@ from .time_series import (
     power,
 )
 
-CLASSICAL = (classical_motion, law_errors)
 STANDARD = (
     acceleration,
     mass_angles,
@@ -110,7 +111,8 @@ def standard_figures(trajectory: Trajectory[Any, Any]) -> list[Callable[[Traject
     """Returns the functions that draw the standard figures of a run, without empty ones."""
     system = trajectory.system
     if not isinstance(system, AbstractBody):
-        return [draw for draw in CLASSICAL if draw is not law_errors or trajectory.laws]
+        motion = lagrangian_motion if isinstance(trajectory.state, LagrangianState) else classical_motion
+        return [motion, *([law_errors] if trajectory.laws else [])]
     joints = OF_JOINTS if system.mechanisms else ()
     empty = {acceleration: not accelerations(trajectory), mass_angles: not mass_units(trajectory.system)}
     if not (system.n_masses or system.mechanisms):

@@ -1,6 +1,6 @@
 """The scene of an animation, a ball or a disk on its ground, one frame at a time."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -126,11 +126,11 @@ def _ball_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
     surface = trajectory.system.ground
     if setting.contacts is None or not isinstance(surface, AbstractSurface):
         floor = floor_under(run.observables.contact_point, r, setting)
-        figure, ax = _stage(np.concatenate([floor.block.everywhere(setting.moved), visited]), azimuth)
+        figure, ax = stage(np.concatenate([floor.block.everywhere(setting.moved), visited]), azimuth)
         show_floor = draw_floor(ax, floor, setting, r, viewer)
     else:
         mesh = mesh_under(surface, placed.times, setting.contacts, r)
-        figure, ax = _stage(np.concatenate([mesh.everywhere(), visited]), azimuth)
+        figure, ax = stage(np.concatenate([mesh.everywhere(), visited]), azimuth)
         show_floor = draw_surface(ax, mesh, viewer)
 
     # A shadow below a ball that may leave the plane makes its height visible.
@@ -160,7 +160,7 @@ def _ball_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
     return Scene(figure, show)
 
 
-def _stage(content: Float[np.ndarray, "points 3"], azimuth: float) -> tuple[Figure, Axes3D]:
+def stage(content: Float[np.ndarray, "points 3"], azimuth: float) -> tuple[Figure, Axes3D]:
     """Makes a figure that the points ``content`` fill, and its Axes, seen from ``azimuth``."""
     low, high = content.min(axis=0), content.max(axis=0)
     figure = ShownFigure(figsize=(SCENE_WIDTH, SCENE_WIDTH))
@@ -256,9 +256,7 @@ def _contents(figure: Figure, ax: Axes, trajectory: Trajectory, placed: Placed) 
     figure.legend(
         loc="upper right", ncols=min(len(set(shown)) + 1, 7), frameon=False, prop=SMALL_FONT, handletextpad=0.2
     )
-    shown_system = subject(system, title_of(trajectory), describe_units(trajectory))
-    figure.text(0.5, 0.02 / figure.get_figheight(), shown_system, ha="center", va="bottom", **CAPTION)
-    clock = _clock(figure, ax)
+    show_clock = write_around(figure, ax, trajectory, placed.times, words)
 
     def show(k: int) -> None:
         centre, turn = placed.centre[k], placed.Lambda[k].T
@@ -269,7 +267,24 @@ def _contents(figure: Figure, ax: Axes, trajectory: Trajectory, placed: Placed) 
         for artist, point in zip(dots, placed.masses[k], strict=True):
             move(artist, centre + point[None])
         move(star, centre + placed.centre_of_mass[k][None])
-        clock.set_text(f"{placed.times[k]:.2f}".replace("-", "\N{MINUS SIGN}") + words[k])
+        show_clock(k)
+
+    return show
+
+
+def write_around(
+    figure: Figure, ax: Axes, trajectory: Trajectory, times: Float[np.ndarray, " T"], words: Sequence[str] = ()
+) -> Callable[[int], None]:
+    """Writes below a scene which system it shows, and above it the time; returns a function that changes it to the k-th
+    of ``times``, with one of the ``words`` after it.
+    """
+    shown_system = subject(trajectory.system, title_of(trajectory), describe_units(trajectory))
+    figure.text(0.5, 0.02 / figure.get_figheight(), shown_system, ha="center", va="bottom", **CAPTION)
+    clock = _clock(figure, ax)
+
+    def show(k: int) -> None:
+        word = words[k] if words else ""
+        clock.set_text(f"{times[k]:.2f}".replace("-", "\N{MINUS SIGN}") + word)
 
     return show
 

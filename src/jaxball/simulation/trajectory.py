@@ -346,7 +346,8 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
 
     @leave_to_above
     def plot(self) -> "matplotlib.figure.Figure":
-        """Draws :func:`jaxball.plot.overview` of a ball or a disk, or else :func:`jaxball.plot.classical_motion`.
+        """Draws :func:`jaxball.plot.overview` of a ball or a disk, :func:`jaxball.plot.lagrangian_motion` of a system
+        with a Lagrangian, or else :func:`jaxball.plot.classical_motion`.
 
         **Raises:** ``ValueError`` for a reduced trajectory or a batch.
         """
