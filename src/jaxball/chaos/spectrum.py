@@ -309,12 +309,12 @@ def _result(
         reached=end.reached,
         steps=end.steps,
         start=edges[0],
-        solve_error=_solve_error(method.steps, end, edges[0]),
+        solve_error=_compute_solve_error(method.steps, end, edges[0]),
         least_normal_force=None if flow.monitor is None else end.least,
     )
 
 
-def _solve_error(steps: Steps, end: _Progress, start: Float[Array, ""]) -> Float[Array, ""]:
+def _compute_solve_error(steps: Steps, end: _Progress, start: Float[Array, ""]) -> Float[Array, ""]:
     """Computes by how much errors as large as the tolerances, all of one sign, change the mean of a growth rate."""
     return (steps.rtol + steps.atol) * end.steps.astype(start.dtype) / (end.reached - start)
 

@@ -22,8 +22,8 @@ from .shapes import arms
 from .surface import Contacts, contacts_of
 
 ROOM_AROUND = 1.3  # from the path to the edge of the floor, in radii
-ROUND = 0.7  # of its length, the width from which on a path has no direction
-STILL = 1e-9
+WIDTH_OF_ROUND = 0.7  # of its length, the width from which on a path has no direction
+LEAST_MOVED = 1e-9
 
 
 class Setting(NamedTuple):
@@ -76,7 +76,7 @@ class Placed(NamedTuple):
         sizes, directions = np.linalg.svd(moved, full_matrices=False)[1:]
         along, extent = directions[0], float(np.max(np.abs(moved), initial=0.0))
         # Round paths have no side, and one that is short beside its distance from the origin is a point.
-        if sizes[-1] > ROUND * sizes[0] or extent <= STILL * (1 + np.max(np.abs(self.path))):
+        if sizes[-1] > WIDTH_OF_ROUND * sizes[0] or extent <= LEAST_MOVED * (1 + np.max(np.abs(self.path))):
             along = np.array([1.0, 0.0])
         elif along @ (self.path[-1] - self.path[0])[:2] < 0:
             along = -along

@@ -22,7 +22,7 @@ from .scene import AZIMUTH_3D, MARGIN, SCENE_WIDTH, Scene, line, move, stage, wr
 from .shown import ShownFigure
 from .style import WIDE_FIGURE, caption, describe_units, title_of
 
-PANEL_HEIGHT = 1.9  # inches
+MOTION_PANEL_HEIGHT = 1.9  # inches
 COLOURS = (INK, *MASSES)
 # Coordinates with these names, and any number after them, are angles: Greek letters, and words for turning.
 ANGLES = re.compile(
@@ -68,7 +68,7 @@ def lagrangian_motion(trajectory: Trajectory[Any, Any]) -> Figure:
             Series(values, label, COLOURS[k % len(COLOURS)])
             for k, (values, label) in enumerate(zip(forces.T, labels, strict=True))
         ]
-    figure = ShownFigure(figsize=(WIDE_FIGURE[0], 0.6 + PANEL_HEIGHT * len(panels)), layout="constrained")
+    figure = ShownFigure(figsize=(WIDE_FIGURE[0], 0.6 + MOTION_PANEL_HEIGHT * len(panels)), layout="constrained")
     caption(figure, trajectory.system, title_of(trajectory), describe_units(trajectory))
     axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     for ax, (title, series) in zip(axes, panels.items(), strict=True):

@@ -164,7 +164,7 @@ def key_of(name: str, errors: SensorErrors, key: Any) -> Any:
 
 
 def key_of_name(name: str, key: Any) -> Any:
-    """Returns the random key of what has this name, made from one key for all."""
+    """Returns the random key that belongs to a name, made from one key for all names."""
     # By name, so that a further one changes no other's draws, and not by place, because JAX reorders dictionaries;
     # crc32, because Python's hash differs in each process.
     return jax.random.fold_in(key, zlib.crc32(name.encode()))
