@@ -193,7 +193,7 @@ class LyapunovSpectrum(Printed):
     def __repr__(self) -> str:
         if not is_single(self.status):
             return format_value(self)
-        title, values, errors = self._shown()
+        title, values, errors = self._numbers_to_print()
         # As many digits as the smallest error has in two, so that none is printed as 0.
         smallest = np.min(errors, where=errors > 0, initial=1.0)
         digits = max(6, 1 - math.floor(math.log10(smallest)))
@@ -204,7 +204,7 @@ class LyapunovSpectrum(Printed):
             lines.append(f"  least normal force {float(self.least_normal_force):.6g} (at the ends of the steps)")
         return "\n".join([title, *lines, *(f"  {line}" for line in (self._ending, *self._doubts))])
 
-    def _shown(self) -> tuple[str, Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    def _numbers_to_print(self) -> tuple[str, Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
         """Returns a title, the exponents and errors that hold: the fitted limits, if the run has enough intervals."""
         limits, solve_error = self.limits, float(self.solve_error)
         if np.all(np.isfinite(limits.limits)):

@@ -114,7 +114,7 @@ def picture_scene(trajectory: Trajectory[Any, Any], picture: Picture) -> Scene:
     figure, ax = stage(everything, AZIMUTH_3D) if everything.shape[1] == 3 else _plane(everything)
     artists = []
     for k, points in enumerate(lines_at(0)):
-        look = {"marker": "o", "ms": 6, "linestyle": "none"} if len(points) == 1 else {"linewidth": 1.6}
+        look: dict[str, Any] = {"marker": "o", "ms": 6, "linestyle": "none"} if len(points) == 1 else {"linewidth": 1.6}
         artists.append(line(ax, color=COLOURS[k % len(COLOURS)], zorder=3, **look))
     show_clock = write_around(figure, ax, trajectory, times)
 

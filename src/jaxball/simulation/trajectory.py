@@ -185,7 +185,8 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
     def message_of(self, problems: Sequence[str]) -> str:
         """Returns the same sentence as :attr:`message` with other words for the ``problems``."""
         sentence = Status(int(self.status)).sentence(float(self.reached), float(self.times[-1]))
-        return " ".join([sentence, *problems])
+        advice = self.history.advice if int(self.status) == Status.MAX_STEPS else ""
+        return " ".join(filter(None, [sentence, *problems, advice]))
 
     def raise_if_failed(self) -> "Trajectory[AnySystem, AnyState]":
         """Returns the trajectory itself, or raises a :class:`~jaxball.SolveError` with the message.
