@@ -26,7 +26,7 @@ from ..simulation.extremes import contact_extremes
 from ..simulation.trajectory import Trajectory
 from .constraints import discs_to_avoid
 from .objectives import FollowCurve, FollowTrajectory, LargestDistance, target_path
-from .optimal_control.rolling import rolling
+from .optimal_control.rolling import Rolling, rolling
 from .optimal_control.schedules import holding, places, scenario_of, schedules_of
 from .optimal_control.solution import POINTS_OF_INTERVAL, Solution, means
 from .optimal_control.solve import Controlled
@@ -42,7 +42,9 @@ UNITS = "Objectives are dimensionless: lengths over r, times over √(r/g), forc
 # Anything less is rounding and is not drawn.
 SMALLEST_FRICTION = 1e-9
 SAVES_DRAWN = 601
-BRANCH = ("first weight", "last weight")  # of the paths that are drawn; "before" is the given scenario
+# Names of the paths that are drawn, where "before" is the given scenario: of two weights, of two barriers with the same
+# weights, and of one path, which a legend has once.
+OF_WEIGHTS, OF_BARRIERS, OF_ONE = ("first weight", "last weight"), ("far from its constraints", "found"), ("_", "found")
 
 
 @programs.compile_quickly()
@@ -369,13 +371,22 @@ def _control_constraints(controlled: Controlled) -> list[list[str]]:
     return [_table(["constraint", ""], rows, f"{evaluated}; a violation of {allowed:g} is allowed.")]
 
 
+def name_paths(before: Rolling, after: Rolling) -> tuple[str, str]:
+    """Names the first path and the last by what distinguishes their problems: weights, or how large the barrier is."""
+    if any(before.objectives[name].weight != entry.weight for name, entry in after.objectives.items()):
+        return OF_WEIGHTS
+    return OF_BARRIERS if after.constraints else OF_ONE
+
+
 def _control_figures(controlled: Controlled) -> dict[str, Axes]:
     solution, branch = controlled.solution, controlled.branch
     problem = rolling(solution.problem)
     times = np.linspace(float(problem.start), float(problem.end), SAVES_DRAWN)
     requirements = [*problem.objectives.values(), *problem.constraints.values()]
     first, last = ((times, places(entry, times)) for entry in (controlled.first, solution))
-    axes = {"path": _path_figure(requirements, first, last, names=BRANCH)}
+    axes = {
+        "path": _path_figure(requirements, first, last, names=name_paths(rolling(controlled.first.problem), problem))
+    }
     schedules, system = schedules_of(solution), problem.system
     masses, plate = range(len(system.driven)), range(len(schedules) - len(system.driven_ground), len(schedules))
     for name, moved in (("", masses), ("plate-", plate)):

@@ -330,6 +330,7 @@ def solve_control(
         say(f"barrier {collocation.barrier:.0e}   {collocation.steps.size} intervals   violation {worst:.1e}")
 
     problem = file.problem
+    say("compiling, and solving from the guess")
     mesh = np.linspace(float(problem.start), float(problem.end), file.intervals + 1)
     first = solution = _first_solution(file, file.easy or problem, mesh)
     if file.easy is None:
@@ -338,6 +339,7 @@ def solve_control(
         solution = continue_to(first, problem, file.tolerance, visit)[1]
     if problem.constraints:
         solution = sharpen(solution, tolerance=file.tolerance, violation=file.violation, visit=sharper)
+    say("simulating by another solver")
     seen, curvature = resimulate(solution), least_curvature(solution)
     elapsed = time.perf_counter() - began
     return Controlled(
