@@ -47,7 +47,16 @@ PIXELS = "yuv420p"  # which every player can show
 class Animation:
     """A run as a film, which a notebook plays in place. :func:`animate` makes one.
 
-    - ``path``: the file to which it was written last; None if it was not.
+    Nothing is drawn before it is saved or shown. ``path`` is the file to which it was written last, None if it was not.
+
+    **Arguments:**
+
+    - ``name``: of the system, such as ``disk``.
+    - ``times``: the saved times, shape (T,).
+    - ``make``: a function of nothing that returns a figure, and a function that makes it show the k-th of these times.
+    - ``fps``, ``speed``, ``dpi``, ``size``, ``progress``: as for :func:`animate`.
+
+    **Raises:** ``ValueError`` for an ``fps`` or a ``speed`` that is not positive.
     """
 
     def __init__(
@@ -61,12 +70,9 @@ class Animation:
         size: tuple[int, int] | None,
         progress: Callable[[int, int], Any] | None,
     ) -> None:
-        """Prepares what :func:`animate` describes, by the name of the system, the saved times and a function that makes
-        the scene; nothing is drawn before it is saved or shown.
-        """
-        for name, value in (("fps", fps), ("speed", speed)):
+        for argument, value in (("fps", fps), ("speed", speed)):
             if value is not None and not value > 0:
-                raise ValueError(f"Argument `{name}` must be a positive number, but it is {value}.")
+                raise ValueError(f"Argument `{argument}` must be a positive number, but it is {value}.")
         self.path: Path | None = None
         self._name, self._times, self._make = name, times, make
         self._fps, self._speed, self._dpi, self._size, self._progress = fps, speed, dpi, size, progress
