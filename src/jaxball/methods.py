@@ -43,10 +43,14 @@ def save(run: "Trajectory[Any, Any]", path: str | os.PathLike[str]) -> "pathlib.
 
 def plot(run: "Trajectory[Any, Any]") -> "matplotlib.figure.Figure":
     from . import plot
+    from .classical import LagrangianState
     from .physics.body import AbstractBody
 
-    body = isinstance(run.system, AbstractBody)
-    return plot.overview(run) if body else plot.classical_motion(run).figure  # pyright: ignore
+    if isinstance(run.system, AbstractBody):
+        return plot.overview(run)
+    if isinstance(run.state, LagrangianState):
+        return plot.lagrangian_motion(run)
+    return plot.classical_motion(run).figure  # pyright: ignore
 
 
 def view(

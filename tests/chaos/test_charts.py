@@ -122,6 +122,7 @@ def test_the_figure_of_the_convergence():
         jnp.asarray(3.0),
         zero,
         jnp.asarray(0.0),
+        jnp.asarray(0.0),
     )
     lines = lyapunov_convergence(spectrum).get_lines()
     np.testing.assert_array_equal([line.get_ydata() for line in lines[:2]], running.T)

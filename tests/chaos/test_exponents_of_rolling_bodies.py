@@ -3,6 +3,9 @@
 Balls without masses share one program, because every run has eighty intervals, of which forty are transient.
 """
 
+import re
+
+import diffrax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -55,6 +58,25 @@ def test_a_disk_with_its_centre_of_mass_above():
     disk = jaxball.Disk(mass=M, inertia=D[1], radius=R, gravity=G, offset=(0.0, 0.0, HIGH))
     rate = np.sqrt(M * G * HIGH / (D[1] + M * (R + HIGH) ** 2))
     np.testing.assert_allclose(spectrum(disk, 120.0).exponents, [rate, 0.0, -rate], atol=1e-7)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("end", "tolerance"), [(400.0, 1e-8), (415.0, 1e-4)])
+def test_what_is_printed_of_a_disk_on_its_head_holds(end, tolerance):
+    """The deviations turn to their directions at first, which the means remember as 1/t, however exact the later rates
+    are. 415 intervals are no multiple of the parts from which errors are estimated, whose first has them too.
+    """
+    height = 0.8
+    disk = jaxball.Disk(mass=1.0, inertia=0.36, offset=(0.0, 0.0, height))
+    rate = np.sqrt(height / (0.36 + (1.0 + height) ** 2))
+    found = lyapunov_spectrum(disk, (0.0, end), solver=diffrax.Dopri5(), rtol=tolerance, atol=tolerance)
+    numbers = [re.findall(r"-?\d+\.\d+", line) for line in str(found).splitlines() if "±" in line]
+    values, errors = np.array(numbers, float).T
+    exact = np.array([rate, 0.0, -rate])
+    assert np.all(np.abs(values - exact) <= errors)
+    assert np.all((errors > 0) & (errors < 100 * tolerance))
+    # Two and a half standard errors, as everywhere.
+    assert np.all(np.abs(found.exponents - exact) < 2.5 * found.standard_error)
 
 
 @pytest.mark.thorough

@@ -1,9 +1,12 @@
 """The sleigh, the knife edge, the coin, the snakeboard and the roller racer: closed forms, thresholds, invariants."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy import integrate
 
 import jaxball
 from jaxball.classical import ChaplyginSleigh, KnifeEdge, LagrangianState, RollerRacer, RollingCoin, Snakeboard
@@ -91,6 +94,56 @@ def test_a_coin_that_rolls_too_slowly_falls_over():
         np.testing.assert_allclose(runs[part].laws.velocity_constraints, 0.0, rtol=0, atol=1e-10)
     assert np.max(np.abs(runs[0.7].state.q[:, 3])) > 1e-2
     np.testing.assert_allclose(np.max(runs[1.3].state.q[:, 3]), 1e-4 * (2 * 1.3 / 0.3 - 1), rtol=1e-3)
+
+
+@functools.cache
+def time_of_fall(m, r, g, lean):
+    """The time from rest at a lean until the coin lies down, by SciPy: its rim stays where it is, and it turns about
+    the tangent there, ½ (m r² + m r²/4) θ̇² = m g r (cos θ₀ − cos θ). With θ = θ₀ + u² the integrand is finite.
+    """
+
+    def slowness(u):
+        # cos θ₀ − cos θ as a product, because the difference loses all digits near θ₀.
+        fallen = 2 * np.sin(lean + u**2 / 2) * np.sin(u**2 / 2)
+        return 2 * u / np.sqrt(2 * g * fallen / (1.25 * r))
+
+    return integrate.quad(slowness, 0.0, np.sqrt(np.pi / 2 - lean), epsabs=1e-13, epsrel=1e-13)[0]
+
+
+@pytest.mark.thorough
+def test_a_coin_that_falls_over_ends_where_it_lies_down():
+    m, r, g = 1.3, 0.7, 9.81
+    coin, times = RollingCoin(mass=m, radius=r, gravity=g), np.linspace(0.0, 3.0, 31)
+
+    def fall(lean, tolerance=1e-11):
+        start = LagrangianState(jnp.zeros(5).at[3].set(lean))
+        return jaxball.simulate(coin, times, start, rtol=tolerance, atol=tolerance)
+
+    expected = time_of_fall(m, r, g, 0.1)
+    # From 0.1 an error grows until the end by 15, e^(1.05 √(g/(1.25 r))) / 2.
+    for tolerance in (1e-6, 1e-11):
+        for lean in (0.1, -0.1):
+            run = fall(lean, tolerance)
+            assert run.status == jaxball.Status.TOPPLED
+            assert run.reached == pytest.approx(expected, abs=30 * tolerance)
+            assert np.all(np.isnan(run.state.q[:, 3]) == (times > expected))
+    assert "lies on its side" in fall(0.1).message
+    # A central difference of 2e-4, whose error is its square times the third derivative, of 2 / lean³.
+    difference = (time_of_fall(m, r, g, 0.1 + 1e-4) - time_of_fall(m, r, g, 0.1 - 1e-4)) / 2e-4
+    assert jax.grad(lambda lean: fall(lean).reached)(0.1) == pytest.approx(difference, abs=2e-5)
+
+
+@pytest.mark.parametrize("lean", [np.pi / 2, -np.pi / 2, 2.0, 4.0])
+def test_a_coin_that_lies_down_is_told_by_its_lean_alone(lean):
+    lying = LagrangianState([0.0, 0.0, 0.0, lean, 0.0])
+    (sentence,) = jaxball.problems(RollingCoin(), lying)
+    assert sentence == (
+        "Argument `state.q[3]` must be a lean between −π/2 and π/2, at which the coin lies on its side, but it is "
+        f"{lean}."
+    )
+    skidding = LagrangianState([0.0, 0.0, 0.0, 0.3, 0.0], [1.0, 0.0, 0.0, 0.0, 0.0])
+    (sentence,) = jaxball.problems(RollingCoin(), skidding)
+    assert "keep constraints[0] at the start" in sentence
 
 
 @pytest.mark.long

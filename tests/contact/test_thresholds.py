@@ -244,3 +244,36 @@ def test_a_push_lifts_the_body_at_its_start(name):
     assert float(run.contact.height[-1]) == pytest.approx(height, rel=1e-9)
     derivative = jax.grad(lambda start: pushed(name, (0.0, 0.0, push), start, T).contact.height[-1])
     assert float(jaxball.jit(derivative)(start)) == pytest.approx(-(0.5 * rise - G * later), rel=1e-9)
+
+
+def on_turntable(share, solver=None, max_steps=1000):
+    """A ball that sets out at 0.5 on a table that turns at 1, with a share of the friction that its circle needs: it
+    would go round at 2/7 of the table's rate, held by 2/7 of W v on each unit of its mass.
+    """
+    table = jaxball.Ground(turntable=jaxball.Turntable(jaxball.ConstantRate(0.0, rate=1.0)))
+    ball = jaxball.Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=table)
+    law, start = Contact(friction=share / 7), jaxball.BallState(Omega=(0.0, 0.5, 0.0))
+    return jaxball.simulate(ball, [0.0, 0.1, 1.0], start, contact=law, solver=solver, max_steps=max_steps)
+
+
+@pytest.mark.thorough
+def test_a_slip_close_to_its_threshold_says_what_is_slow_and_what_helps():
+    """The advice holds: the solver that it names ends the run. At first its slip is what is missing of the friction,
+    7/2 · 1e-6 · g μ t, relative to which the table turns it on by a square of t.
+    """
+    share = 1 - 1e-6
+    run = on_turntable(share)
+    assert run.status == jaxball.Status.MAX_STEPS
+    assert "The body slides, at 5e-08 at the last saved time" in run.message
+    assert "RadauIIA(3) of jaxball.solvers" in run.message
+    followed = on_turntable(share, jaxball.solvers.RadauIIA(3))
+    assert followed.status == jaxball.Status.SUCCESS
+    assert followed.contact.mode[-1] == Mode.SLIDING
+    assert np.linalg.norm(followed.contact.slip[1]) == pytest.approx(3.5 * 1e-6 * share / 7 * 0.1, rel=1e-2)
+    assert "RadauIIA" not in followed.message
+    resisted = jaxball.Resistance(dry=np.tan(0.3) * (1 - 1e-6), exact=True)
+    ball = jaxball.Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=jaxball.Ground(0.3), resistance=resisted)
+    for law in (None, Contact(friction=0.8)):
+        run = jaxball.simulate(ball, [0.0, 1.0], contact=law, max_steps=500)
+        assert run.status == jaxball.Status.MAX_STEPS
+        assert "Slow rolling is stiff" in run.message

@@ -128,15 +128,37 @@ def test_a_rotor_rolls_a_disk_as_a_double_integrator_does():
 
 @pytest.mark.slow
 def test_a_limit_holds_and_is_kept(driven):
-    """A motor has its limit again in the scenario, and never meets it: the simulation is the solution."""
+    """A motor has its limit again in the scenario, which cuts off next to nothing: the simulation is the solution."""
     free = np.max(np.abs(driven.path.controls))
     limit = 0.95 * free
     problem = climb(jaxball.Motor(0.0, limit=limit) + jaxball.Damper(0.0), [LEAN - SLOPE])
     found = optimal_control.sharpen(optimal_control.solve_from_guess(problem, MESH))
     largest = np.max(np.abs(optimal_control.system_of(found).mechanisms[0].drives[0].terms[0].signal(jnp.asarray(0.0))))
-    assert 0.99 * limit < largest < limit
+    unit, allowed = 1.0 + MASS, 1e-5  # a tenth of what constraints may be violated by
+    assert limit * (1 - 1e-5) < largest < limit + allowed * unit
     seen = optimal_control.resimulate(found)
-    assert seen.violations["motor-limits"] < 0
+    assert seen.violations["motor-limits"] < allowed
+    assert max(seen.apart, seen.speed, seen.away, seen.missed) < 1e-5
+
+
+@pytest.mark.slow
+def test_a_rotor_with_a_limit_has_the_least_effort_that_the_limit_allows():
+    """Of ẍ = u over lengths and times of 1, |u| ≤ U: u is U, falls linearly to −U within 2 σ, and stays, with
+    σ² = 3 (1/4 − 1/U) and ∫ u² = U² (1 − 4 σ/3). Here Q = −(D − C + M r²) z u / (r T²), in units of M g r.
+    """
+    m, size, inertia, U = 0.5, 0.6, 0.7, 4.5
+    scale = (inertia + (1.0 + m)) / END**2
+    rotor = jaxball.ring_rotor(m, size, axis=(0.0, 1.0, 0.0), drive=jaxball.Motor(0.0, limit=U * scale))
+    disk = jaxball.Disk(mass=1.0, inertia=inertia, mechanisms=[rotor])
+    start = jaxball.DiskState(theta=[0.0], thetadot=[0.0])
+    problem = optimal_control.Rolling(disk, (0.0, END), {"effort": design.JointEffort()}, start, PLACE, softness=1e-7)
+    found = optimal_control.sharpen(optimal_control.solve_from_guess(problem, MESH))
+    least = U**2 * (1 - 4 * np.sqrt(3 * (1 / 4 - 1 / U)) / 3) * (scale / (1.0 + m)) ** 2
+    # The barrier adds at most 1e-8 of each inequality to an effort of 0.027, and its slack is 1e-8 over its multiplier.
+    assert optimal_control.means(found)["effort"] == pytest.approx(least, rel=1e-6)
+    assert np.max(np.abs(found.path.controls)) == pytest.approx(U * scale, rel=1e-6)
+    seen = optimal_control.resimulate(found)
+    assert seen.violations["motor-limits"] < 1e-5
     assert max(seen.apart, seen.speed, seen.away, seen.missed) < 1e-5
 
 

@@ -15,6 +15,7 @@ from jaxball import cli, design
 from jaxball.design import optimal_control
 from jaxball.design.files import read_control
 from jaxball.design.optimal_control.collocation import multiplier
+from jaxball.design.report import name_paths
 from jaxball.scenario import Units
 
 END, PLACE = 8.0, 1.0
@@ -33,6 +34,14 @@ def problem(weight, **constraints):
     effort = design.AccelerationEffort(weight=0.01)
     objectives = {"follow-trajectory": tracking, "acceleration-effort": effort}
     return optimal_control.Rolling(disk(), (0.0, END), objectives, place=PLACE, constraints=constraints)
+
+
+def test_paths_are_named_by_what_tells_them_apart():
+    """A legend that says "first weight" beside "last weight" is of a branch on which a weight changes."""
+    limit = design.AccelerationLimit(0.15)
+    assert name_paths(problem(1.0), problem(2.0)) == ("first weight", "last weight")
+    assert name_paths(problem(1.0, limit=limit), problem(1.0, limit=limit)) == ("far from its constraints", "found")
+    assert name_paths(problem(1.0), problem(1.0)) == ("_", "found")
 
 
 @pytest.fixture(scope="module")

@@ -162,6 +162,17 @@ def test_draws_have_the_distributions_that_were_asked_for(many):
 
 
 @pytest.mark.thorough
+def test_draws_do_not_depend_on_the_order_of_their_names(environment):
+    """Nor on what JAX has done to the environment, whose dictionaries it returns in the order of their keys."""
+    returned = jax.tree.map(lambda leaf: leaf, environment)
+    assert list(returned.starts) != list(environment.starts)
+    drawn = [jaxball.jit(one.reset)(jax.random.key(5))[0] for one in (environment, returned)]
+    np.testing.assert_array_equal(drawn[0].state.z, drawn[1].state.z)
+    np.testing.assert_array_equal(drawn[0].state.theta, drawn[1].state.theta)
+    assert drawn[0].state.z != 0
+
+
+@pytest.mark.thorough
 def test_a_failed_solve_ends_the_episode_with_its_status_where_it_was(step, begun):
     """The lane whose action is no number, and acts at once, is observed as before; the others go on."""
     episodes, seen = begun

@@ -9,9 +9,11 @@ from matplotlib.animation import FFMpegWriter
 from matplotlib.colors import to_rgb
 from PIL import Image
 
+import jaxball
 from jaxball import plot
 from jaxball.interface.output import OutputError
 from jaxball.plot.animation import Canvas, frames, long_runs, palette_of
+from jaxball.plot.floor import Placed, Setting, place
 from jaxball.plot.palette import mass_colour
 from jaxball.plot.record import record
 from jaxball.plot.scene import scene
@@ -49,7 +51,7 @@ def picture_with_masses(trajectory, k, dpi):
 @pytest.fixture(scope="module")
 def disk_film(disk_trajectory, tmp_path_factory):
     """The paper's disk at t = 0, 1, …, 20, four of these times a second."""
-    return plot.animate(disk_trajectory, tmp_path_factory.mktemp("film") / "disk.gif", fps=4, speed=4.0, dpi=60)
+    return plot.animate(disk_trajectory, tmp_path_factory.mktemp("film") / "disk.gif", fps=4, speed=4.0, dpi=60).path
 
 
 @pytest.mark.thorough
@@ -80,7 +82,7 @@ def test_what_has_moved_on_leaves_nothing_behind(disk_film):
 @pytest.mark.parametrize("fps", [4, 7, 20, 30])
 def test_a_gif_lasts_as_long_as_it_should(disk_trajectory, tmp_path, fps):
     """Its frames last whole hundredths of a second, and so not all of them the same time."""
-    path = plot.animate(disk_trajectory, tmp_path / "disk.gif", fps, speed=float(fps), dpi=20)
+    path = plot.animate(disk_trajectory, tmp_path / "disk.gif", fps, speed=float(fps), dpi=20).path
     _, durations = frames_of(path)
     assert len(durations) == 21
     assert abs(sum(durations) - 1000 * 21 / fps) <= 5
@@ -91,7 +93,7 @@ def test_a_gif_lasts_as_long_as_it_should(disk_trajectory, tmp_path, fps):
 @pytest.mark.parametrize("body", ["ball", "disk"])
 def test_a_gif_is_small(body, request, tmp_path):
     trajectory = request.getfixturevalue(f"{body}_trajectory")
-    path = plot.animate(trajectory, tmp_path / "film.gif", fps=1, size=SIZE)
+    path = plot.animate(trajectory, tmp_path / "film.gif", fps=1, size=SIZE).path
     with Image.open(path) as film:
         assert film.size == SIZE
         assert path.stat().st_size < A_SECOND_APART * LARGEST / IN_ALL * film.n_frames
@@ -150,7 +152,7 @@ def test_a_film_that_was_interrupted_is_not_left(disk_trajectory, tmp_path, suff
 
 @needs_ffmpeg
 def test_an_mp4_shows_every_frame_also_of_an_odd_size(disk_trajectory, tmp_path):
-    path = plot.animate(disk_trajectory, tmp_path / "film.mp4", 10, speed=10.0, size=(401, 301))
+    path = plot.animate(disk_trajectory, tmp_path / "film.mp4", 10, speed=10.0, size=(401, 301)).path
     command = [
         FFMpegWriter.bin_path(),
         "-loglevel",
@@ -172,7 +174,7 @@ def test_an_mp4_shows_every_frame_also_of_an_odd_size(disk_trajectory, tmp_path)
 
 @needs_ffmpeg
 def test_an_mp4_where_no_suffix_is_given(disk_trajectory, tmp_path):
-    path = plot.animate(disk_trajectory, tmp_path / "disk", fps=1, speed=10.0, dpi=40)
+    path = plot.animate(disk_trajectory, tmp_path / "disk", fps=1, speed=10.0, dpi=40).path
     assert path == tmp_path / "disk.mp4"
     assert path.read_bytes()[4:8] == b"ftyp"
 
@@ -191,7 +193,7 @@ def test_an_ffmpeg_that_fails_is_quoted(disk_trajectory, tmp_path, monkeypatch):
 @pytest.mark.thorough
 def test_without_ffmpeg_a_gif(bare_trajectory, tmp_path, monkeypatch):
     monkeypatch.setattr(FFMpegWriter, "isAvailable", classmethod(lambda cls: False))
-    path = plot.animate(bare_trajectory, tmp_path / "bare", fps=1, dpi=30)
+    path = plot.animate(bare_trajectory, tmp_path / "bare", fps=1, dpi=30).path
     assert path == tmp_path / "bare.gif"
     with pytest.raises(ValueError, match=r"^Argument `path` must end in \.gif where ffmpeg is not installed"):
         plot.animate(bare_trajectory, tmp_path / "bare.mp4")
@@ -238,3 +240,25 @@ def test_a_snapshot_shows_the_nearest_saved_time_or_the_last(disk_trajectory, tm
     plot.snapshot(disk_trajectory, t).savefig(path, dpi=60)
     shown = np.asarray(Image.open(path).convert("RGB"), dtype=float)
     np.testing.assert_allclose(shown, picture_with_masses(disk_trajectory, k, dpi=60)[0], atol=1)
+
+
+@pytest.mark.parametrize("heading", [0.0, 1.1, 2.5, -2.0])
+@pytest.mark.parametrize("width", [0.0, 0.3])
+def test_a_path_on_a_level_plane_leads_to_the_right_of_the_page(heading, width):
+    """The camera's right is (−sin a, cos a), and its view is across: a bent path is as deep as it is wide."""
+    s = np.linspace(-1.0, 1.0, 41)
+    across = width * (s**2 - np.mean(s**2))
+    c, n = np.array([np.cos(heading), np.sin(heading)]), np.array([-np.sin(heading), np.cos(heading)])
+    path = np.array([3.0, -2.0, 0.0]) + np.column_stack([s[:, None] * c + across[:, None] * n, np.zeros(41)])
+    setting = Setting(np.eye(3), np.zeros((41, 3)), None, np.zeros(3))
+    placed = Placed(s, setting, np.zeros((41, 3, 3)), path, np.zeros((41, 0, 3)), path, path, [])
+    a = np.deg2rad(placed.azimuth(-60.0))
+    np.testing.assert_allclose([-np.sin(a), np.cos(a)], c, atol=1e-12)
+
+
+def test_a_slope_is_seen_from_beside_its_descent():
+    """As before, whatever the path: the view is 60° from the direction of steepest descent."""
+    tilted = jaxball.Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=jaxball.Ground(angle=0.2))
+    run = jaxball.simulate(tilted, [0.0, 1.0, 2.0], jaxball.BallState(Omega=(0.0, 0.5, 0.1)))
+    placed = place(run, record(run))
+    assert placed.azimuth(-60.0) == pytest.approx(placed.setting.downhill - 60.0)

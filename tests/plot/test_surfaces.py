@@ -171,7 +171,7 @@ def test_several_balls_on_one_surface_and_what_is_marked_on_it(runs):
 
 @pytest.mark.thorough
 def test_an_animation_of_a_moving_surface_is_written(runs, tmp_path):
-    path = plot.animate(runs("plate"), tmp_path / "plate.gif", 5, size=(200, 150))
+    path = plot.animate(runs("plate"), tmp_path / "plate.gif", 5, size=(200, 150)).path
     assert path.stat().st_size > 1000
 
 

@@ -184,12 +184,42 @@ def counted(ax):
 @pytest.mark.thorough
 @pytest.mark.parametrize("count", [7, 41, 100])
 def test_a_grid_has_a_bar_for_each_of_its_points(count):
-    """Bars over a part of the points would have now one of them, now two: a comb."""
+    """Bars over a part of the points would have now one of them, now two: a comb. They count the rows that failed,
+    because as many rows as at each other point would be a square.
+    """
     axes = f'[[axes]]\npath = "body.mass"\nlinear = {{ from = 0.1, to = 1.0, count = {count} }}\n' + GRAVITIES
     data = disks(axes)
     (bars,) = (patch.get_data() for patch in plot.sweep_matrix(data, ["phi"], [OVER_MASS]).axes[0].patches[:1])
     np.testing.assert_allclose((bars.edges[1:] + bars.edges[:-1]) / 2, np.linspace(0.1, 1.0, count), rtol=1e-12)
-    np.testing.assert_array_equal(bars.values, np.sum(data["status"].values.reshape(count, 3) == 0, axis=1))
+    np.testing.assert_array_equal(bars.values, np.sum(data["status"].values.reshape(count, 3) != 0, axis=1))
+
+
+def test_the_histogram_of_a_grid_without_failures_is_empty():
+    data = balls([0] * 5)
+    data.attrs["axis_scattered"] = [0]
+    first = plot.sweep_matrix(data, ["z[0]"]).axes[0]
+    assert counted(first) == []
+    low, high = first.get_xlim()
+    assert low < 0 < 4 < high  # the numbers from 0 to 4
+
+
+def test_results_below_the_tolerance_are_zero_in_a_matrix():
+    """1e-16 of a length is an error of the solve, whose tolerance is 1e-8, as the file of the scenario says."""
+    data = balls([0] * 5)
+    data.z.values[..., 1] = 1e-16 * np.arange(5)[:, None]
+    data.attrs["scenario"] = "[solve]\natol = 1e-8\n"
+    panel = plot.sweep_matrix(data, ["z[1]"]).axes[1]
+    assert panel.get_ylabel() == "$z_{2}$ at the end (length)\n0 to within $10^{-8}$"
+    np.testing.assert_array_equal(panel.lines[0].get_ydata(), 0.0)
+
+
+def test_powers_of_ten_are_in_the_labels_of_a_matrix():
+    """In the corner of a panel, where matplotlib writes them, they would lie on its label."""
+    data = balls([0] * 5)
+    data.z.values[..., 1] = 1e-5 * (1 + np.arange(5)[:, None])
+    panel = plot.sweep_matrix(data, ["z[1]"]).axes[1]
+    assert panel.get_ylabel() == "$z_{2}$ at the end (length)\nin $10^{-5}$"
+    np.testing.assert_allclose(panel.lines[0].get_ydata(), np.arange(1.0, 6.0))
 
 
 @pytest.mark.parametrize(("first", "last", "bars", "each"), [(7, 36, 15, 2), (0, 99, 20, 5), (3, 12, 10, 1)])

@@ -1,12 +1,17 @@
 """What objects show in a notebook."""
 
+import base64
 import inspect
+import io
+import os
+import re
 import xml.etree.ElementTree
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import jaxball
 from jaxball import Ball, BallState, Disk, DiskState, simulate
@@ -107,3 +112,63 @@ def test_designs_show_a_few_lines():
         "  the least curvature is 0.3: a strict minimum",
     ]
     assert repr(controlled(violations={"friction": 0.5})).splitlines()[-1] == "  friction is violated by 0.5"
+
+
+CELLS = {
+    "run": """
+import jax
+jax.config.update("jax_enable_x64", True)
+import jaxball
+disk = jaxball.Disk(mass=1.0, inertia=0.5)
+run = jaxball.simulate(disk, [0.0, 1.0, 2.0], jaxball.DiskState(phidot=-1.0))
+""",
+    "overview": "run.plot()",
+    "snapshot": "jaxball.plot.snapshot(run)",
+    "one panel": "jaxball.plot.centre_path(run)",
+    "with pyplot": "import matplotlib.pyplot as plt\njaxball.plot.energies(run)",
+    "animation": "jaxball.plot.animate(run, fps=2, dpi=20)",
+}
+
+
+@pytest.fixture(scope="module")
+def shown():
+    """What an executed notebook shows under each cell, by the kinds of its data."""
+    nbclient, nbformat = pytest.importorskip("nbclient"), pytest.importorskip("nbformat")
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in CELLS.values()])
+    here = {"PYTHONPATH": str(Path(jaxball.__file__).parents[1])}
+    nbclient.NotebookClient(notebook, timeout=600, kernel_name="python3").execute(env=os.environ | here)
+    outputs = [[output["data"] for output in cell.outputs] for cell in notebook.cells]
+    return dict(zip(CELLS, outputs, strict=True))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("cell", ["overview", "snapshot", "one panel", "with pyplot"])
+def test_a_notebook_shows_figures_without_a_setting(shown, cell):
+    """One picture each, whose pixels are white and other colours; a figure that is not drawn would be white alone."""
+    (data,) = shown[cell]
+    picture = np.asarray(Image.open(io.BytesIO(base64.b64decode(data["image/png"]))).convert("L"))
+    assert min(picture.shape) > 200
+    assert np.mean(picture == 255) > 0.5
+    assert np.mean(picture < 128) > 1e-3
+
+
+@pytest.mark.thorough
+def test_a_notebook_plays_animations(shown):
+    """As a GIF or an MP4, as the machine has ffmpeg or not; a GIF has a frame for each half of a second."""
+    (data,) = shown["animation"]
+    kind, content = re.search(r'src="data:(image/gif|video/mp4);base64,([^"]*)"', data["text/html"]).groups()
+    film = base64.b64decode(content)
+    if kind == "image/gif":
+        assert Image.open(io.BytesIO(film)).n_frames == 5
+    else:
+        assert film[4:8] == b"ftyp"
+
+
+def test_an_animation_is_shown_as_it_was_saved(tmp_path):
+    run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], DiskState(phidot=-1.0))
+    film = jaxball.plot.animate(run, fps=1, dpi=20)
+    assert film.path is None
+    assert repr(film) == "Animation of a disk from t = 0 to t = 2"
+    path = film.save(tmp_path / "film.gif")
+    assert film.path == path
+    assert base64.b64encode(path.read_bytes()).decode() in film._repr_html_()

@@ -107,7 +107,7 @@ def test_other_results_print_what_they_found():
     sought = jaxball.Balance(True, angles[0], True, 0.0, angles, jnp.array([True, False]), "With the angles (0.5) ...")
     one, none = jnp.ones(1), jnp.zeros((1, 1))
     spectrum = LyapunovSpectrum(
-        one, one / 8, one, none, none, one, none, jnp.array(0), jnp.array(9.0), jnp.array(5), jnp.array(0.0)
+        one, one / 8, one, none, none, one, none, *(jnp.array(x) for x in (0, 9.0, 5, 0.0, 0.0))
     )
     force = jaxball.ContactExtremes(*(jnp.asarray(float(x)) for x in (0.5, 1, 0.25, 2, 0.125, 3, 1)))
     assert repr(top).splitlines()[1:] == ["  The motion is unstable.", "  eigenvalues 0.5+0j, -0.5+0j"]

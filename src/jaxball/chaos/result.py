@@ -1,5 +1,6 @@
 """The result of ``lyapunov_spectrum``: the exponents, how they converged, and which of them differ from zero."""
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -23,7 +24,7 @@ class Limits(NamedTuple):
 
     Along a regular motion deviations grow as a power tᵃ of time, whose rate is a/t, and λ is zero.
 
-    - ``limits``, ``errors``: λ and its standard error, NaN where the run has too few intervals to fit it.
+    - ``limits``, ``errors``: λ and its standard error, that of the fit alone; NaN where the run has too few intervals.
     - ``told``: whether the exponent is distinguished from zero: λ has the sign of the mean rate and is more than 2.5
       standard errors from zero, and deviations changed by more than three e-folds.
     - ``drifting``: whether, in addition, the mean differs from λ by more than its own standard error, and by more than
@@ -110,8 +111,8 @@ class LyapunovSpectrum(Printed):
     - ``exponents``: the mean growth rates over the run without its transient, shape (k,), in 1/time, the largest first;
       all other arrays follow this order.
     - ``standard_error``: of each exponent, from the scatter of its means over sixteen parts of the run. It estimates
-      how far a chaotic run is from its limit; for a regular run, whose means converge as log(t)/t, it says little, and
-      ``told_from_zero`` and ``limits`` say more.
+      how far a chaotic run is from its limit; for a regular run, whose means converge as log(t)/t or 1/t, it says
+      little, and ``told_from_zero`` and ``limits``, which are printed, say more.
     - ``times``: the ends of the intervals, shape (n,).
     - ``rates``: the growth rates within each interval, shape (n, k).
     - ``running``: the means of the rates from the end of the transient to each of ``times``, shape (n, k).
@@ -121,6 +122,7 @@ class LyapunovSpectrum(Printed):
       positive, the ball would have left the plane. None for other flows.
     - ``status``, ``reached``, ``steps``: as in a :class:`~jaxball.Trajectory`; ``ok`` and ``message`` read them.
     - ``start``: when the run began, including the transient.
+    - ``solve_error``: how far errors of the solve may move an exponent, as large in each step as its tolerances allow.
     """
 
     exponents: Float[Array, "*batch k"]
@@ -134,6 +136,7 @@ class LyapunovSpectrum(Printed):
     reached: Float[Array, "*batch"]
     steps: Int[Array, "*batch"]
     start: Float[Array, "*batch"]
+    solve_error: Float[Array, "*batch"]
     least_normal_force: Float[Array, "*batch"] | None = None
 
     @property
@@ -190,8 +193,21 @@ class LyapunovSpectrum(Printed):
     def __repr__(self) -> str:
         if not is_single(self.status):
             return format_value(self)
-        pairs = zip(np.asarray(self.exponents), np.asarray(self.standard_error), strict=True)
-        lines = [f"  λ{i} = {value: .6f} ± {error:.6f}" for i, (value, error) in enumerate(pairs, start=1)]
+        title, values, errors = self._numbers_to_print()
+        # As many digits as the smallest error has in two, so that none is printed as 0.
+        smallest = np.min(errors, where=errors > 0, initial=1.0)
+        digits = max(6, 1 - math.floor(math.log10(smallest)))
+        # Rounded before, and 0 added, so that none is printed as −0.
+        pairs = enumerate(zip(np.round(values, digits) + 0.0, errors, strict=True), start=1)
+        lines = [f"  λ{i} = {value: .{digits}f} ± {error:.{digits}f}" for i, (value, error) in pairs]
         if self.least_normal_force is not None:
             lines.append(f"  least normal force {float(self.least_normal_force):.6g} (at the ends of the steps)")
-        return "\n".join(["Lyapunov exponents", *lines, *(f"  {line}" for line in (self._ending, *self._doubts))])
+        return "\n".join([title, *lines, *(f"  {line}" for line in (self._ending, *self._doubts))])
+
+    def _numbers_to_print(self) -> tuple[str, Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+        """Returns a title, the exponents and errors that hold: the fitted limits, if the run has enough intervals."""
+        limits, solve_error = self.limits, float(self.solve_error)
+        if np.all(np.isfinite(limits.limits)):
+            return "Lyapunov exponents, limits of the growth rates", limits.limits, limits.errors + solve_error
+        errors = np.asarray(self.standard_error, float) + solve_error
+        return "Lyapunov exponents, means of the growth rates", np.asarray(self.exponents, float), errors

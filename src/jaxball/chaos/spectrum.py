@@ -309,8 +309,14 @@ def _result(
         reached=end.reached,
         steps=end.steps,
         start=edges[0],
+        solve_error=_compute_solve_error(method.steps, end, edges[0]),
         least_normal_force=None if flow.monitor is None else end.least,
     )
+
+
+def _compute_solve_error(steps: Steps, end: _Progress, start: Float[Array, ""]) -> Float[Array, ""]:
+    """Computes by how much errors as large as the tolerances, all of one sign, change the mean of a growth rate."""
+    return (steps.rtol + steps.atol) * end.steps.astype(start.dtype) / (end.reached - start)
 
 
 def _standard_error(rates: Float[Array, "n k"]) -> Float[Array, " k"]:
@@ -320,6 +326,8 @@ def _standard_error(rates: Float[Array, "n k"]) -> Float[Array, " k"]:
     parts = min(BATCHES, rates.shape[0])
     if parts < 2:
         return jnp.full_like(rates[0], jnp.nan)
-    length = rates.shape[0] // parts
-    means = jnp.mean(rates[rates.shape[0] - parts * length :].reshape(parts, length, -1), axis=1)
+    # All of the run, whose mean it is, so that some parts have an interval more than others.
+    ends = rates.shape[0] * np.arange(parts + 1) // parts
+    sums = jnp.concatenate([jnp.zeros_like(rates[:1]), jnp.cumsum(rates, axis=0)])[ends]
+    means = jnp.diff(sums, axis=0) / jnp.asarray(np.diff(ends), rates.dtype)[:, None]
     return jnp.std(means, axis=0, ddof=1) / jnp.sqrt(jnp.asarray(parts, rates.dtype))

@@ -11,10 +11,13 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..interface.status import Status
 from ..numerics.arrays import Numbers, numbers
 from ..numerics.vectors import sine_cosine
 from ..physics.conditions import Condition, positive
-from .lagrangian import AbstractLagrangianSystem
+from .lagrangian import AbstractLagrangianSystem, LagrangianState
+
+LEAST_UPRIGHT = 1e-6  # the cosine of a lean from which a coin can start: below, turning and rolling are one motion
 
 
 class ChaplyginSleigh(AbstractLagrangianSystem):
@@ -100,7 +103,7 @@ class RollingCoin(AbstractLagrangianSystem):
 
     Its coordinates are the place ``x``, ``y`` of the contact, the ``heading``, the ``lean`` to the left from upright,
     and the angle ``roll`` about its axis, which grows as it rolls ahead. Upright, it is stable if it rolls faster than
-    ω² = g/(3r), a hoop than g/(4r).
+    ω² = g/(3r), a hoop than g/(4r). A run in which it falls over ends as ``TOPPLED`` where it lies on its side.
 
     **Arguments:**
 
@@ -118,6 +121,7 @@ class RollingCoin(AbstractLagrangianSystem):
 
     coordinates = ("x", "y", "heading", "lean", "roll")
     title: ClassVar[str] = "rolling coin"
+    leaving_status: ClassVar[Status] = Status.TOPPLED
 
     def __init__(
         self,
@@ -151,6 +155,19 @@ class RollingCoin(AbstractLagrangianSystem):
 
     def conditions(self) -> Iterator[Condition]:
         yield from _positive(mass=self.mass, radius=self.radius, inertia=self.inertia)
+
+    def start_conditions(self, t: Float[Array, ""], state: LagrangianState) -> Iterator[Condition]:
+        conditions = list(super().start_conditions(t, state))
+        lean = state.q[3]
+        stands = jnp.cos(lean) > LEAST_UPRIGHT
+        must = "a lean between −π/2 and π/2, at which the coin lies on its side"
+        yield Condition(stands, "state.q[3]", lean, must)
+        # Flat on the plane, where turning is rolling, the mass matrix is singular: that follows, and is not told.
+        yield from (condition._replace(holds=condition.holds | ~stands) for condition in conditions)
+
+    def clearance(self, t: Float[Array, ""], state: LagrangianState) -> Float[Array, ""]:
+        """Returns the height of the centre over r: 0 where the coin lies down, and may go no further."""
+        return jnp.cos(state.q[3])
 
 
 class Snakeboard(AbstractLagrangianSystem):

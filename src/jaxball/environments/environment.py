@@ -24,7 +24,7 @@ from ..physics.grounds.ground import require_plane
 from ..physics.state import BallState, DiskState, PlacedState, RotationState
 from ..physics.system import require_one_state
 from ..sensors import AbstractSensor
-from ..sensors.errors import random_key
+from ..sensors.errors import key_of_name, random_key
 from ..simulation.simulate import at_rest
 from .observations import AbstractObservation, ObservedState, observation_of
 from .randomisation import AbstractDistribution, directions_by_name, require_numbers_of, with_numbers
@@ -316,19 +316,15 @@ class Environment(Printed):
         if not self.starts:
             return self.state
         xi = jnp.zeros(len(self.state.directions), self.sampled.sample.dtype)
-        for k, (name, places) in enumerate(directions_by_name(self.starts, self.state.directions).items()):
-            drawn = self.starts[name].draw(jax.random.fold_in(key, k), jnp.zeros(len(places), xi.dtype))
+        for name, places in directions_by_name(self.starts, self.state.directions).items():
+            drawn = self.starts[name].draw(key_of_name(name, key), jnp.zeros(len(places), xi.dtype))
             # In local coordinates, so that an orientation that is drawn is one.
             xi = xi.at[np.array(places)].set(drawn)
         return self.state.retract(xi)
 
     def _parameters(self, key: Any) -> dict[str, Float[Array, "..."]]:
         nominal = require_numbers_of(self.sampled.system, self.parameters)
-        return {
-            # Folded by position rather than split, so that a further name at the end changes no other draw.
-            name: self.parameters[name].draw(jax.random.fold_in(key, k), value)
-            for k, (name, value) in enumerate(nominal.items())
-        }
+        return {name: self.parameters[name].draw(key_of_name(name, key), value) for name, value in nominal.items()}
 
     def _observe(self, key: Any, target: Any, moment: Moment, memory: Any) -> tuple[Float[Array, " numbers"], Any]:
         seen, memory = self.observation(key, moment, memory, self.sampled.sample)

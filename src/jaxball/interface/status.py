@@ -26,6 +26,7 @@ class Status(enum.IntEnum):
     CHATTERED = 10
     LEFT_SURFACE = 11
     WEDGED = 12
+    TOPPLED = 13
 
     def sentence(self, reached: float, end: float, *, alone: bool = False) -> str:
         """Says what happened; the result is valid up to the time ``reached``.
@@ -82,6 +83,10 @@ _SENTENCES = {
         "The run ended at t = {reached:.10g} before t = {end:.10g}, because the ground bends towards the body as "
         "strongly as the body is curved there, so that it would touch the ground at a second point; make the body "
         "smaller or the ground smoother."
+    ),
+    Status.TOPPLED: (
+        "The run ended at t = {reached:.10g} before t = {end:.10g}, because the body lies on its side there, and the "
+        "equations of rolling on its rim do not hold after that; roll it faster, or end the run earlier."
     ),
     Status.EVENT: "The run ended at t = {reached:.10g} before t = {end:.10g}, where an event ended it.",
 }

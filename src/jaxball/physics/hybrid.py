@@ -180,6 +180,13 @@ class Record(NamedTuple):
     grazing: Bool[Array, "*switches"]
 
 
+STIFF = (
+    "where friction all but holds a body its direction turns in a time that shrinks with its speed; an implicit solver "
+    "follows it, RadauIIA(3) of jaxball.solvers, which is `radau5` in files."
+)
+SLOW_ROLLING = f"The body moves against exact dry resistance. Slow rolling is stiff: {STIFF}"
+
+
 class AbstractHistory(Printed):
     """What a run records besides its states at the saved times: the switches from mode to mode.
 
@@ -208,6 +215,11 @@ class AbstractHistory(Printed):
     def lines(self) -> list[str]:
         """The history in words, of one trajectory."""
         return []
+
+    @property
+    def advice(self) -> str:
+        """A sentence on what is slow in a run that had no steps left, and what helps, of one trajectory; or empty."""
+        return ""
 
     def at_rows(self, rows: slice) -> "AbstractHistory":
         """Returns the history at some of the saved times, with all switches."""

@@ -161,7 +161,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
     - ``guards``, ``reset``, ``time_event``: for a hybrid system, what ends a mode, and the state that follows;
     - ``phase_point``: which part of a state the motion depends on;
     - ``is_confined``, ``time_of_leaving``, ``clearance``, ``breaches``: for a system with an inside, that nothing
-      leaves it.
+      leaves it, and ``leaving_status`` where its equations do not hold outside.
 
     Methods are traced: they are written with ``jax.numpy``, for one state without a batch, and without branches on
     numbers.
@@ -171,6 +171,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
     state_type: ClassVar[Any]
     other_state_types: ClassVar[tuple[Any, ...]] = ()
     max_switches: ClassVar[int] = 64  # how many switches of a run are kept; all are counted
+    leaving_status: ClassVar[Status] = Status.LEFT_SHELL  # of a run whose `clearance` falls to 0; others end it there
 
     @abc.abstractmethod
     def field(self, t: Float[Array, ""], state: AnyState) -> AnyState:

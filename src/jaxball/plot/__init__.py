@@ -9,7 +9,7 @@ are not changed.
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:  # for type checkers and editors, the same interface
-    from .animation import animate as animate, snapshot as snapshot
+    from .animation import Animation as Animation, animate as animate, snapshot as snapshot
     from .chaos import (
         chaos_chart as chaos_chart,
         eigenvalues as eigenvalues,
@@ -39,6 +39,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         rail_angles as rail_angles,
     )
     from .estimates import estimate as estimate
+    from .lagrangian import lagrangian_motion as lagrangian_motion
     from .laws import classical_motion as classical_motion, law_errors as law_errors, law_residuals as law_residuals
     from .report import figures as figures, overview as overview
     from .space import (

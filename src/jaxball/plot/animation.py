@@ -1,6 +1,9 @@
 """Animations of a rolling ball or disk as MP4 or GIF, and single frames of them."""
 
+import base64
 import contextlib
+import functools
+import html
 import struct
 import subprocess
 import tempfile
@@ -20,15 +23,18 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from PIL import Image
 from PIL.GifImagePlugin import getdata
 
+from ..classical import LagrangianState
+from ..interface.arguments import a
 from ..interface.interruption import block_in_children, on_interrupt
 from ..interface.output import OutputError, replacing
 from ..numerics.arrays import Numbers
 from ..simulation.trajectory import Trajectory
+from .lagrangian import Picture, picture_scene, require_lagrangian
 from .record import record, require_finite_rows
-from .scene import scene
+from .scene import Scene, scene
 
 FRAMES = {".mp4": 30, ".gif": 20}  # a second
-Picture = UInt8[np.ndarray, "height width 3"]
+Pixels = UInt8[np.ndarray, "height width 3"]
 GREYS = (1.0, 0.965, 0.9, 0.8, 0.7, 0.6, 0.45, 0.25, 0.0)
 STRENGTHS = (1.0, 0.66, 0.33)  # of a colour over white, for antialiased edges
 SHORTEST_GAP = 8  # pixels; a gap between changes that is shorter is written too, which compresses better
@@ -38,16 +44,108 @@ EVEN = "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white"  # the chroma of a film has h
 PIXELS = "yuv420p"  # which every player can show
 
 
+class Animation:
+    """A run as a film, which a notebook plays in place. :func:`animate` makes one.
+
+    Nothing is drawn before it is saved or shown. ``path`` is the file to which it was written last, None if it was not.
+
+    **Arguments:**
+
+    - ``name``: of the system, such as ``disk``.
+    - ``times``: the saved times, shape (T,).
+    - ``make``: a function of nothing that returns a figure, and a function that makes it show the k-th of these times.
+    - ``fps``, ``speed``, ``dpi``, ``size``, ``progress``: as for :func:`animate`.
+
+    **Raises:** ``ValueError`` for an ``fps`` or a ``speed`` that is not positive.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        times: Float[np.ndarray, " T"],
+        make: Callable[[], Scene],
+        fps: float | int | None,
+        speed: float,
+        dpi: float | int,
+        size: tuple[int, int] | None,
+        progress: Callable[[int, int], Any] | None,
+    ) -> None:
+        for argument, value in (("fps", fps), ("speed", speed)):
+            if value is not None and not value > 0:
+                raise ValueError(f"Argument `{argument}` must be a positive number, but it is {value}.")
+        self.path: Path | None = None
+        self._name, self._times, self._make = name, times, make
+        self._fps, self._speed, self._dpi, self._size, self._progress = fps, speed, dpi, size, progress
+
+    def save(self, path: str | Path) -> Path:
+        """Writes the film to ``path``, as :func:`animate` does, and returns the path of the file."""
+        path = _check_path(Path(path))
+        fps = FRAMES[path.suffix] if self._fps is None else self._fps
+        figure, show = self._make()
+        dpi = self._dpi if self._size is None else _widen_figure(figure, self._size)
+        shown = frames(self._times, self._speed / fps)
+        show(int(shown[0]))
+        canvas = Canvas(figure, dpi)
+
+        def pictures() -> Iterator[Pixels]:
+            for done, k in enumerate(shown, start=1):
+                show(int(k))
+                yield canvas.picture()
+                if self._progress is not None:
+                    self._progress(done, len(shown))
+
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path) as temporary:
+            if path.suffix == ".mp4":
+                mp4(temporary, pictures(), fps, canvas.size)
+            else:
+                gif(temporary, pictures(), fps, canvas.size, _colours(figure))
+        self.path = path
+        return path
+
+    def _repr_html_(self) -> str:
+        kind, film = self._film
+        data, name = base64.b64encode(film).decode(), html.escape(repr(self), quote=True)
+        if kind == ".gif":
+            return f'<img src="data:image/gif;base64,{data}" alt="{name}" style="max-width: 100%">'
+        return (
+            f'<video controls autoplay loop muted style="max-width: 100%" title="{name}">'
+            f'<source src="data:video/mp4;base64,{data}" type="video/mp4"></video>'
+        )
+
+    @functools.cached_property
+    def _film(self) -> tuple[str, bytes]:
+        """The suffix and the content of the file, made once, however often a notebook shows it."""
+        if self.path is not None and self.path.exists():
+            return self.path.suffix, self.path.read_bytes()
+        with tempfile.TemporaryDirectory() as folder:
+            path = self.save(Path(folder) / "film")
+            self.path = None  # as the folder goes
+            return path.suffix, path.read_bytes()
+
+    def __repr__(self) -> str:
+        first, last = self._times[[0, -1]]
+        return f"Animation of {a(self._name)} from t = {first:g} to t = {last:g}"
+
+
+def _colours(figure: Figure) -> list[ColorType]:
+    """Lists the colours of a scene: a palette must have all of them before the first frame is drawn."""
+    lines = [line.get_color() for ax in figure.axes for line in ax.lines]
+    faces = (np.atleast_2d(face.get_facecolor()) for ax in figure.axes for face in ax.collections)
+    return [*lines, *(tuple(colour) for face in faces for colour in face)]
+
+
 def animate(
     trajectory: Trajectory,
-    path: str | Path,
+    path: str | Path | None = None,
     fps: int | None = None,
     *,
     speed: float = 1.0,
     dpi: float | int = 120,
     size: tuple[int, int] | None = None,
+    picture: Picture | None = None,
     progress: Callable[[int, int], Any] | None = None,
-) -> Path:
+) -> Animation:
     """Animates the rolling body: shell, rails, masses, centre of mass and the trail of the contact point.
 
     Gravity points down, so that a tilted plane is the top of a wedge. A moving plane carries floor and trail along, and
@@ -62,50 +160,28 @@ def animate(
 
     - ``trajectory``: what :func:`jaxball.simulate` returns; only its finite states are shown.
     - ``path``: a file that ends in ``.mp4``, which needs ffmpeg, or in ``.gif``. Without a suffix,
-      ``.mp4`` is added where ffmpeg is installed, and ``.gif`` otherwise.
+      ``.mp4`` is added where ffmpeg is installed, and ``.gif`` otherwise. Nothing is written if not given.
     - ``fps``: frames per second; if not given, 30 in an MP4 and 20 in a GIF.
     - ``speed``: units of the trajectory's time per second of the animation.
     - ``dpi``: dots per inch; a frame is 8 inches wide.
     - ``size``: width and height of a frame in pixels, instead of ``dpi``; the scene is scaled to fit.
+    - ``picture``: for a system with a Lagrangian, a function of (t, q) that draws it: a list of points and lines, each
+      an array of shape (points, 2) or (points, 3).
     - ``progress``: called with the number of frames done and the number of all, after each frame.
 
-    **Returns:** the path of the file. It is written when all frames have been drawn; nothing is written if that fails.
+    **Returns:** an :class:`Animation`, which a notebook plays, and which has a method ``save(path)``. A file is written
+    when all frames have been drawn; nothing is written if that fails.
 
     **Raises:** ``ValueError`` for another suffix, for ``.mp4`` without ffmpeg, for an ``fps`` or a
     ``speed`` that is not positive, for a trajectory without a finite state, and for a reduced one or a batch.
     """
-    path = _check_path(Path(path))
-    fps = FRAMES[path.suffix] if fps is None else fps
-    for name, value in (("fps", fps), ("speed", speed)):
-        if not value > 0:
-            raise ValueError(f"Argument `{name}` must be a positive number, but it is {value}.")
-    require_finite_rows(trajectory)
-    run = record(trajectory)
-    figure, show = scene(trajectory, run)
-    if size is not None:
-        dpi = _widen_figure(figure, size)
-    shown = frames(run.times, speed / fps)
-    show(int(shown[0]))
-    canvas = Canvas(figure, dpi)
-
-    def pictures() -> Iterator[Picture]:
-        for done, k in enumerate(shown, start=1):
-            show(int(k))
-            yield canvas.picture()
-            if progress is not None:
-                progress(done, len(shown))
-
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as temporary:
-        if path.suffix == ".mp4":
-            mp4(temporary, pictures(), fps, canvas.size)
-        else:
-            lines = [line.get_color() for ax in figure.axes for line in ax.lines]
-            # The palette must have all colours before the first frame is drawn.
-            faces = (np.atleast_2d(face.get_facecolor()) for ax in figure.axes for face in ax.collections)
-            colours = [*lines, *(tuple(colour) for face in faces for colour in face)]
-            gif(temporary, pictures(), fps, canvas.size, colours)
-    return path
+    rows = require_finite_rows(trajectory)
+    make = scene_of(trajectory, picture)
+    times = np.asarray(trajectory.times)[rows]
+    film = Animation(trajectory.system.title, times, make, fps, speed, dpi, size, progress)
+    if path is not None:
+        film.save(path)
+    return film
 
 
 def frames(times: Float[np.ndarray, " T"], step: float) -> Int[np.ndarray, " frames"]:
@@ -143,13 +219,31 @@ def _check_path(path: Path) -> Path:
     return path
 
 
-def snapshot(trajectory: Trajectory, t: Numbers | None = None) -> Figure:
+def scene_of(trajectory: Trajectory, picture: Picture | None) -> Callable[[], Scene]:
+    """Returns a function that makes the scene of a run: of a rolling body, or what ``picture`` draws.
+
+    **Raises:** ``ValueError`` for a run that cannot be drawn.
+    """
+    if picture is not None:
+        require_lagrangian(trajectory)
+        return lambda: picture_scene(trajectory, picture)
+    if isinstance(trajectory.state, LagrangianState):
+        raise ValueError(
+            f"Argument `picture` must be given for {a(trajectory.system.title)}, whose coordinates may mean anything: "
+            "a function of (t, q) that returns a list of points and lines."
+        )
+    run = record(trajectory)
+    return lambda: scene(trajectory, run)
+
+
+def snapshot(trajectory: Trajectory, t: Numbers | None = None, *, picture: Picture | None = None) -> Figure:
     """Draws the body on its ground, or above it, at one time, with the trail of the contact point up to then.
 
     **Arguments:**
 
     - ``trajectory``: what :func:`jaxball.simulate` returns.
     - ``t``: the time, for which the nearest saved one is shown; by default the last one that the solve reached.
+    - ``picture``: as for :func:`animate`.
 
     **Raises:** ``ValueError`` for a trajectory without a finite state, and for a reduced one or a batch.
 
@@ -163,10 +257,9 @@ def snapshot(trajectory: Trajectory, t: Numbers | None = None) -> Figure:
     >>> print([round(float(place), 3) for place in run.state.z])
     [0.0, 1.0, 2.0]
     """
-    require_finite_rows(trajectory)
-    run = record(trajectory)
-    figure, show = scene(trajectory, run)
-    show(len(run.times) - 1 if t is None else int(np.argmin(np.abs(run.times - float(np.asarray(t))))))
+    times = np.asarray(trajectory.times)[require_finite_rows(trajectory)]
+    figure, show = scene_of(trajectory, picture)()
+    show(len(times) - 1 if t is None else int(np.argmin(np.abs(times - float(np.asarray(t))))))
     return figure
 
 
@@ -190,7 +283,7 @@ class Canvas:
         """Width and height in pixels."""
         return self._canvas.get_width_height()
 
-    def picture(self) -> Picture:
+    def picture(self) -> Pixels:
         """Returns the current figure as a picture."""
         self._canvas.restore_region(self._still)
         renderer = self._canvas.get_renderer()
@@ -203,7 +296,7 @@ class Canvas:
 
 
 def gif(
-    path: Path, pictures: Iterable[Picture], fps: float | int, size: tuple[int, int], colours: Sequence[ColorType]
+    path: Path, pictures: Iterable[Pixels], fps: float | int, size: tuple[int, int], colours: Sequence[ColorType]
 ) -> None:
     """Writes pictures one by one as a GIF that repeats forever: a few colours, and of a frame only what changes.
 
@@ -280,7 +373,7 @@ def has_ffmpeg() -> bool:
     return FFMpegWriter.isAvailable()
 
 
-def mp4(path: Path, pictures: Iterable[Picture], fps: float | int, size: tuple[int, int]) -> None:
+def mp4(path: Path, pictures: Iterable[Pixels], fps: float | int, size: tuple[int, int]) -> None:
     """Writes pictures as a film.
 
     **Arguments:**

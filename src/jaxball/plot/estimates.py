@@ -13,6 +13,7 @@ from ..physics.state import PlacedState
 from ..simulation.variables import STATE
 from .over_time import Series, over_time
 from .palette import COMPONENTS, DASH_DOTTED, DASHED, INK, SOLID
+from .shown import ShownFigure
 from .style import WIDE_FIGURE, label_axes
 
 ESTIMATE_PANEL_HEIGHT = 1.5  # the height of a panel, inches
@@ -47,7 +48,7 @@ def estimate(estimate: AbstractEstimate, truth: PlacedState | None = None, confi
         nees = np.asarray(estimate.nees(truth)), np.asarray(estimate.uncertain)
         squares.insert(0, (r"$\xi^\top P^{-1}\xi$", *nees))
     count = len(groups) + len(squares)
-    figure = Figure(figsize=(WIDE_FIGURE[0], ESTIMATE_PANEL_HEIGHT * count), layout="constrained")
+    figure = ShownFigure(figsize=(WIDE_FIGURE[0], ESTIMATE_PANEL_HEIGHT * count), layout="constrained")
     panels = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
     width = float(np.sqrt(chi2.ppf(confidence, 1)))
     for ax, (group, places) in zip(panels, groups.items(), strict=False):

@@ -22,6 +22,8 @@ from .shapes import arms
 from .surface import Contacts, contacts_of
 
 ROOM_AROUND = 1.3  # from the path to the edge of the floor, in radii
+WIDTH_OF_ROUND = 0.7  # of its length, the width from which on a path has no direction
+LEAST_MOVED = 1e-9
 
 
 class Setting(NamedTuple):
@@ -61,6 +63,24 @@ class Placed(NamedTuple):
     centre_of_mass: Float[np.ndarray, "T 3"]  # from the centre
     path: Float[np.ndarray, "T 3"]  # of the contact point on the ground, without the ground's motion
     arms: list[Float[np.ndarray, "T n points 3"]]  # of each mechanism, body vectors from the centre
+
+    def azimuth(self, otherwise: float) -> float:
+        """Returns the direction from which a ball is seen, in degrees: a surface from ``otherwise``, a slope from there
+        beside its descent, so that it is visible, and a level plane from the side of the path, which leads to the
+        right: one that falls or rises on the page looks like a slope. So does the floor of a round path, whose edges
+        are seen level.
+        """
+        if self.setting.tilted or self.setting.contacts is not None:
+            return otherwise + self.setting.downhill
+        moved = self.path[:, :2] - self.path[:, :2].mean(axis=0)
+        sizes, directions = np.linalg.svd(moved, full_matrices=False)[1:]
+        along, extent = directions[0], float(np.max(np.abs(moved), initial=0.0))
+        # Round paths have no side, and one that is short beside its distance from the origin is a point.
+        if sizes[-1] > WIDTH_OF_ROUND * sizes[0] or extent <= LEAST_MOVED * (1 + np.max(np.abs(self.path))):
+            along = np.array([1.0, 0.0])
+        elif along @ (self.path[-1] - self.path[0])[:2] < 0:
+            along = -along
+        return float(np.rad2deg(np.arctan2(along[1], along[0]))) - 90.0
 
 
 def place(trajectory: Trajectory, run: Record) -> Placed:

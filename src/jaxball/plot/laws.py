@@ -18,6 +18,7 @@ from ..simulation.variables import symbol, symbol_of
 from .over_time import Series, components, over_time
 from .palette import COMPONENTS, DASHED, FAINT, INK, MASSES, SOLID, mass_look
 from .record import finite_rows, require_one
+from .shown import ShownFigure
 from .style import (
     ABOVE,
     SMALL_FONT,
@@ -89,7 +90,7 @@ def law_errors(trajectory: Trajectory[Any, Any]) -> Figure:
     """
     rows = _rows(trajectory)
     times, laws = np.asarray(trajectory.times)[rows], trajectory.laws._asdict()
-    figure = Figure(figsize=(WIDE_FIGURE[0], 0.6 + LAW_PANEL_HEIGHT * len(laws)), layout="constrained")
+    figure = ShownFigure(figsize=(WIDE_FIGURE[0], 0.6 + LAW_PANEL_HEIGHT * len(laws)), layout="constrained")
     caption(figure, trajectory.system)
     panels = figure.subplots(len(laws), 1, sharex=True, squeeze=False)[:, 0]
     for ax, (name, leaf) in zip(panels, laws.items(), strict=True):

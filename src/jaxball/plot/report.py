@@ -10,17 +10,20 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..classical import LagrangianState
 from ..physics.body import AbstractBody
 from ..physics.system import AbstractSystem
 from ..sensors import AbstractSensor
 from ..simulation.trajectory import Trajectory
 from .coordinates import acceleration, accelerations, joint_angles, joint_efforts, mass_angles, mass_units
 from .files import plain_name, run_mark, save_figure, save_figures
+from .lagrangian import lagrangian_motion
 from .laws import classical_motion, law_errors
 from .modes import share_bands
 from .record import record, require_one_of_body
+from .shown import ShownFigure
 from .space import body_paths, centre_path, configuration, space_paths
-from .style import LABEL, caption, describe_units
+from .style import LABEL, caption, describe_units, title_of
 from .time_series import (
     angular_velocity,
     attitude,
@@ -33,7 +36,6 @@ from .time_series import (
     power,
 )
 
-CLASSICAL = (classical_motion, law_errors)
 STANDARD = (
     acceleration,
     mass_angles,
@@ -109,7 +111,8 @@ def standard_figures(trajectory: Trajectory[Any, Any]) -> list[Callable[[Traject
     """Returns the functions that draw the standard figures of a run, without empty ones."""
     system = trajectory.system
     if not isinstance(system, AbstractBody):
-        return [draw for draw in CLASSICAL if draw is not law_errors or trajectory.laws]
+        motion = lagrangian_motion if isinstance(trajectory.state, LagrangianState) else classical_motion
+        return [motion, *([law_errors] if trajectory.laws else [])]
     joints = OF_JOINTS if system.mechanisms else ()
     empty = {acceleration: not accelerations(trajectory), mass_angles: not mass_units(trajectory.system)}
     if not (system.n_masses or system.mechanisms):
@@ -130,7 +133,8 @@ def write_figure(drawn: Axes | Figure, path: Path, system: AbstractSystem, title
 
 
 def overview(trajectory: Trajectory, title: str = "") -> Figure:
-    """Draws one page: configuration, trajectories, path, angular velocity, energies and friction, under a ``title``.
+    """Draws one page: configuration, trajectories, path, angular velocity, energies and friction, under a ``title``, by
+    default that of the scenario.
 
     For a body without masses or mechanisms, the velocity takes the place of the configuration and the trajectories. A
     run with a law of contact that slips or flies has an additional row, with its height, its slip speed and its forces.
@@ -154,8 +158,8 @@ def overview(trajectory: Trajectory, title: str = "") -> Figure:
     if _is_central(trajectory.system):
         panels[:3] = (centre_path, {}), (centre_velocity, {})
     rows = math.ceil(len(panels) / 3)
-    figure = Figure(figsize=(10.5, 9.6 if rows > 2 else 6.8), layout="constrained")
-    caption(figure, trajectory.system, title, describe_units(trajectory))
+    figure = ShownFigure(figsize=(10.5, 9.6 if rows > 2 else 6.8), layout="constrained")
+    caption(figure, trajectory.system, title or title_of(trajectory), describe_units(trajectory))
     grid = figure.add_gridspec(rows, 3, height_ratios=(1.25, 1, 1)[:rows])
     for k, (draw, kind) in enumerate(panels):
         ax = draw(trajectory, figure.add_subplot(grid[k // 3, k % 3], **kind))

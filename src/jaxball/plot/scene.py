@@ -1,6 +1,6 @@
 """The scene of an animation, a ball or a disk on its ground, one frame at a time."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -22,7 +22,8 @@ from .modes import PATHS, Track, modes_of, track_of
 from .palette import FAINT, INK, SHELL, TRAIL, mass_colour
 from .record import Record, finite_rows
 from .shapes import BREAK, looks, outline, parallel, rail_points, split, towards, wireframe
-from .style import CAPTION, SMALL_FONT, mass_line, subject
+from .shown import ShownFigure
+from .style import CAPTION, SMALL_FONT, describe_units, mass_line, subject, title_of
 from .surface import Curve, Mesh, curve_under, mesh_under
 
 ELEVATION_3D, AZIMUTH_3D = 26.0, -60.0  # degrees
@@ -116,8 +117,7 @@ def scene(trajectory: Trajectory, run: Record) -> Scene:
 
 def _ball_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
     setting, r = placed.setting, float(trajectory.system.radius)
-    # A slope is seen from its side, so that it is visible, and never from below.
-    azimuth = AZIMUTH_3D + setting.downhill
+    azimuth = placed.azimuth(AZIMUTH_3D)
     viewer = towards(ELEVATION_3D, azimuth)
     wire, silhouette = wireframe(r), outline(r, viewer)
     # Every eighth point of the silhouette is enough to find its extent.
@@ -126,11 +126,11 @@ def _ball_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
     surface = trajectory.system.ground
     if setting.contacts is None or not isinstance(surface, AbstractSurface):
         floor = floor_under(run.observables.contact_point, r, setting)
-        figure, ax = _stage(np.concatenate([floor.block.everywhere(setting.moved), visited]), azimuth)
+        figure, ax = stage(np.concatenate([floor.block.everywhere(setting.moved), visited]), azimuth)
         show_floor = draw_floor(ax, floor, setting, r, viewer)
     else:
         mesh = mesh_under(surface, placed.times, setting.contacts, r)
-        figure, ax = _stage(np.concatenate([mesh.everywhere(), visited]), azimuth)
+        figure, ax = stage(np.concatenate([mesh.everywhere(), visited]), azimuth)
         show_floor = draw_surface(ax, mesh, viewer)
 
     # A shadow below a ball that may leave the plane makes its height visible.
@@ -160,10 +160,10 @@ def _ball_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
     return Scene(figure, show)
 
 
-def _stage(content: Float[np.ndarray, "points 3"], azimuth: float) -> tuple[Figure, Axes3D]:
+def stage(content: Float[np.ndarray, "points 3"], azimuth: float) -> tuple[Figure, Axes3D]:
     """Makes a figure that the points ``content`` fill, and its Axes, seen from ``azimuth``."""
     low, high = content.min(axis=0), content.max(axis=0)
-    figure = Figure(figsize=(SCENE_WIDTH, SCENE_WIDTH))
+    figure = ShownFigure(figsize=(SCENE_WIDTH, SCENE_WIDTH))
     ax = figure.add_axes((0.0, 0.0, 1.0, 1.0), projection="3d", computed_zorder=False)
     assert isinstance(ax, Axes3D)
     ax.set_proj_type("ortho")
@@ -199,7 +199,7 @@ def _disk_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
     bottom, top = low - 0.25 * r, high + (1.55 * r if curve is None else 0.45 * r)
     # A disk that hardly moves, or goes far, would have a figure that is a tower or a line.
     height = np.clip(SCENE_WIDTH * (top - bottom) / (right - left), 2.0, 6.0)
-    figure = Figure(figsize=(SCENE_WIDTH, round(10 * float(height)) / 10))
+    figure = ShownFigure(figsize=(SCENE_WIDTH, round(10 * float(height)) / 10))
     ax = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(left, right), ylim=(bottom, top), aspect="equal")
     ax.set_axis_off()
     look: dict[str, Any] = {"linewidth": 3.0, "zorder": 2, "solid_capstyle": "butt"}
@@ -256,8 +256,7 @@ def _contents(figure: Figure, ax: Axes, trajectory: Trajectory, placed: Placed) 
     figure.legend(
         loc="upper right", ncols=min(len(set(shown)) + 1, 7), frameon=False, prop=SMALL_FONT, handletextpad=0.2
     )
-    figure.text(0.5, 0.02 / figure.get_figheight(), subject(system), ha="center", va="bottom", **CAPTION)
-    clock = _clock(figure, ax)
+    show_clock = write_around(figure, ax, trajectory, placed.times, words)
 
     def show(k: int) -> None:
         centre, turn = placed.centre[k], placed.Lambda[k].T
@@ -268,7 +267,24 @@ def _contents(figure: Figure, ax: Axes, trajectory: Trajectory, placed: Placed) 
         for artist, point in zip(dots, placed.masses[k], strict=True):
             move(artist, centre + point[None])
         move(star, centre + placed.centre_of_mass[k][None])
-        clock.set_text(f"{placed.times[k]:.2f}".replace("-", "\N{MINUS SIGN}") + words[k])
+        show_clock(k)
+
+    return show
+
+
+def write_around(
+    figure: Figure, ax: Axes, trajectory: Trajectory, times: Float[np.ndarray, " T"], words: Sequence[str] = ()
+) -> Callable[[int], None]:
+    """Writes below a scene which system it shows, and above it the time; returns a function that changes it to the k-th
+    of ``times``, with one of the ``words`` after it.
+    """
+    shown_system = subject(trajectory.system, title_of(trajectory), describe_units(trajectory))
+    figure.text(0.5, 0.02 / figure.get_figheight(), shown_system, ha="center", va="bottom", **CAPTION)
+    clock = _clock(figure, ax)
+
+    def show(k: int) -> None:
+        word = words[k] if words else ""
+        clock.set_text(f"{times[k]:.2f}".replace("-", "\N{MINUS SIGN}") + word)
 
     return show
 

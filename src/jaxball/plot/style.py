@@ -23,6 +23,7 @@ from mpl_toolkits.mplot3d import Axes3D
 
 from ..physics.body import AbstractBody
 from .palette import Dashes, mass_look
+from .shown import ShownAxes, ShownAxes3D, ShownFigure
 
 if TYPE_CHECKING:
     from ..physics.system import AbstractSystem
@@ -74,6 +75,11 @@ def describe_units(trajectory: "Trajectory[Any, Any]") -> str:
     return str(units) if units.is_dimensionless else f"in {units}"
 
 
+def title_of(trajectory: "Trajectory[Any, Any]") -> str:
+    """Returns the title of the scenario of a run; empty if it has none."""
+    return "" if trajectory.scenario is None else trajectory.scenario.title
+
+
 def describe(system: "AbstractSystem") -> str:
     """Describes a system in words, as the beginning of a sentence."""
     words = system.describe()
@@ -113,7 +119,7 @@ def plane_axes(
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
     if ax is None:
-        ax = _new(size, system).add_subplot()
+        ax = _new(size, system).add_subplot(axes_class=ShownAxes)
     if isinstance(ax, Axes3D):
         raise ValueError(f"Argument `ax` must be a plane Axes, but it is a {type(ax).__name__}; omit it for a new one.")
     ax.tick_params(width=0.6, length=3, labelsize=9, labelfontfamily="STIXGeneral")
@@ -131,7 +137,7 @@ def space_axes(ax: Axes | None, size: tuple[float, float] = SQUARE, system: "Abs
     **Raises:** ``ValueError`` when ``ax`` is not three-dimensional.
     """
     if ax is None:
-        ax = _new(size, system).add_subplot(projection="3d", computed_zorder=False)
+        ax = _new(size, system).add_subplot(axes_class=ShownAxes3D, computed_zorder=False)
     if not isinstance(ax, Axes3D):
         raise ValueError(
             "Argument `ax` must be a three-dimensional Axes, made with projection='3d', but it is a "
@@ -147,7 +153,7 @@ def space_axes(ax: Axes | None, size: tuple[float, float] = SQUARE, system: "Abs
 
 
 def _new(size: tuple[float, float], system: "AbstractSystem | None") -> Figure:
-    figure = Figure(figsize=size, layout="constrained")
+    figure = ShownFigure(figsize=size, layout="constrained")
     if system is not None:
         caption(figure, system)
     return figure

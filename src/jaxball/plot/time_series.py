@@ -23,6 +23,7 @@ from .modes import share_bands
 from .over_time import Series, components, over_run, over_time, sizes_of, without_rounding
 from .palette import COMPONENTS, DASHED, DOTTED, INK, TAKEN
 from .record import finite_rows, record, require_one, require_one_of_body, with_jumps
+from .shown import ShownFigure
 from .style import WIDE_FIGURE, caption, legend_above, linestyle, plane_axes, up_to_ticks, write
 
 if TYPE_CHECKING:
@@ -362,7 +363,7 @@ def measurements(trajectory: Trajectory[Any, Any], sensors: Mapping[str, Abstrac
         raise ValueError("Argument `sensors` must have one sensor or more to draw, but it is empty.")
     run = with_jumps(trajectory)
     rows = finite_rows(run)
-    figure = Figure(figsize=(WIDE_FIGURE[0], 0.5 + PANEL_HEIGHT * len(sensors)), layout="constrained")
+    figure = ShownFigure(figsize=(WIDE_FIGURE[0], 0.5 + PANEL_HEIGHT * len(sensors)), layout="constrained")
     caption(figure, trajectory.system)
     panels = figure.subplots(len(sensors), 1, sharex=True, squeeze=False)[:, 0]
     for ax, (name, leaf) in zip(panels, run.measured(sensors).items(), strict=True):

@@ -160,9 +160,14 @@ def _apply_all(errors: dict[str, SensorErrors], times: Array, exact: dict[str, A
 
 def key_of(name: str, errors: SensorErrors, key: Any) -> Any:
     """Returns the random key of the sensor with this name, made from one key for all sensors."""
-    # By name, so that a further sensor changes no other's errors; crc32, because Python's hash differs in each
-    # process.
-    return jax.random.fold_in(jax.random.fold_in(key, errors.seed), zlib.crc32(name.encode()))
+    return key_of_name(name, jax.random.fold_in(key, errors.seed))
+
+
+def key_of_name(name: str, key: Any) -> Any:
+    """Returns the random key that belongs to a name, made from one key for all names."""
+    # By name, so that a further one changes no other's draws, and not by place, because JAX reorders dictionaries;
+    # crc32, because Python's hash differs in each process.
+    return jax.random.fold_in(key, zlib.crc32(name.encode()))
 
 
 def random_key(key: Any) -> Any:

@@ -280,14 +280,17 @@ class Slip(AbstractEvent):
 class Leaving(AbstractEvent):
     """Something leaves the inside of the system whose place only the state tells: what ``clearance`` says.
 
-    The run goes on, because its equations do not depend on the shell.
+    Where masses leave a shell the run goes on, because its equations do not depend on the shell; else it ends.
     """
 
+    status: Status = eqx.field(static=True)  # pyright: ignore[reportIncompatibleVariableOverride]
     direction: int = eqx.field(static=True, default=DOWN, init=False)
-    terminal: bool = eqx.field(static=True, default=False, init=False)
     capacity: int = eqx.field(static=True, default=1, init=False)
     from_start: ClassVar[bool] = False
-    status: ClassVar[Status] = Status.LEFT_SHELL
+
+    @property
+    def terminal(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return self.status != Status.LEFT_SHELL
 
     def value(self, system, t, state):
         clearance = system.clearance(t, state)

@@ -239,7 +239,7 @@ def solve(
     system, times, state, events = change_with_captures(where_startable, (system, times, state, events))
     packing, initial = _pack(system, times[0], state)
     if method.inside and packing.system.clearance(times[0], state) is not None:
-        events = events | {LEAVING: Leaving()}
+        events = events | {LEAVING: Leaving(system.leaving_status)}
     functions = _Functions(method, system, packing, events)
     order = float(method.solver.error_order(diffrax.ODETerm(functions.field)) or 1)  # pyright: ignore
     accuracy = Accuracy(rtol, atol, order, approach_of(method.solver))
@@ -284,6 +284,8 @@ def solve(
     status, record = switching.outcome(cast(Any, solution.stats["switching"]), status, packing)
     if method.inside:
         left = occurrences.pop(LEAVING).times[0] if LEAVING in occurrences else None
+        # One that ends the run has done so, with derivatives.
+        left = None if left is None or events[LEAVING].terminal else left
         reached, status = until_left(packing.system, times, saved, reached, status, left)
     status = jnp.where(startable, status, Status.IMPOSSIBLE)
     # Reverse mode goes through the steps that were tried beyond that, too.

@@ -185,7 +185,8 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
     def message_of(self, problems: Sequence[str]) -> str:
         """Returns the same sentence as :attr:`message` with other words for the ``problems``."""
         sentence = Status(int(self.status)).sentence(float(self.reached), float(self.times[-1]))
-        return " ".join([sentence, *problems])
+        advice = self.history.advice if int(self.status) == Status.MAX_STEPS else ""
+        return " ".join(filter(None, [sentence, *problems, advice]))
 
     def raise_if_failed(self) -> "Trajectory[AnySystem, AnyState]":
         """Returns the trajectory itself, or raises a :class:`~jaxball.SolveError` with the message.
@@ -346,7 +347,8 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
 
     @leave_to_above
     def plot(self) -> "matplotlib.figure.Figure":
-        """Draws :func:`jaxball.plot.overview` of a ball or a disk, or else :func:`jaxball.plot.classical_motion`.
+        """Draws :func:`jaxball.plot.overview` of a ball or a disk, :func:`jaxball.plot.lagrangian_motion` of a system
+        with a Lagrangian, or else :func:`jaxball.plot.classical_motion`.
 
         **Raises:** ``ValueError`` for a reduced trajectory or a batch.
         """

@@ -179,7 +179,7 @@ def end_by_events(
     status: Int[Array, ""],
 ) -> tuple[Float[Array, ""], Int[Array, ""]]:
     """Tells when a run ended, and its status, in view of its events: at the first of all that end it."""
-    # Of events at the same time, the first in the dictionary gives its status.
+    # Of events at the same time, the first by name gives its status: a program has dictionaries in that order.
     first = jnp.full_like(reached, jnp.inf)
     for name, event in events.items():
         if event.terminal:

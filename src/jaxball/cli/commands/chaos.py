@@ -233,6 +233,7 @@ def _content(scenario: "Scenario", spectrum: "LyapunovSpectrum") -> dict[str, An
         "standard_error": np.asarray(spectrum.standard_error),
         "told_from_zero": limits.told,
         "limits": limits.limits,
+        "limit_errors": limits.errors + np.asarray(spectrum.solve_error),
         "dimension": spectrum.dimension,
         "least_normal_force": None if force is None else float(force),
     }

@@ -23,7 +23,6 @@ from ...physics.state import BallState, DiskState, State
 from ..problem.requirements import AbstractRunningConstraint
 from ..problem.run import Run
 from ..problem.space import DesignError
-from .problem import VIOLATION
 
 MOTOR_LIMITS = "motor-limits"
 
@@ -66,8 +65,8 @@ class Inputs(NamedTuple):
 class MotorLimits(AbstractRunningConstraint):
     """The force of every motor, within its limit; shape (t, motors).
 
-    The search keeps away from the limits by as much as its constraints may be violated between the nodes, because
-    motors cannot exceed them, and the motion would differ.
+    It holds at the nodes. Between them the polynomials may exceed it, in the interval in which the torque leaves its
+    limit: a motor cuts that off, so that the end moves. Meshes with limits are therefore refined further.
     """
 
     most: Float[Array, " motors"]
@@ -77,8 +76,7 @@ class MotorLimits(AbstractRunningConstraint):
         return (jnp.abs(self._forces(run)) - self.most[None]) / self._unit(run)
 
     def margins(self, run: Run):
-        unit = self._unit(run)
-        return room(self._forces(run)[..., None], self.most[None] - VIOLATION * unit) / unit
+        return room(self._forces(run)[..., None], self.most[None]) / self._unit(run)
 
     def _forces(self, run: Run) -> Float[Array, "t motors"]:
         motors = _motors_of(run.system, self.motors)

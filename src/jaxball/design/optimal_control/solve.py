@@ -16,7 +16,8 @@ from ..continuation import CORRECTION_TOLERANCE, Branch, follow, newton
 from ..problem.space import DesignError
 from .collocation import BARRIER, SHARP, Collocation
 from .guess import driving
-from .problem import VIOLATION, Path
+from .inputs import MOTOR_LIMITS
+from .problem import VIOLATION, AbstractControlProblem, Path
 from .rolling import Rolling, between, rolling
 from .schedules import Resimulated, resimulate
 from .solution import Solution, finer_mesh, least_curvature, means, mesh_errors, newton_from, solve_near, violations
@@ -28,6 +29,8 @@ BRANCH_WITHIN = (-0.5, 1.5)
 # The initial barrier on a finer mesh, and its factors: at first, and where it can fall no further.
 AGAIN, STEP, SHORTEST_STEP = 1e-4, 0.1, 0.95
 MOST_BARRIERS = 12
+# By as much violations are smaller where motors have limits, which cut them off in a simulation.
+CUT_OFF = 0.1
 # A barrier above the last one, except for rounding, is solved for to this accuracy.
 NEARLY_LAST, ROUGH = 1 + 1e-9, 1e-3
 
@@ -151,7 +154,8 @@ def sharpen(
 
     - ``solution``: a :class:`Solution` of a :class:`Rolling`.
     - ``barrier``: µ at the end.
-    - ``tolerance``: of :func:`mesh_errors`; ``violation``: of :func:`violations`.
+    - ``tolerance``: of :func:`mesh_errors`; ``violation``: of :func:`violations`, of which a tenth is allowed where
+      motors have limits.
     - ``visit``: called with the solution on each mesh.
 
     **Raises:** :class:`~jaxball.design.DesignError` where the barrier cannot be lowered.
@@ -159,6 +163,7 @@ def sharpen(
     collocation, y, parameter, sharp = solution.collocation, solution.y, solution.parameter, solution
     if not collocation.inequalities:
         return solution
+    allowed = violation * (CUT_OFF if _has_motor_limits(solution.problem) else 1.0)
     for _ in range(MOST_BARRIERS):
         try:
             collocation, y = _lower_barrier(collocation, y, parameter, barrier)
@@ -171,7 +176,7 @@ def sharpen(
         sharp = Solution(collocation, y, parameter, errors)
         visit(sharp)
         # Errors and violations over what is allowed, so that one mesh serves both.
-        excess = np.maximum(errors / tolerance, violations(collocation, sharp.path, parameter) / violation)
+        excess = np.maximum(errors / tolerance, violations(collocation, sharp.path, parameter) / allowed)
         if np.max(excess) <= 1:
             break
         finer = finer_mesh(collocation.mesh, excess, 1.0, collocation.stages + 1)
@@ -180,6 +185,11 @@ def sharpen(
         except DesignError:
             break
     return sharp
+
+
+def _has_motor_limits(problem: AbstractControlProblem) -> bool:
+    """Returns whether motors of a robot have limits."""
+    return isinstance(problem, Rolling) and MOTOR_LIMITS in problem.constraints
 
 
 def _lower_barrier(
@@ -320,6 +330,7 @@ def solve_control(
         say(f"barrier {collocation.barrier:.0e}   {collocation.steps.size} intervals   violation {worst:.1e}")
 
     problem = file.problem
+    say("compiling, and solving from the guess")
     mesh = np.linspace(float(problem.start), float(problem.end), file.intervals + 1)
     first = solution = _first_solution(file, file.easy or problem, mesh)
     if file.easy is None:
@@ -328,6 +339,7 @@ def solve_control(
         solution = continue_to(first, problem, file.tolerance, visit)[1]
     if problem.constraints:
         solution = sharpen(solution, tolerance=file.tolerance, violation=file.violation, visit=sharper)
+    say("simulating by another solver")
     seen, curvature = resimulate(solution), least_curvature(solution)
     elapsed = time.perf_counter() - began
     return Controlled(

@@ -153,6 +153,9 @@ class FigureEight(AbstractCurve):
 class Through(AbstractCurve):
     """The cubic spline through points at equal steps of s; a straight line through two.
 
+    Its slopes at the ends are those of the parabolas through the first and the last three points, where other splines
+    have no curvature (natural) or no jump of the third derivative (not-a-knot).
+
     **Arguments:**
 
     - ``through``: the points, length, shape (n, 2).

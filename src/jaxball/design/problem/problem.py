@@ -285,9 +285,10 @@ class Problem:
     @functools.cached_property
     def layout(self) -> ConstraintLayout:
         """Where the constraints are evaluated."""
-        scenario, constraints = self.space.scenario, dict(self.constraints)
-        sizes = _sizes(constraints, self.space.system, self.space.state, to_array(scenario.times))
-        return ConstraintLayout({name: int(size) for name, size in sizes.items()}, self.balls)
+        # A tuple, because JAX would return a dictionary in the order of its keys, and violations are in that of ours.
+        constraints, times = tuple(self.constraints.values()), to_array(self.space.scenario.times)
+        sizes = _sizes(constraints, self.space.system, self.space.state, times)
+        return ConstraintLayout(dict(zip(self.constraints, map(int, sizes), strict=True)), self.balls)
 
     @functools.cached_property
     def errors(self) -> Errors | None:
@@ -343,14 +344,17 @@ def _is_own(part: Any) -> bool:
 
 @programs.filter_jit
 def _sizes(
-    constraints: dict[str, AbstractConstraint], system: System, state: BallState | DiskState, times: Float[Array, " T"]
-) -> dict[str, int]:
+    constraints: tuple[AbstractConstraint, ...],
+    system: System,
+    state: BallState | DiskState,
+    times: Float[Array, " T"],
+) -> tuple[int, ...]:
     """Counts the points at which each constraint of a run is evaluated, without a simulation."""
     # Only shapes are wanted, so that the states need not be those of a run.
     states = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (times.size, *leaf.shape)), state)
     run = Run(system, times, states, jnp.zeros((), dtype=int), RAIL_SAMPLES)
-    shapes = eqx.filter_eval_shape(lambda run: {name: constraint(run) for name, constraint in constraints.items()}, run)
-    return {name: shape.size for name, shape in shapes.items()}
+    shapes = eqx.filter_eval_shape(lambda run: tuple(constraint(run) for constraint in constraints), run)
+    return tuple(shape.size for shape in shapes)
 
 
 def merge(each: Evaluation) -> Evaluation:

@@ -115,6 +115,7 @@ def _run_search(
         progress = load_progress(folder / PROGRESS, identity)
         say(f"resumed from {progress.phase} {progress.step}, objective {progress.merit.objective:.6g}")
     else:
+        say("compiling, and checking the gradient at the start")
         check = check_gradient(optimiser, program.append_joints(problem.space.start[None])[0])
         say(f"gradient check\n{check}")
         require_good(check)
@@ -134,6 +135,7 @@ def _run_search(
     while True:
         progress = optimiser.run(progress, report)
         y = program.design(progress.best)
+        say("verifying by another solver, between the samples too")
         verified = verify(problem, y)
         # Where the other solver fails, there is no violation to tighten by.
         hopeless = not np.isfinite(verified.violation) or tightenings == TIGHTENINGS
@@ -144,6 +146,7 @@ def _run_search(
         excess = {name: TIGHTENED_BY * max(0.0, fine) for name, (_, fine) in verified.violations.items()}
         say(f"between the samples constraints are violated by {verified.violation:.2e}: tightened")
         progress = optimiser.tighten(progress, program.layout.spread(excess))
+    say("evaluating the start, and perturbed balls")
     before = verify(problem, problem.space.start).designed
     numbers = problem.space.values(y)
     built = perturbed(problem, y, as_built(problem))

@@ -32,7 +32,7 @@ from ..body import AbstractBody, AbstractBodyWithModes
 from ..conditions import Condition, ExplainedCondition
 from ..dynamics.load import Load
 from ..grounds import AbstractSurface
-from ..hybrid import NONE, WINDOW, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
+from ..hybrid import NONE, STIFF, WINDOW, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
 from ..rolling import Reaction
 from ..state import PlacedState, ReducedState
 from . import friction, over_surface as over, slip as slips
@@ -428,6 +428,15 @@ class ContactHistory(AbstractHistory):
         )
         dissipation = f"sliding friction dissipated the energy {friction_loss:.10g}, and impacts {impact_loss:.10g}"
         return [f"{self.changing} {changed}, and {end}", *self.switches.first_lines, dissipation]
+
+    @property
+    def advice(self) -> str:
+        modes = np.asarray(self.mode)
+        reached = np.flatnonzero(modes >= 0)
+        if not reached.size or modes[reached[-1]] != Mode.SLIDING:
+            return ""
+        slip = float(np.linalg.norm(np.asarray(self.slip)[reached[-1]]))
+        return f"The body slides, at {slip:.3g} at the last saved time that was reached. A slow slip is stiff: {STIFF}"
 
     @property
     def over_time(self) -> dict[str, Array]:

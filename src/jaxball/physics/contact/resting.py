@@ -25,7 +25,7 @@ from ..body import AbstractBody
 from ..dynamics.footing import ContactAxes, footing_of_released, rate_of_carrier
 from ..dynamics.load import Load
 from ..grounds import Footing
-from ..hybrid import NONE, Accuracy, Assessment, GuardedStep, Transition
+from ..hybrid import NONE, SLOW_ROLLING, Accuracy, Assessment, GuardedStep, Transition
 from ..state import PlacedState
 from . import friction, over_surface as over
 from .body_on_plane import BodyOnPlane, ContactHistory
@@ -67,6 +67,10 @@ class RestingHistory(ContactHistory):
     rests: Bool[Array, "*batch T"]
     spin: Float[Array, "*batch T"]
     rolling: Float[Array, "*batch T 2"]
+
+    @property
+    def advice(self) -> str:
+        return super().advice or SLOW_ROLLING
 
     @property
     def over_time(self) -> dict[str, Array]:

@@ -18,7 +18,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ...interface.status import Status
 from ...numerics.arrays import AnyArray, namespace_of
 from ...numerics.calculus import Furthest, furthest
 from ...numerics.functions import HarmonicSeries
@@ -177,7 +176,7 @@ def until_left(
     left = jnp.full_like(reached, jnp.inf) if left is None else left
     if seen is not None:
         left = jnp.where(seen < left, jax.lax.stop_gradient(seen), left)
-    return jnp.minimum(reached, left), jnp.where(left <= reached, int(Status.LEFT_SHELL), status)
+    return jnp.minimum(reached, left), jnp.where(left <= reached, int(system.leaving_status), status)
 
 
 class SampledPath(NamedTuple):

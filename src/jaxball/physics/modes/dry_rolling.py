@@ -37,6 +37,7 @@ from ..dynamics.rest import Turning, begin, candidates, needs, resist
 from ..forces.resistance import Resistance, TurningMode
 from ..hybrid import (
     NONE,
+    SLOW_ROLLING,
     START,
     WINDOW,
     AbstractHistory,
@@ -118,6 +119,10 @@ class RestHistory(AbstractHistory):
         if int(self.switches.count) == 0:
             return ["it never came to rest or broke loose"]
         return [f"it came to rest, broke loose or turned back {self.switches.how_often}", *self.switches.first_lines]
+
+    @property
+    def advice(self) -> str:
+        return SLOW_ROLLING
 
     def at_rows(self, rows: slice) -> "RestHistory":
         return dataclasses.replace(self, rests=self.rests[rows], spin=self.spin[rows])

@@ -107,6 +107,7 @@ LOOKS = {
     Status.CHATTERED: Look("#0072B2", "*", "\\\\||"),
     Status.LEFT_SURFACE: Look("#88CCEE", ">", "//.."),
     Status.WEDGED: Look("#DDCC77", "<", "--.."),
+    Status.TOPPLED: Look("#AA4499", "h", "||.."),
 }
 
 

@@ -13,7 +13,8 @@ from matplotlib.ticker import MaxNLocator
 from ...interface.status import Status
 from ...interface.wording import number_of
 from ..palette import COMPONENTS
-from ..style import SMALL_FONT, caption, label_axes, plane_axes
+from ..shown import ShownFigure
+from ..style import SMALL_FONT, caption, label_axes, number, plane_axes
 from .axes import (
     LOOKS,
     MANY_VALUES,
@@ -26,7 +27,18 @@ from .axes import (
     set_scale,
     title_of,
 )
-from .rows import Labels, PictureError, Rows, label_of, number_label, rows_of, sample, standard_results, values_of
+from .rows import (
+    Labels,
+    PictureError,
+    Rows,
+    label_of,
+    number_label,
+    rows_of,
+    sample,
+    standard_results,
+    tolerance_of,
+    values_of,
+)
 
 if TYPE_CHECKING:
     import xarray
@@ -35,6 +47,7 @@ MATRIX_PANEL = 1.75
 MOST_DOTS_OF_PANEL = 5_000
 MOST_VARIABLES = 8
 MOST_LETTERS = 18
+LONG_NUMBERS = 4  # as many digits before the point, or zeros after it, are written as a power of ten
 _BINS = 20
 _MOST_POINTS = 100_000
 
@@ -57,7 +70,9 @@ def sweep_matrix(
     """Draws a panel for each pair of the numbers that a study changes and of some results.
 
     Rows that failed are marked by their status: at their position among numbers, on the lower edge under a result. The
-    histograms on the diagonal count the rows that succeeded, and stacked on them those that failed.
+    histograms on the diagonal count the rows that succeeded, and stacked on them those that failed; of a number of a
+    crossed axis, whose points have equally many rows, they count those that failed alone. A result that the tolerance
+    of the solves does not tell from 0 in any row is drawn as 0, and its label says so.
 
     **Arguments:**
 
@@ -81,11 +96,11 @@ def sweep_matrix(
         logarithmic, crossed = rows.is_logarithmic(path), not rows.is_scattered(path)
         label = _wrap_path(number_label(path, labels, data=data))
         variables.append(_Variable(label, rows.number(path), True, logarithmic, crossed))
-    for name in results:
-        variables.append(_Variable(label_of(data, name, labels), values_of(rows, name)))
+    variables += [_result(rows, name, labels) for name in results]
+    variables = [_in_powers_of_ten(variable) for variable in variables]
     n, keys, panels = len(variables), {}, {}
     drawn, left_out = sample(rows, MOST_DOTS_OF_PANEL)
-    figure = Figure(figsize=(MATRIX_PANEL * n + 0.6, MATRIX_PANEL * n + 0.6), layout="constrained")
+    figure = ShownFigure(figsize=(MATRIX_PANEL * n + 0.6, MATRIX_PANEL * n + 0.6), layout="constrained")
     caption(figure, title=title_of(rows.data))
     for i, up in enumerate(variables):
         for j, right in enumerate(variables[: i + 1]):
@@ -136,7 +151,10 @@ def _counts(ax: Axes, rows: Rows, variable: _Variable) -> None:
         return
     edges = _edges(np.unique(values), variable)
     below = np.zeros(len(edges) - 1)
-    for code in [Status.SUCCESS, *(present(rows.status) if variable.is_number else ())]:
+    # Of a crossed axis each point has as many rows as the others, and a constant has one bar: both would be squares.
+    constant = values.min() == values.max()
+    succeeded = [] if constant or (variable.is_number and variable.crossed) else [Status.SUCCESS]
+    for code in [*succeeded, *(present(rows.status) if variable.is_number else ())]:
         these = variable.values[(rows.status == code) & np.isfinite(variable.values)]
         above = below + np.histogram(these, edges)[0]
         colour = COMPONENTS[0] if code == Status.SUCCESS else LOOKS[code].colour
@@ -144,6 +162,8 @@ def _counts(ax: Axes, rows: Rows, variable: _Variable) -> None:
         below = above
     ax.spines["left"].set_visible(False)
     ax.tick_params(left=False)
+    if not succeeded:
+        ax.set_xlim(edges[0], edges[-1])  # also where no row failed
     set_scale(ax.xaxis, variable.logarithmic, values)
 
 
@@ -165,6 +185,24 @@ def _edges(different: Float[np.ndarray, " values"], variable: _Variable) -> Floa
     else:
         edges = np.linspace(places[0], places[-1], _BINS + 1)
     return np.exp(edges) if logarithmic else edges
+
+
+def _result(rows: Rows, name: str, labels: Labels) -> _Variable:
+    """Returns a result, as 0 where it is no more than the tolerance in all rows."""
+    label, values, tolerance = label_of(rows.data, name, labels), values_of(rows, name), tolerance_of(rows.data)
+    largest = np.max(np.abs(values), initial=0.0, where=np.isfinite(values))
+    if not 0 < largest <= tolerance:
+        return _Variable(label, values)
+    return _Variable(f"{label}\n0 to within ${number(tolerance)}$", np.where(np.isfinite(values), 0.0, values))
+
+
+def _in_powers_of_ten(variable: _Variable) -> _Variable:
+    """Returns a variable in a power of ten that its label names, where matplotlib would write it over the label."""
+    largest = np.max(np.abs(variable.values), initial=0.0, where=np.isfinite(variable.values))
+    power = math.floor(math.log10(largest)) if largest > 0 else 0
+    if variable.logarithmic or -LONG_NUMBERS < power < LONG_NUMBERS:
+        return variable
+    return variable._replace(label=f"{variable.label}\nin $10^{{{power}}}$", values=variable.values * 10.0**-power)
 
 
 def _wrap_path(path: str) -> str:

@@ -6,6 +6,7 @@ figures of ``plot.sweeps`` read studies through them; ``sweep_scale`` colours th
 
 import dataclasses
 import re
+import tomllib
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ from jaxtyping import Bool, Float, Int
 from ...interface.status import SUCCESSES, Status
 from ...interface.wording import did_you_mean
 from ...scenario.paths import entries
+from ...simulation import DEFAULT_TOLERANCE
 from ...simulation.variables import EXTREMES, FINDS, RUN, symbol_of
 from ..style import ColourScale, label_with
 
@@ -38,6 +40,13 @@ NUMBERS = {
     "masses[#].schedule.rate": (r"\dot{\theta}_{#}", "rad/time"),
     "masses[#].schedule.height": (r"\ddot{\theta}_{#}", "rad/time²"),
     "mechanisms[#].masses[#].mass": ("M_{#,#}", "mass"),
+    "mechanisms[#].masses[#].position[#]": (r"\chi_{#,#,#}", "length"),
+    "mechanisms[#].joints[#].schedule.theta": (r"\theta_{#,#}(t_0)", ""),
+    "mechanisms[#].joints[#].schedule.rate": (r"\dot{\theta}_{#,#}", ""),
+    "mechanisms[#].joints[#].force.signal": ("Q_{#,#}", ""),
+    "mechanisms[#].joints[#].force.limit": (r"|Q_{#,#}|_{\max}", ""),
+    "mechanisms[#].joints[#].force.stiffness": ("k_{#,#}", ""),
+    "mechanisms[#].joints[#].force.damping": ("c_{#,#}", ""),
     "ground.angle": ("a", "rad"),
     "ground.heading": ("b", "rad"),
     "contact.friction": (r"\mu", ""),
@@ -292,6 +301,12 @@ def values_of(rows: Rows, result: str) -> Float[np.ndarray, " rows"]:
     if "save" in array.dims:
         array = array.isel(save=-1)
     return array.values[(rows.places, *index)].astype(float)
+
+
+def tolerance_of(data: "xarray.Dataset") -> float:
+    """Returns the absolute tolerance of the solves of a study: a smaller result is an error."""
+    solve = tomllib.loads(data.attrs.get("scenario", "")).get("solve", {})
+    return float(solve.get("atol", DEFAULT_TOLERANCE))
 
 
 def histories_of(rows: Rows, result: str) -> Float[np.ndarray, "rows saves"]:

@@ -157,7 +157,7 @@ def _scene(
             system = named[name].system
             raise ValueError(
                 f"Argument `trajectory` must be of {SHOWN_SYSTEMS}, but it is of a {type(system).__name__}; its method "
-                "plot() draws its motion."
+                "plot() draws its motion, and plot.animate(run, picture=...) what a function of (t, q) draws."
             )
         if other != kind:
             raise ValueError(

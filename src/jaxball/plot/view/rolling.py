@@ -219,12 +219,13 @@ def _on_plane(bodies: Sequence[Shown], desired_path: Float[np.ndarray, "k 2"] | 
     goal = None if desired_path is None else np.column_stack([desired_path, np.full(len(desired_path), -first.radius)])
     corners = [[*(np.asarray(centre) + side * r), -first.radius] for centre, r in discs for side in (-1, 1)]
     coefficients = _coefficients(bodies)
+    azimuth = AZIMUTH[planar] if planar else bodies[0].placed.azimuth(AZIMUTH[planar])
     stand = {
         "axes": setting.page.tolist(),
         "floor": _floor(bodies, setting, [*([] if goal is None else [goal]), np.reshape(corners, (-1, 3))]),
         "obstacles": [[float(centre[0]), float(centre[1]), float(radius)] for centre, radius in discs],
         **({"cone": coefficients["static_friction"]} if coefficients.get("static_friction", 0.0) > 0 else {}),
-        "camera": {"elevation": ELEVATION[planar], "azimuth": AZIMUTH[planar] + (0 if planar else setting.downhill)},
+        "camera": {"elevation": ELEVATION[planar], "azimuth": azimuth},
     }
     return stand, None if goal is None else goal @ setting.page.T, None
 
