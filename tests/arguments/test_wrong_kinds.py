@@ -197,6 +197,12 @@ CALLS = [
     (lambda: run(max_steps=1e4), "`max_steps` must be a whole number, but it is 10000.0"),
     (lambda: run(max_steps=10**30), "`max_steps` must be at most 1,000,000,000, but it is 1,000,000,000,000,"),
     (lambda: run(max_steps=0), "`max_steps` must be 1 or more, but it is 0"),
+    (lambda: run(max_step="long"), "`max_step` must be None or a single number, the longest step, but it is 'long'"),
+    (lambda: run(max_step=[0.1, 0.2]), "`max_step` must be None or a single number"),
+    (lambda: run(max_step=True), "`max_step` must be None or a single number, the longest step, but it is True"),
+    (lambda: run(max_step=0.0), "`max_step` must be positive and finite, but it is 0.0; for no limit, give None"),
+    (lambda: run(max_step=float("inf")), "`max_step` must be positive and finite, but it is inf"),
+    (lambda: jax.jit(lambda h: run(max_step=h))(0.1), "`max_step` must be a number that is known.*but it is traced"),
     (
         lambda: run(system=jaxball.Ball),
         "`system` must be a Ball, a Disk, one of jaxball.classical or another AbstractSystem.*the class Ball; make",

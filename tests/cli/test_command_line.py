@@ -161,7 +161,10 @@ def test_bad_arguments(folder, monkeypatch, capsys, arguments, sentence):
     assert sorted(folder.iterdir()) == before
 
 
-@pytest.mark.parametrize("arguments", [["simulate"], ["simulate", "ball", "--rtol", "-1"], ["roll"], []])
+@pytest.mark.parametrize(
+    "arguments",
+    [["simulate"], ["simulate", "ball", "--rtol", "-1"], ["simulate", "ball", "--max-step", "0"], ["roll"], []],
+)
 def test_usage(capsys, arguments):
     with pytest.raises(SystemExit) as caught:
         main(arguments)

@@ -225,6 +225,10 @@ RUNS = {
         BALL + "[solve]\nrtol = 0.0",
         "Key `solve.rtol` must be a positive number, but it is 0.0.",
     ),
+    "no length of steps": (
+        BALL + "[solve]\nmax_step = 0.0",
+        "Key `solve.max_step` must be a positive number, but it is 0.0.",
+    ),
     "no steps": (
         BALL + "[solve]\nmax_steps = 0",
         "Key `solve.max_steps` must be a whole number from 1 to 1000000000, but it is 0.",

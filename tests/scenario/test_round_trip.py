@@ -144,6 +144,7 @@ SOLVE = table(
         "rtol": numbers(1e-12, 1e-3),
         "atol": numbers(1e-12, 1e-3),
         "max_steps": st.integers(1, 10**6),
+        "max_step": numbers(1e-3, 9.0),
         "step_to_times": st.booleans(),
         "project": st.booleans(),
     }
@@ -200,7 +201,7 @@ def same_objects(one: Scenario, other: Scenario) -> bool:
     """Whether two scenarios have the same structure and the same bits in every number."""
     parts = [(s.system, s.state, s.contact, s.times, s.rtol, s.atol) for s in (one, other)]
     (leaves, structure), (others, other_structure) = (jax.tree.flatten(part) for part in parts)
-    settings = [(s.title, s.solver, s.max_steps, s.step_to_times, s.dae, s.project) for s in (one, other)]
+    settings = [(s.title, s.solver, s.max_steps, s.max_step, s.step_to_times, s.dae, s.project) for s in (one, other)]
     return (
         structure == other_structure
         and settings[0] == settings[1]

@@ -138,6 +138,7 @@ solver = "gauss16"
 rtol = 1e-10
 atol = 1e-10
 max_steps = 1000
+max_step = 0.25
 step_to_times = true
 dae = false
 project = true

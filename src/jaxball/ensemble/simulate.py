@@ -155,6 +155,7 @@ def simulate_ensemble(
     project: bool = False,
     adjoint: diffrax.AbstractAdjoint | None = None,
     max_steps: int = 16384,
+    max_step: float | None = None,
     reductions: Mapping[str, AbstractReduction] | None = None,
     lanes: int | None = None,
     chunk: int | None = None,
@@ -173,8 +174,8 @@ def simulate_ensemble(
       within which the first terminal event ends the run.
     - ``contact``: each of its numbers is for all runs or, made by ``jax.vmap``, of shape (runs,); its ``capacity`` is
       the same for every run.
-    - ``solver``, ``step_to_times``, ``dae``, ``project``, ``inside``, ``adjoint``, ``max_steps``: as for one run. A run
-      that fails has its status and NaN, and does not affect the others.
+    - ``solver``, ``step_to_times``, ``dae``, ``project``, ``inside``, ``adjoint``, ``max_steps``, ``max_step``: as for
+      one run. A run that fails has its status and NaN, and does not affect the others.
     - ``rtol``, ``atol``: for all runs, or of shape (runs,).
     - ``reductions``: results to find in each run while it is computed, by name, of ``jaxball.ensemble.REDUCTIONS`` or a
       :class:`Maximum`, :class:`Minimum`, :class:`Drift` or :class:`Integral` of your own function.
@@ -208,7 +209,7 @@ def simulate_ensemble(
     if dae:
         require_dae(simulated, state, solver)
     events = check_events(simulated, events)
-    method = Method.of(solver, adjoint, max_steps, None, **flags)
+    method = Method.of(solver, adjoint, max_steps, max_step=max_step, **flags)
     rtol, atol = check_tolerances(rtol, atol, of_many=True)
     instants = times if isinstance(times, jax.Array) else to_numpy(times, "times").astype(rtol.dtype)
     results = tuple(_check_reductions(reductions).items())

@@ -20,7 +20,7 @@ SUGGESTED = 3  # paths at most, where one is wrong
 EXACT = 2**53  # the largest number up to which float64 holds every whole one
 # These change what is compiled or how much is saved, and not the motion.
 _OF_ALL = (
-    r"format|time\.saves|solve\.max_steps|.*\.balance\.masses\[\d+\]|actuation\.masses\[\d+\]|mechanisms.*\.(on|joint)"
+    r"format|time\.saves|solve\.max_steps?|.*\.balance\.masses\[\d+\]|actuation\.masses\[\d+\]|mechanisms.*\.(on|joint)"
     r"|feedback\.horizon|events\.\w+\.capacity"
 )
 _FIXED = re.compile(rf"{_OF_ALL}|sensors\..*")

@@ -40,7 +40,8 @@ class Scenario:
     - ``times``: the save times, increasing, in the units of the system.
     - ``solver``: the name of a solver: "dopri5", "dopri8", "tsit5", "kvaerno3" and "kvaerno5" of diffrax, and
       "radau5", "radau9", "radau13", "ndf", "gauss16", "trapezoidal" and "tr-bdf2" of :mod:`jaxball.solvers`.
-    - ``rtol``, ``atol``, ``max_steps``, ``step_to_times``, ``dae``, ``project``: as in :func:`jaxball.simulate`.
+    - ``rtol``, ``atol``, ``max_steps``, ``max_step``, ``step_to_times``, ``dae``, ``project``: as in
+      :func:`jaxball.simulate`.
     - ``contact``: the :class:`~jaxball.Contact`, the law by which a ball or a disk may slip, fly and bounce; None for
       one that always rolls.
     - ``sensors``: those of :mod:`jaxball.sensors` whose readings are saved and drawn with a run, by name.
@@ -76,6 +77,7 @@ class Scenario:
     estimator: "EstimatorSettings | None" = None
     events: "Mapping[str, AbstractEvent]" = dataclasses.field(default_factory=dict)
     units: "Units | None" = None
+    max_step: float | None = None
 
     _repr_html_ = repr_html
 
@@ -116,6 +118,7 @@ class Scenario:
         rtol: float | None = None,
         atol: float | None = None,
         max_steps: int | None = None,
+        max_step: float | None = None,
         dense: bool = False,
         events: "Mapping[str, AbstractEvent] | None" = None,
         progress: "diffrax.AbstractProgressMeter | None" = None,
@@ -137,7 +140,7 @@ class Scenario:
         if not isinstance(solver, str) or solver not in SOLVERS:
             raise refusal("solver", f"a name, {one_of(list(SOLVERS))}", solver)
         check_dae(self.system, self.contact, solver, self.dae, named)
-        overrides = {"solver": solver, "rtol": rtol, "atol": atol, "max_steps": max_steps}
+        overrides = {"solver": solver, "rtol": rtol, "atol": atol, "max_steps": max_steps, "max_step": max_step}
         used = dataclasses.replace(self, **{name: value for name, value in overrides.items() if value is not None})
         if used.feedback is not None:
             trajectory = used._simulate_loop(dense or bool(events) or bool(self.events))
@@ -150,6 +153,7 @@ class Scenario:
             rtol=used.rtol,
             atol=used.atol,
             max_steps=used.max_steps,
+            max_step=used.max_step,
             step_to_times=self.step_to_times,
             dae=self.dae,
             project=self.project,

@@ -113,6 +113,7 @@ SOLVE = {
     "rtol": Key(Numbers(rule=POSITIVE), DEFAULT_TOLERANCE),
     "atol": Key(Numbers(rule=POSITIVE), DEFAULT_TOLERANCE),
     "max_steps": Key(Integer(1, MOST_STEPS), 16384),
+    "max_step": Key(Numbers(rule=POSITIVE, dimension=TIME), None),
     "step_to_times": Key(Flag(), False),
     "dae": Key(Flag(), False),
     "project": Key(Flag(), False),

@@ -6,7 +6,7 @@
 import functools
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, SupportsFloat
 
 import diffrax
 import equinox as eqx
@@ -129,6 +129,29 @@ def check_steps(max_steps: int) -> int:
     **Raises:** ``TypeError`` or ``ValueError`` for anything but a whole number from 1 to 10⁹.
     """
     return whole_number("max_steps", max_steps, 1, MOST_STEPS)
+
+
+def check_longest_step(max_step: float | None) -> float | None:
+    """Checks the longest step.
+
+    **Raises:** ``TypeError`` for anything but None and a number that is known when a program is compiled;
+    ``ValueError`` for one that is not positive and finite.
+    """
+    if max_step is None:
+        return None
+    if is_traced(max_step):
+        raise TypeError(
+            "Argument `max_step` must be a number that is known, because a program is compiled for it, but it is "
+            "traced; make it a Python number, or a static argument of the function that jax.jit compiles."
+        )
+    if isinstance(max_step, bool) or np.ndim(max_step) or not isinstance(max_step, SupportsFloat):
+        raise refusal("max_step", "None or a single number, the longest step", max_step)
+    longest = float(max_step)
+    if not 0 < longest < math.inf:
+        raise ValueError(
+            f"Argument `max_step` must be positive and finite, but it is {longest}; for no limit, give None."
+        )
+    return longest
 
 
 def check_adjoint(

@@ -1,11 +1,9 @@
 """A state and small deviations from it, advanced together: what chaos and stability are computed from."""
 
 from collections.abc import Callable
-from operator import attrgetter
 from typing import Any, NamedTuple, Protocol, cast, runtime_checkable
 
 import diffrax
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,7 +14,7 @@ from ..physics.packing import Packing
 from ..physics.rolling import AbstractRollingSystem
 from ..physics.system import AbstractSystem
 from ..programs.batches import fill_vectors
-from ..solvers import AbstractWrappingSolver
+from ..solvers.wrapping import AbstractWrappingController, AbstractWrappingSolver
 from .loop import by_tolerances, kinks_of, to_kinks
 from .simulate import status_of
 
@@ -222,30 +220,20 @@ def advance_deviations(
     )
 
 
-class StartWith(diffrax.AbstractAdaptiveStepSizeController):
+class StartWith(AbstractWrappingController):
     """``controller``, with a first step of the length ``first_step``.
 
     diffrax checks a first step that it is given itself, by a callback to Python, which no native program of rows holds.
     """
 
-    controller: diffrax.AbstractAdaptiveStepSizeController
+    controller: diffrax.AbstractAdaptiveStepSizeController  # pyright: ignore[reportIncompatibleVariableOverride]
     first_step: Float[Array, ""]
 
     def __init__(self, controller: diffrax.AbstractAdaptiveStepSizeController, first_step: Float[Array, ""]):
         self.controller, self.first_step = controller, first_step
 
-    rtol = property(attrgetter("controller.rtol"))  # pyright: ignore[reportAssignmentType]
-    atol = property(attrgetter("controller.atol"))  # pyright: ignore[reportAssignmentType]
-    norm = property(attrgetter("controller.norm"))  # pyright: ignore[reportAssignmentType]
-
-    def wrap(self, direction):
-        return eqx.tree_at(lambda s: s.controller, self, self.controller.wrap(direction))
-
     def init(self, terms, t0: Any, t1: Any, y0, dt0, args, func, error_order):
         return self.controller.init(terms, t0, t1, y0, self.first_step, args, func, error_order)
-
-    def adapt_step_size(self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state):
-        return self.controller.adapt_step_size(t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state)
 
 
 class Monitored(AbstractWrappingSolver):

@@ -32,6 +32,7 @@ from ..solvers.dense.continuous import DenseOutput, has_one_tableau
 from ..solvers.dense.pauses import AfterPauses, Pause
 from ..solvers.explicit import depends_on_arguments_alone, with_first_slope, with_stages_pulled_back
 from ..solvers.multistep import AbstractMultistep, AbstractMultistepController
+from .inputs import LimitedSteps
 from .observers import Observers, Step
 from .switching import AbstractSwitching, NextStep, Taken
 from .watch import Watch, Within
@@ -297,14 +298,19 @@ class _Solve(NamedTuple):
         run = self.t0, self.t1
         hybrid, step, reset = self.switching.apply_reset(hybrid, step, state.y, run, *self.resets)
         jumped = state.made_jump | reset.happened
-        state = dataclasses.replace(state, tprev=step.start, tnext=step.end, y=reset.after, made_jump=jumped)
+        # After a pause, the step is as long as before it.
+        limited = isinstance(self.controller, LimitedSteps) and self.switching.jumps
+        end = self.controller.limit(step.start, step.end) if limited else step.end
+        state = dataclasses.replace(state, tprev=step.start, tnext=end, y=reset.after, made_jump=jumped)
         return state, reset.before, hybrid
 
     def advance(self, state: Any, hybrid: Any, size: Float[Array, ""]) -> tuple[Any, Any, Bool[Array, ""], Any, Any]:
         """Takes a step: the state after it, what its interpolation is made of, whether it was accepted, what is carried
         of the modes, and of the probe its ``size``.
         """
-        smooth = isinstance(self.controller, diffrax.PIDController | AbstractMultistepController)
+        limited = isinstance(self.controller, LimitedSteps)
+        chooses = self.controller.controller if limited else self.controller
+        smooth = isinstance(chooses, diffrax.PIDController | AbstractMultistepController)
         jumps = self.switching.jumps or not smooth
         # A plain False, where nothing jumps, keeps the evaluation after a jump out of the program.
         solver_state, jumped = state.solver_state, state.made_jump if jumps else False
@@ -395,11 +401,15 @@ def by_tolerances(
     atol: Float[Array, ""],
     solver: diffrax.AbstractSolver | None = None,
     norm: Callable[[PyTree], Float[Array, ""]] = optx.rms_norm,
+    longest: float | None = None,
 ) -> diffrax.PIDController | AbstractMultistepController:
-    """Steps by the tolerances only, with the controller that ``solver`` needs. A step below 1e-30 ends the solve."""
+    """Steps by the tolerances only, no longer than ``longest``, with the controller that ``solver`` needs.
+
+    A step below 1e-30 ends the solve.
+    """
     if isinstance(solver, AbstractMultistep):
-        return solver.controller_cls(rtol, atol, norm, dtmin=1e-30)
-    return diffrax.PIDController(rtol=rtol, atol=atol, norm=norm, dtmin=1e-30, force_dtmin=False)
+        return solver.controller_cls(rtol, atol, norm, dtmin=1e-30, dtmax=longest)
+    return diffrax.PIDController(rtol=rtol, atol=atol, norm=norm, dtmin=1e-30, dtmax=longest, force_dtmin=False)
 
 
 def to_kinks(

@@ -42,6 +42,7 @@ from ..solvers.collocation import fills_vectors
 from .arguments import (
     adjoint_in_mode,
     check_adjoint,
+    check_longest_step,
     check_progress,
     check_solver,
     check_steps,
@@ -53,6 +54,7 @@ from .arguments import (
     system_to_solve,
 )
 from .events import AbstractEvent, Leaving, check_events
+from .inputs import LimitedSteps, limits_of_steps, share_of
 from .loop import SolveLoop, by_tolerances, kinks_of, to_kinks
 from .observers import Observation, Observers
 from .switching import NoSwitching, Switching
@@ -81,6 +83,7 @@ def simulate(
     contact: Contact | None = None,
     adjoint: diffrax.AbstractAdjoint | None = None,
     max_steps: int = 16384,
+    max_step: float | None = None,
     progress: diffrax.AbstractProgressMeter | None = None,
     inside: bool = True,
     throw: bool = False,
@@ -111,6 +114,8 @@ def simulate(
       ``diffrax.ForwardMode()`` for forward mode alone; both in any order if not given, and first derivatives of events
       and hybrid systems. ``diffrax.DirectAdjoint()`` is refused.
     - ``max_steps``: the most steps, accepted and rejected, that the solve may take.
+    - ``max_step``: the longest step, a time; none if not given. What depends on time is sampled over the run, so that
+      steps are short where it changes fast; this is for what the samples miss. Each value compiles a program.
     - ``progress``: a diffrax progress meter.
     - ``inside``: whether a run is ``IMPOSSIBLE`` that starts with rails or masses outside the body, and ends as
       ``LEFT_SHELL`` when a mass leaves the shell; mechanisms of hinges alone are checked at ``times`` only. The
@@ -141,7 +146,7 @@ def simulate(
     if dae:
         require_dae(moving, state, solver)
     events = check_events(moving, events)
-    method = Method.of(solver, adjoint, max_steps, progress, **flags)
+    method = Method.of(solver, adjoint, max_steps, progress, max_step, **flags)
     trajectory = _run(method, moving, times, state, rtol, atol, events)
     return _raise_if_failed(trajectory) if throw else trajectory
 
@@ -153,6 +158,7 @@ class Method(NamedTuple):
     adjoint: diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode | None
     progress: diffrax.AbstractProgressMeter
     max_steps: int
+    max_step: float | None = None
     dense: bool = False
     step_to_times: bool = False
     dae: bool = False
@@ -167,12 +173,12 @@ class Method(NamedTuple):
         adjoint: diffrax.AbstractAdjoint | None,
         max_steps: int,
         progress: diffrax.AbstractProgressMeter | None = None,
+        max_step: float | None = None,
         **flags: Any,
     ) -> "Method":
         """Makes the method of arguments of :func:`simulate`, after checks of all but the flags."""
-        return cls(
-            check_solver(solver), check_adjoint(adjoint), check_progress(progress), check_steps(max_steps), **flags
-        )
+        limits = check_steps(max_steps), check_longest_step(max_step)
+        return cls(check_solver(solver), check_adjoint(adjoint), check_progress(progress), *limits, **flags)
 
 
 def _run(
@@ -254,7 +260,7 @@ def solve(
         jnp.where(startable, initial, 0.0),  # not NaN, which the loop would differentiate
         args=functions.parameters,
         saveat=diffrax.SaveAt(t1=True, dense=method.dense),
-        stepsize_controller=_controller(method, system, times, rtol, atol),
+        stepsize_controller=_controller(method, system, times, initial, functions, accuracy),
         adjoint=SolveLoop.of(
             adjoint,
             times,
@@ -404,13 +410,17 @@ _simulated_filtered = programs.filter_jit(simulate_arrays)
 
 
 def _controller(
-    method: Method, system: AbstractSystem, times: Array, rtol: Array, atol: Array
+    method: Method, system: AbstractSystem, times: Array, initial: Array, functions: _Functions, accuracy: Accuracy
 ) -> diffrax.AbstractAdaptiveStepSizeController:
-    """Steps by the tolerances, to the kinks and, where asked for, to ``times``."""
-    controller = by_tolerances(rtol, atol, method.solver)
+    """Steps by the tolerances, to the kinks and, where asked for, to ``times``, and no longer than the inputs allow."""
+    controller = by_tolerances(accuracy.rtol, accuracy.atol, method.solver, longest=method.max_step)
     if method.step_to_times:
         controller = diffrax.ClipStepSizeController(controller, step_ts=times)
-    return to_kinks(controller, kinks_of(system))
+    kinks, parameters = kinks_of(system), functions.parameters
+    controller = to_kinks(controller, kinks)
+    share = share_of(method.solver)
+    limits = limits_of_steps(functions.field, times, initial, parameters, kinks, accuracy.tolerance, share)
+    return controller if limits is None else LimitedSteps(controller, limits)
 
 
 def _status(solution: diffrax.Solution, packing: Packing[Any, Any]) -> Array:

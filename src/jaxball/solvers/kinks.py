@@ -1,7 +1,6 @@
 """A step-size controller that ends steps at the kinks of a vector field; the loop of a solve wraps its own in it."""
 
 from collections.abc import Sequence
-from operator import attrgetter
 from typing import Any
 
 import diffrax
@@ -11,9 +10,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from ..numerics.kinks import after, before, before_kink
+from .wrapping import AbstractWrappingController
 
 
-class StepToKinks(diffrax.AbstractAdaptiveStepSizeController):
+class StepToKinks(AbstractWrappingController):
     """Ends a step just before each kink and begins the next just after it, so that no step crosses one.
 
     Like ``diffrax.ClipStepSizeController(controller, jump_ts=kinks)``, for the few kinks of a driven ball: they are
@@ -28,7 +28,7 @@ class StepToKinks(diffrax.AbstractAdaptiveStepSizeController):
     Derivatives with respect to the times of kinks are right if each jump of the vector field belongs to a single kink.
     """
 
-    controller: diffrax.AbstractAdaptiveStepSizeController
+    controller: diffrax.AbstractAdaptiveStepSizeController  # pyright: ignore[reportIncompatibleVariableOverride]
     kinks: Float[Array, " kinks"]
 
     def __init__(
@@ -38,10 +38,6 @@ class StepToKinks(diffrax.AbstractAdaptiveStepSizeController):
     ):
         self.controller = controller
         self.kinks = jnp.asarray(kinks)
-
-    rtol = property(attrgetter("controller.rtol"), doc="The relative tolerance of the inner controller.")  # pyright: ignore[reportAssignmentType]
-    atol = property(attrgetter("controller.atol"), doc="The absolute tolerance of the inner controller.")  # pyright: ignore[reportAssignmentType]
-    norm = property(attrgetter("controller.norm"), doc="The norm of the inner controller.")  # pyright: ignore[reportAssignmentType]
 
     def wrap(self, direction):
         controller = self.controller.wrap(direction)

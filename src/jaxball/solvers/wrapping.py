@@ -1,4 +1,4 @@
-"""Solvers that wrap another, such as one that projects the state after each step."""
+"""Solvers and step-size controllers that wrap another, such as a solver that projects the state after each step."""
 
 from collections.abc import Callable
 from operator import attrgetter
@@ -43,6 +43,25 @@ class AbstractWrappingSolver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractWra
 
     def func(self, terms, t0, y0, args):
         return self.solver.func(terms, t0, y0, args)
+
+
+class AbstractWrappingController(diffrax.AbstractAdaptiveStepSizeController):
+    """A step-size controller that chooses the steps of ``controller``, except for what its subclass changes."""
+
+    controller: eqx.AbstractVar[diffrax.AbstractAdaptiveStepSizeController]
+
+    rtol = property(attrgetter("controller.rtol"), doc="The relative tolerance of the inner controller.")  # pyright: ignore[reportAssignmentType]
+    atol = property(attrgetter("controller.atol"), doc="The absolute tolerance of the inner controller.")  # pyright: ignore[reportAssignmentType]
+    norm = property(attrgetter("controller.norm"), doc="The norm of the inner controller.")  # pyright: ignore[reportAssignmentType]
+
+    def wrap(self, direction):
+        return eqx.tree_at(lambda s: s.controller, self, self.controller.wrap(direction))
+
+    def init(self, terms, t0: Any, t1: Any, y0, dt0, args, func, error_order):
+        return self.controller.init(terms, t0, t1, y0, dt0, args, func, error_order)
+
+    def adapt_step_size(self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state):
+        return self.controller.adapt_step_size(t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state)
 
 
 class Projected(AbstractWrappingSolver):

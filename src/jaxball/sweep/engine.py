@@ -73,6 +73,7 @@ def _solve_rows(
         dae=first.dae,
         project=first.project,
         max_steps=first.max_steps,
+        max_step=first.max_step,
         reductions=reductions,
         # As many for each call, so that all chunks share one compiled program.
         chunk=min(request.most, ROWS_OF_CALL if jax.default_backend() == "cpu" else ROWS_OF_CALL_ON_GPU),

@@ -108,6 +108,7 @@ class Case:
             atol=factor * self.scenario.atol,
             dae=dae,
             contact=self.scenario.contact,
+            max_step=self.scenario.max_step,
         )
         if system is None and not dae and solver == SOLVERS[self.scenario.solver]():
             # With dense output it is the program of the run itself, which is compiled already.

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 # Bytes for each time, measured for balls and disks: of a run, and of its observables for files and figures.
 OF_STATES, OF_OBSERVABLES = 800.0, 1_800.0
-SETTINGS = ("solver", "rtol", "atol")  # of the solve, which options can replace
+SETTINGS = ("solver", "rtol", "atol", "max_step")  # of the solve, which options can replace
 MANY_TIMES = 1_000_000  # times, for which a user should be warned of the wait
 
 
@@ -62,6 +62,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--rtol", type=positive, help="relative tolerance, instead of the scenario's")
     parser.add_argument("--atol", type=positive, help="absolute tolerance, instead of the scenario's")
+    parser.add_argument("--max-step", type=positive, help="the longest step of the solver, instead of the scenario's")
     parser.add_argument(
         "--contact",
         metavar="LAW",

@@ -41,7 +41,7 @@ class Solve(NamedTuple):
 
     **Arguments:**
 
-    - ``solver``, ``rtol``, ``atol``, ``max_steps``: as for :func:`jaxball.simulate`.
+    - ``solver``, ``rtol``, ``atol``, ``max_steps``, ``max_step``: as for :func:`jaxball.simulate`.
     """
 
     solver: diffrax.AbstractAdaptiveSolver
@@ -49,11 +49,13 @@ class Solve(NamedTuple):
     atol: float
     max_steps: int
     adjoint: diffrax.AbstractAdjoint | None = None
+    max_step: float | None = None
 
     @classmethod
     def of(cls, scenario: Scenario, adjoint: diffrax.AbstractAdjoint | None = None) -> "Solve":
-        """Returns the solver, the tolerances and the limit of steps that the scenario states."""
-        return cls(SOLVERS[scenario.solver](), scenario.rtol, scenario.atol, scenario.max_steps, adjoint)
+        """Returns the solver, the tolerances and the limits of steps that the scenario states."""
+        numbers = scenario.rtol, scenario.atol, scenario.max_steps
+        return cls(SOLVERS[scenario.solver](), *numbers, adjoint, scenario.max_step)
 
 
 class OnRails(NamedTuple):

@@ -84,7 +84,7 @@ def _other_solve(problem: Problem) -> tuple[Solve, str]:
     # Below `TIGHTEST` rounding prevents a solve from reaching its tolerance.
     rtol, atol = (max(RECHECK_RATIO * x, TIGHTEST) for x in (scenario.rtol, scenario.atol))
     # A tighter tolerance takes more steps.
-    return Solve(SOLVERS[solver](), rtol, atol, 16 * scenario.max_steps), solver
+    return Solve(SOLVERS[solver](), rtol, atol, 16 * scenario.max_steps, max_step=scenario.max_step), solver
 
 
 @programs.filter_jit
