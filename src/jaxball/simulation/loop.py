@@ -239,7 +239,8 @@ class _Recorder(NamedTuple):
         args, run, step = self.solve.args, (self.solve.t0, self.solve.t1), {"t0": state.tprev, "t1": state.tnext}
         exactly = self.dense or (observers is not None and observers.needs_exact)
         coarse = self.solve.solver.interpolation_cls(**step, **info)
-        interpolation, glance = coarse, None
+        interpolation = shown = coarse
+        glance, begin = None, None
         if watch is not None:
             sketch = jax.tree_util.Partial(output.sketch, info, coarse)
             glance = watch.glance(watched, Within(state.tprev, state.tnext, sketch, run), args)
@@ -250,6 +251,7 @@ class _Recorder(NamedTuple):
             info = output.info(info, self.solve.terms, **step, args=args, asked=asked)
             interpolation = shown = output.interpolation(**step, **info)
             if loop.switching.jumps:
+                begin = t0
                 shown = AfterPauses(output.interpolation)(t0=t0, t1=state.tnext, pause=pause, info=info)
                 info = {"pause": pause, "info": info}
             # Of a rejected step nothing is due.
@@ -257,8 +259,8 @@ class _Recorder(NamedTuple):
         if self.dense:
             new = _keep_for_dense_output(new, info, keep)
         if observers is not None:
-            observed_step = Step(state.tprev, state.tnext, state.y, coarse.evaluate, interpolation.evaluate)
-            seen = observers.observe(seen, observed_step, keep)
+            observed_step = Step(state.tprev, state.tnext, state.y, coarse.evaluate, shown.evaluate, begin)
+            seen = observers.observe(seen, observed_step, run, keep, reverse=loop.kind == "checkpointed")
         if watch is not None and glance is not None:
             exact = jax.tree_util.Partial(fill_vectors, interpolation.evaluate)
             within = Within(state.tprev, state.tnext, exact, run)

@@ -10,7 +10,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..solvers.dense.steps import last_within, lobatto_weights, place_of_largest, sampling
+from ..programs.batches import fill_vectors
+from ..solvers.dense.integrals import Accuracy, Running, integrate
+from ..solvers.dense.steps import last_within, place_of_largest, sampling
 
 ROUNDS_OF_SEARCH = 5
 # From a time and a vector to the vector of the state, and to quantities.
@@ -35,7 +37,8 @@ class Observation(NamedTuple):
 class Step(NamedTuple):
     """A step: its start, with the vector there, its end, and the vectors within it.
 
-    ``between`` costs nothing; ``exact`` is nearly as accurate as the step, at some cost.
+    ``between`` costs nothing; ``exact`` is nearly as accurate as the step, at some cost. That goes back to the time
+    ``begin``, earlier than the start where a pause came before the step, and None where there can be none.
     """
 
     start: Float[Array, ""]
@@ -43,6 +46,17 @@ class Step(NamedTuple):
     x: Float[Array, " size"]
     between: Between
     exact: Between
+    begin: Float[Array, ""] | None = None
+
+    def times(self, places: Float[Array, " n"]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+        """Returns the times at places, 0 to 1 in the pause before the step and 1 to 2 in the step, and their rates."""
+        length = self.end - self.start
+        times, rates = self.start + (places - 1) * length, jnp.broadcast_to(length, places.shape)
+        if self.begin is None:
+            return times, rates
+        pause = self.start - self.begin
+        pauses = places < 1
+        return jnp.where(pauses, self.begin + places * pause, times), jnp.where(pauses, pause, rates)
 
 
 class Best(NamedTuple):
@@ -61,7 +75,7 @@ class Seen(NamedTuple):
     """The steps in which quantities are largest, and their integrals so far; None for results not requested."""
 
     best: Best | None
-    integrals: Float[Array, " k"] | None
+    integrals: Running | None
 
 
 class Found(NamedTuple):
@@ -74,10 +88,14 @@ class Found(NamedTuple):
 
 
 class Observers:
-    """Observe each step of one run for an :class:`Observation`, by its ``quantities`` of times and vectors."""
+    """Observe each step of one run for an :class:`Observation`, by its ``quantities`` of times and vectors.
 
-    def __init__(self, observation: Observation, quantities: Quantities):
+    Integrals are as exact as the tolerances ``rtol`` and ``atol`` of the run.
+    """
+
+    def __init__(self, observation: Observation, quantities: Quantities, rtol: Array, atol: Array):
         self.needs_exact = observation.integrals
+        self._rtol, self._atol = rtol, atol
         self._which = tuple(which for which, _ in observation.searches)
         self._signs = tuple(sign for _, sign in observation.searches)
         self._quantities, self._count = quantities, len(observation.quantities)
@@ -89,16 +107,22 @@ class Observers:
             number = jnp.zeros((2, len(self._which)), x.dtype)
             best = Best(jnp.full_like(number, -jnp.inf), number, number, jnp.zeros((*number.shape, x.size), x.dtype))
         if self.needs_exact:
-            integrals = jnp.zeros(self._count, x.dtype)
+            integrals = Running.none(self._count, x)
         return Seen(best, integrals)
 
-    def observe(self, seen: Seen, step: Step, kept: Bool[Array, ""]) -> Seen:
-        """Returns the observations after a step, if that was ``kept``."""
+    def observe(
+        self, seen: Seen, step: Step, run: tuple[Float[Array, ""], Float[Array, ""]], kept: Bool[Array, ""], *, reverse: bool
+    ) -> Seen:
+        """Returns the observations after a step, if that was ``kept``.
+
+        - ``run``: the times between which the run is.
+        - ``reverse``: whether derivatives are those of reverse mode, or else those of forward mode.
+        """
         best, integrals = seen
         if best is not None:
             best = self._better(best, step, kept)
         if integrals is not None:
-            integrals = jnp.where(kept, integrals + self._integrate(step), integrals)
+            integrals = self._integrate(integrals, step, run, kept, reverse=reverse)
         return Seen(best, integrals)
 
     def results(
@@ -114,7 +138,7 @@ class Observers:
         """
         unknown = jnp.full(self._count, jnp.nan, x.dtype)
         values, times = self._refine(seen.best, again) if seen.best is not None else ((), ())
-        integrals = unknown if seen.integrals is None else seen.integrals
+        integrals = unknown if seen.integrals is None else seen.integrals.total
         return Found(self._quantities(start, x), tuple(values), tuple(times), integrals)
 
     def _better(self, seen: Best, step: Step, keep: Bool[Array, ""]) -> Best:
@@ -142,17 +166,24 @@ class Observers:
 
         return jax.tree.map(place, seen, Best(most, step.start, step.end, step.x))
 
-    def _integrate(self, step: Step) -> Float[Array, " k"]:
-        """Integrates by the rule of Gauss and Lobatto with five nodes."""
-        h = step.end - step.start
+    def _integrate(
+        self, running: Running, step: Step, run: tuple[Float[Array, ""], Float[Array, ""]], kept: Bool[Array, ""], *, reverse: bool
+    ) -> Running:
+        """Adds the integrals over a step, and over the pause before it, if that was ``kept``."""
+        dtype = step.x.dtype
+        begin = step.start if step.begin is None else step.begin
+        pause = step.start - begin
+        # Where there was none, a step may begin one number behind the one before.
+        paused = pause > 4 * float(jnp.finfo(dtype).eps) * jnp.abs(step.start)
+        start = jnp.where(kept, jnp.where(paused, 0.0, 1.0), 2.0).astype(dtype)
+        lengths = jnp.stack([pause, step.end - step.start])
+        accuracy = Accuracy(self._rtol, self._atol, lengths, begin - run[0], run[1] - run[0])
 
-        def one(total: Array, place: tuple[Array, Array]) -> tuple[Array, None]:
-            node, weight = place
-            t = step.start + node * h
-            return total + weight * self._quantities(t, step.exact(t)), None
+        def functions(places: Float[Array, " n"]) -> Float[Array, "n k"]:
+            times, rates = step.times(places)
+            return rates[:, None] * fill_vectors(lambda t: self._quantities(t, step.exact(t)), times)
 
-        nodes, weights = (jnp.asarray(x, step.x.dtype) for x in (sampling().nodes, lobatto_weights()))
-        return h * jax.lax.scan(one, jnp.zeros(self._count, step.x.dtype), (nodes, weights))[0]
+        return integrate(functions, start, running, accuracy, reverse=reverse)
 
     def _sign(self, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, " k"]:
         values = self._quantities(t, x)
