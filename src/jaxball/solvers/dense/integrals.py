@@ -18,12 +18,12 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 from numpy.polynomial import legendre
 
 from ...numerics.arrays import select_tree
 from ...programs.derivatives.reverse_rules import sum_while
-from .crossings import LONGEST_PIECE, MOST_FIRST_PIECES
+from .cuts import Cut, longest_share
 
 NODES = 8  # as many as fill a vector
 INSIDE = 0.6  # the power of the rounding unit that is the distance of the outer nodes from the ends of a piece
@@ -33,7 +33,6 @@ ROUNDINGS = 64  # of the values in a piece: an error below that is none
 LEAST_SIZE = 1e-3  # of the absolute tolerance, to which a function that is next to zero is integrated
 GROWTH = 4.0  # the longest piece, relative to the one before it in the step
 SMALLEST = 64  # the width of a piece that is not cut any more, in rounding units of a step
-MOST_TRIALS = 4096  # in a step, after which the rest of it is one piece
 WINDOW = 1 / 64  # of a piece, on each side of a minimum where it is sought again
 NEWTON_STEPS = 6
 
@@ -72,8 +71,7 @@ class Accuracy(NamedTuple):
 
     def longest(self, place: Float[Array, ""]) -> Float[Array, ""]:
         """Returns how wide a piece that begins at a place may be."""
-        share = LONGEST_PIECE * self.run / jnp.where(self.lengths[1] > 0, self.lengths[1], self.run)
-        return jnp.where(place < 1, 1.0, jnp.clip(share, 1 / MOST_FIRST_PIECES, 1.0))
+        return jnp.where(place < 1, 1.0, longest_share(self.lengths[1], self.run))
 
     def until(self, place: Float[Array, ""]) -> Float[Array, ""]:
         """Returns the length of the run up to a place."""
@@ -103,78 +101,75 @@ def _rule(dtype: np.dtype) -> _Rule:
     return _Rule((1 + x) / 2, series[0], series, np.linalg.inv(np.vander(x, increasing=True)))
 
 
-class _Cut(NamedTuple):
-    """The piece of a step that is tried next, between places as in :class:`Accuracy`.
+class _Trial(NamedTuple):
+    """The piece that is tried next, between places as in :class:`Accuracy`, or the window in which its end is sought.
 
-    - ``limit``: the end of the last piece that was not exact enough, if that lies beyond ``start``.
-    - ``seeks``: whether a minimum is sought in ``window`` instead; ``at_minimum``: whether the piece ends at one.
+    - ``seeks``: whether a minimum is sought in ``window``; ``at_minimum``: whether the piece ends at one.
     - ``size``: the integrals of the absolute values so far.
     """
 
-    start: Float[Array, ""]
-    end: Float[Array, ""]
-    limit: Float[Array, ""]
+    cut: Cut
     seeks: Bool[Array, ""]
     window: Float[Array, "2"]
     at_minimum: Bool[Array, ""]
-    trials: Int[Array, ""]
     size: Float[Array, " k"]
     accuracy: Accuracy
 
     @classmethod
-    def first(cls, start: Float[Array, ""], size: Float[Array, " k"], accuracy: Accuracy) -> "_Cut":
+    def first(cls, start: Float[Array, ""], size: Float[Array, " k"], accuracy: Accuracy) -> "_Trial":
         """Returns the first piece, from ``start``."""
-        no = jnp.asarray(False)
-        cut = cls(start, start, start, no, jnp.stack([start, start]), no, jnp.asarray(0), size, accuracy)
-        return cut._replace(end=cut.furthest(jnp.ones_like(start)))
+        no, cut = jnp.asarray(False), Cut.first(start, accuracy.longest(start), _end(start))
+        return cls(cut, no, jnp.stack([start, start]), no, size, accuracy)
 
     @property
     def goes_on(self) -> Bool[Array, ""]:
         """Whether anything of the step is left."""
-        return self.start < 2
+        return self.cut.start < 2
+
+    @property
+    def ends(self) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        """Between which places the functions are asked for."""
+        low, high = self.window
+        return jnp.where(self.seeks, low, self.cut.start), jnp.where(self.seeks, high, self.cut.end)
 
     @property
     def places(self) -> Float[Array, " nodes"]:
-        """The places at which the functions are asked for."""
-        low = jnp.where(self.seeks, self.window[0], self.start)
-        high = jnp.where(self.seeks, self.window[1], self.end)
+        """The places at which they are."""
+        low, high = self.ends
         return low + jnp.asarray(_rule(low.dtype).nodes, low.dtype) * (high - low)
 
-    def furthest(self, width: Float[Array, ""]) -> Float[Array, ""]:
-        """Returns the end of the next piece, after one with a ``width``."""
-        last = jnp.where(self.start < 1, 1.0, 2.0)
-        longest = jnp.minimum(self.accuracy.longest(self.start), GROWTH * width)
-        end = jnp.where(self.trials < MOST_TRIALS, jnp.minimum(self.start + longest, last), last)
-        return jnp.where(self.start < self.limit, self.limit, end)
-
-    def advance(self, values: Float[Array, "nodes k"]) -> tuple["_Cut", Float[Array, " nodes"]]:
+    def advance(self, values: Float[Array, "nodes k"]) -> tuple["_Trial", Float[Array, " nodes"]]:
         """Goes on with the values at ``places``; returns the weights with which they count."""
-        dtype = values.dtype
-        width, weights = self.end - self.start, jnp.asarray(_rule(dtype).weights, dtype)
+        dtype, width = values.dtype, self.cut.width
+        weights = jnp.asarray(_rule(dtype).weights, dtype)
         size = self.size + width * jnp.sum(weights[:, None] * jnp.abs(values), axis=0)
         excess = _error(values) / self._allowed(size, values)
         # Nothing is gained by cutting where there is no finite value, or where rounding leaves nothing to cut.
         smallest = width <= SMALLEST * float(jnp.finfo(dtype).eps)
-        ends = smallest | (self.trials >= MOST_TRIALS) | ~jnp.all(jnp.isfinite(values))
+        ends = smallest | self.cut.is_last | ~jnp.all(jnp.isfinite(values))
         passes = ~self.seeks & (ends | jnp.all(excess <= 1))
-        place, is_minimum = _least_square(_of_largest(excess, values))
-        low, high = self.places[0], self.places[-1]
-        minimum = low + 0.5 * (1 + place) * (high - low)
-        passed = self._replace(start=self.end, size=size, at_minimum=jnp.asarray(False))
-        passed = passed._replace(end=passed.furthest(width))
+
+        def go_on(trial: "_Trial") -> "_Trial":
+            start = trial.cut.end
+            longest = jnp.minimum(GROWTH * width, trial.accuracy.longest(start))
+            return trial._replace(cut=trial.cut.go_on(longest, _end(start)), size=size, at_minimum=jnp.asarray(False))
+
+        trial = jax.lax.cond(passes, go_on, lambda trial: trial._shorten(_of_largest(excess, values)), self)
+        return trial, jnp.where(passes, width * weights, 0.0)
+
+    def _shorten(self, values: Float[Array, " nodes"]) -> "_Trial":
+        """Goes on with a shorter piece, or with the search for the place where it is to end, by the values of the
+        function that is least exact.
+        """
+        place, is_minimum = _least_square(values)
+        cut, (low, high) = self.cut, self.ends
+        minimum, aside = low + 0.5 * (1 + place) * (high - low), WINDOW * cut.width
         # Where a piece that ends at a minimum is not exact enough, there is something else to be found.
-        looks = ~self.seeks & is_minimum & ~self.at_minimum
-        window = jnp.stack([jnp.maximum(self.start, minimum - WINDOW * width), jnp.minimum(self.end, minimum + WINDOW * width)])
-        looking = self._replace(seeks=jnp.asarray(True), window=window)
-        meets = self.seeks & is_minimum
-        shorter = self._replace(
-            end=jnp.where(meets, minimum, self.start + 0.5 * width),
-            limit=self.end,
-            seeks=jnp.asarray(False),
-            at_minimum=meets,
-        )
-        cut = select_tree(passes, passed, select_tree(looks, looking, shorter))
-        return cut._replace(trials=self.trials + 1), jnp.where(passes, width * weights, 0.0)
+        looks, meets = is_minimum & ~self.seeks & ~self.at_minimum, is_minimum & self.seeks
+        window = jnp.stack([jnp.maximum(cut.start, minimum - aside), jnp.minimum(cut.end, minimum + aside)])
+        shorter = cut.shorten(jnp.where(meets, minimum, cut.start + 0.5 * cut.width))
+        same = cut._replace(trials=cut.trials + 1)
+        return self._replace(cut=select_tree(looks, same, shorter), seeks=looks, window=window, at_minimum=meets)
 
     def _allowed(self, size: Float[Array, " k"], values: Float[Array, "nodes k"]) -> Float[Array, " k"]:
         """Returns the error that the mean of each function over a piece may have.
@@ -183,11 +178,11 @@ class _Cut(NamedTuple):
         is then so short that derivatives, which may jump there, are as exact.
         """
         rtol, atol, *_ = accuracy = self.accuracy
-        until = accuracy.until(self.end)
+        until = accuracy.until(self.cut.end)
         mean = size / jnp.where(until > 0, until, 1.0)
         rounding = ROUNDINGS * float(jnp.finfo(values.dtype).eps) * jnp.max(jnp.abs(values), axis=0)
         tiny = float(jnp.finfo(values.dtype).tiny)
-        return accuracy.length(self.start) * (rtol * mean + LEAST_SIZE * atol) + rounding + tiny
+        return accuracy.length(self.cut.start) * (rtol * mean + LEAST_SIZE * atol) + rounding + tiny
 
 
 def integrate(
@@ -199,12 +194,12 @@ def integrate(
       :class:`Accuracy`.
     - ``reverse``: whether derivatives are those of reverse mode, or else those of forward mode.
     """
-    first = _Cut.first(jax.lax.stop_gradient(start), running.size, accuracy)
+    first = _Trial.first(jax.lax.stop_gradient(start), running.size, accuracy)
     last, total = sum_while(
-        lambda cut: cut.goes_on,
-        lambda cut: cut.places,
+        lambda trial: trial.goes_on,
+        lambda trial: trial.places,
         functions,
-        _Cut.advance,
+        _Trial.advance,
         first,
         running.total,
         reverse=reverse,
@@ -212,10 +207,16 @@ def integrate(
     return Running(total, last.size)
 
 
+def _end(place: Float[Array, ""]) -> Float[Array, ""]:
+    """Returns the place where the pause ends that a place lies in, or else the step."""
+    return jnp.where(place < 1, 1.0, 2.0)
+
+
 def _error(values: Float[Array, "nodes k"]) -> Float[Array, " k"]:
     """Estimates the error of the mean of each function over a piece."""
-    terms = jnp.abs(jnp.sum(jnp.asarray(_rule(values.dtype).series, values.dtype)[..., None] * values[None], axis=1))
-    last, before = terms[-1] + terms[-2], terms[-3] + terms[-4]
+    series = jnp.asarray(_rule(values.dtype).series[-4:], values.dtype)
+    terms = jnp.abs(jnp.sum(series[..., None] * values[None], axis=1))
+    last, before = terms[3] + terms[2], terms[1] + terms[0]
     ratio = last / jnp.where(before > 0, before, 1.0)
     return last * jnp.where(last <= DECAYED * before, ratio**2, 1.0)
 
