@@ -1,9 +1,9 @@
 """Integrates functions of time over each step of a solve, in pieces that are short enough for each function.
 
 A step is chosen for the state, and other functions may change more quickly within it, or have a kink, such as a speed
-where a body turns back. So a step is cut into pieces. The rule of Gauss and Lobatto integrates a piece with eight nodes,
-and the Legendre series through these values tells how exactly: where its terms decay, the first ones left out are about
-as much smaller again. A piece that is not exact enough is halved.
+where a body turns back. So a step is cut into pieces. The rule of Gauss and Lobatto integrates a piece by the values at
+eight nodes, and the Legendre series through them tells how exactly: where its terms decay, those left out are as much
+smaller again. A piece that is not exact enough is halved.
 
 A function that touches zero with a kink, as |v| does, has a square that is smooth, and this square has its minimum at
 the kink. The series of the square finds it to many digits, so that the piece is cut right there.

@@ -1,0 +1,144 @@
+"""Finds the pieces of steps in which functions of time are largest, while a run is computed.
+
+Of each piece a function is known at five points. A piece settles a function if the Legendre series through these values
+decays, so that the polynomial tells where it is largest, or if its terms are too small for a value larger than those
+known from other pieces. A piece that does not settle all functions is halved: where the state rests, a step may be as
+long as the run, and a function may swing many times within it.
+"""
+
+from collections.abc import Callable
+from functools import cache
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+from numpy.polynomial import legendre
+
+from .cuts import Cut, longest_share
+from .steps import sampling
+
+DECAYED = 0.05  # the last two terms, relative to the two before, of a series that is trusted
+TAIL = 16.0  # the weight of these terms where it is not: those of random values are as large as the first
+ROUNDINGS = 64  # of the values in a piece: what they vary by is nothing
+GROWTH = 2.0  # the longest piece, relative to the one before it in the step
+SMALLEST = 2.0**-12  # the width of a piece that is not cut any more
+
+Functions = Callable[[Float[Array, " n"]], Float[Array, "n k"]]
+
+
+class Peaks(NamedTuple):
+    """For each of k functions the largest values in two pieces of steps, the better first, and these pieces.
+
+    Two, because a maximum may lie at the end of a piece, and the next one be better than the values tell. Each piece is
+    from ``low`` to ``high``, in fractions of the step from ``start``, where the vector was ``x``, to ``end``.
+    """
+
+    value: Float[Array, "2 k"]
+    start: Float[Array, "2 k"]
+    end: Float[Array, "2 k"]
+    x: Float[Array, "2 k size"]
+    low: Float[Array, "2 k"]
+    high: Float[Array, "2 k"]
+
+    @classmethod
+    def none(cls, count: int, x: Float[Array, " size"]) -> "Peaks":
+        """Returns the peaks before the first step."""
+        number = jnp.zeros((2, count), x.dtype)
+        vectors = jnp.zeros((*number.shape, x.size), x.dtype)
+        return cls(jnp.full_like(number, -jnp.inf), number, number, vectors, number, number)
+
+
+class _Search(NamedTuple):
+    """The piece of a step that is looked at next, and the best pieces so far.
+
+    ``origin``: 0 or 1 for what was the first or the second before the step, and 2 for pieces of the step.
+    """
+
+    cut: Cut
+    value: Float[Array, "2 k"]
+    low: Float[Array, "2 k"]
+    high: Float[Array, "2 k"]
+    origin: Int[Array, "2 k"]
+
+    def note(self, most: Float[Array, " k"]) -> "_Search":
+        """Returns the search after a piece in which the functions are at most so large."""
+        # A function that is not a number somewhere has no largest value, and the result says so.
+        first, second = (most > self.value[0]) | jnp.isnan(most), most > self.value[1]
+
+        def place(old: Array, new: Array) -> Array:
+            # What was best before is now the second.
+            return jnp.stack([jnp.where(first, new, old[0]), jnp.where(first, old[0], jnp.where(second, new, old[1]))])
+
+        return self._replace(
+            value=place(self.value, most),
+            low=place(self.low, self.cut.start),
+            high=place(self.high, self.cut.end),
+            origin=place(self.origin, jnp.full_like(self.origin[0], 2)),
+        )
+
+
+def search(
+    functions: Functions,
+    peaks: Peaks,
+    step: tuple[Float[Array, ""], Float[Array, ""], Float[Array, " size"]],
+    run: Float[Array, ""],
+    rtol: Float[Array, ""],
+    kept: Bool[Array, ""],
+) -> Peaks:
+    """Returns the peaks after a step, if that was ``kept``.
+
+    - ``functions``: of fractions of the step, without derivatives.
+    - ``step``: its start, its end, and the vector at the start; ``run``: the length of the whole run.
+    - ``rtol``: what is smaller, relative to the values of a function, is no peak.
+    """
+    start, end, x = step
+    dtype, nodes = x.dtype, jnp.asarray(sampling().nodes, x.dtype)
+    longest = longest_share(*jax.lax.stop_gradient((end - start, run)))
+    least = ROUNDINGS * float(jnp.finfo(dtype).eps) + jax.lax.stop_gradient(rtol)
+
+    def look(state: _Search) -> _Search:
+        cut = state.cut
+        samples = functions(cut.start + nodes * cut.width)
+        most, settled = _examine(samples, state.value[1], least)
+        passes = jnp.all(settled) | (cut.width <= SMALLEST) | cut.is_last
+
+        def go_on(state: _Search) -> _Search:
+            return state.note(most)._replace(cut=cut.go_on(jnp.minimum(GROWTH * cut.width, longest), 1.0))
+
+        return jax.lax.cond(passes, go_on, lambda state: state._replace(cut=cut.shorten()), state)
+
+    value, low, high = jax.lax.stop_gradient((peaks.value, peaks.low, peaks.high))
+    first = Cut.first(jnp.where(kept, 0.0, 1.0).astype(dtype), longest.astype(dtype), 1.0)
+    origin = jnp.broadcast_to(jnp.arange(2)[:, None], value.shape)
+    last = jax.lax.while_loop(lambda state: state.cut.start < 1, look, _Search(first, value, low, high, origin))
+
+    def choose(new: Array, old: Array) -> Array:
+        origin = last.origin.reshape(*last.origin.shape, *(1,) * (old.ndim - 2))
+        return jnp.where(origin == 2, new, jnp.where(origin == 0, old[0], old[1]))
+
+    return Peaks(
+        last.value, choose(start, peaks.start), choose(end, peaks.end), choose(x, peaks.x), last.low, last.high
+    )
+
+
+@cache
+def _series() -> np.ndarray:
+    nodes = sampling().nodes
+    return np.linalg.inv(legendre.legvander(2 * nodes - 1, nodes.size - 1))
+
+
+def _examine(
+    samples: Float[Array, "nodes k"], known: Float[Array, " k"], least: Float[Array, ""]
+) -> tuple[Float[Array, " k"], Bool[Array, " k"]]:
+    """Returns how large each function is in a piece, and whether that is settled, in view of ``known`` values."""
+    terms = jnp.sum(jnp.asarray(_series(), samples.dtype)[..., None] * samples[None], axis=1)
+    sizes = jnp.abs(terms)
+    before, last = sizes[1] + sizes[2], sizes[3] + sizes[4]
+    decays = last <= jnp.maximum(DECAYED * before, least * jnp.max(jnp.abs(samples), axis=0))
+    is_lower = terms[0] + before + TAIL * last <= known
+    fine = jnp.sum(jnp.asarray(sampling().matrix, samples.dtype)[..., None] * samples[None], axis=1)
+    finite = jnp.all(jnp.isfinite(samples), axis=0)
+    most = jnp.maximum(jnp.max(samples, axis=0), jnp.where(finite, jnp.max(fine, axis=0), -jnp.inf))
+    return most, decays | is_lower | ~finite
