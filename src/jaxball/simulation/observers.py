@@ -63,7 +63,7 @@ class Step(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """The pieces of steps in which quantities are largest, and their integrals so far; None for what is not requested."""
+    """The pieces of steps in which quantities are largest, and their integrals; None for what is not requested."""
 
     best: Peaks | None
     integrals: Running | None
@@ -188,6 +188,9 @@ class Observers:
             aside, length = ASIDE * (high - low), last - first
             low, high = (first + jnp.clip(place, 0.0, 1.0) * length for place in (low - aside, high + aside))
             t = place_of_largest(lambda t: jax.lax.stop_gradient(at(t)), low, high, ROUNDS_OF_SEARCH)
+            # At the end of a step it does, where the run ends or a quantity jumps.
+            end = jnp.where(t >= last, step.end, jnp.where(t <= first, step.start, t))
+            t += end - jax.lax.stop_gradient(end)
             return at(t), t
 
         values, times = (x.reshape(2, count) for x in jax.lax.map(search, jnp.arange(2 * count)))

@@ -21,7 +21,9 @@ from .steps import sampling
 
 DECAYED = 0.05  # the last two terms, relative to the two before, of a series that is trusted
 TAIL = 16.0  # the weight of these terms where it is not: those of random values are as large as the first
-ROUNDINGS = 64  # of the values in a piece: what they vary by is nothing
+# Times the power 2/3 of the tolerance: the error of states within a step by the solver's own interpolation, relative to
+# values. What these vary by less is no peak that could be seen.
+NEGLIGIBLE = 5.0
 GROWTH = 2.0  # the longest piece, relative to the one before it in the step
 SMALLEST = 2.0**-12  # the width of a piece that is not cut any more
 
@@ -91,21 +93,20 @@ def search(
 
     - ``functions``: of fractions of the step, without derivatives.
     - ``step``: its start, its end, and the vector at the start; ``run``: the length of the whole run.
-    - ``rtol``: what is smaller, relative to the values of a function, is no peak.
+    - ``rtol``: the tolerance of the run.
     """
     start, end, x = step
     dtype, nodes = x.dtype, jnp.asarray(sampling().nodes, x.dtype)
     longest = longest_share(*jax.lax.stop_gradient((end - start, run)))
-    least = ROUNDINGS * float(jnp.finfo(dtype).eps) + jax.lax.stop_gradient(rtol)
+    negligible = NEGLIGIBLE * jnp.cbrt(jax.lax.stop_gradient(rtol)) ** 2
 
     def look(state: _Search) -> _Search:
         cut = state.cut
         samples = functions(cut.start + nodes * cut.width)
-        most, settled = _examine(samples, state.value[1], least)
-        passes = jnp.all(settled) | (cut.width <= SMALLEST) | cut.is_last
+        passes = jnp.all(is_settled(samples, state.value[1], negligible)) | (cut.width <= SMALLEST) | cut.is_last
 
         def go_on(state: _Search) -> _Search:
-            return state.note(most)._replace(cut=cut.go_on(jnp.minimum(GROWTH * cut.width, longest), 1.0))
+            return state.note(_largest(samples))._replace(cut=cut.go_on(jnp.minimum(GROWTH * cut.width, longest), 1.0))
 
         return jax.lax.cond(passes, go_on, lambda state: state._replace(cut=cut.shorten()), state)
 
@@ -129,16 +130,23 @@ def _series() -> np.ndarray:
     return np.linalg.inv(legendre.legvander(2 * nodes - 1, nodes.size - 1))
 
 
-def _examine(
-    samples: Float[Array, "nodes k"], known: Float[Array, " k"], least: Float[Array, ""]
-) -> tuple[Float[Array, " k"], Bool[Array, " k"]]:
-    """Returns how large each function is in a piece, and whether that is settled, in view of ``known`` values."""
+def is_settled(
+    samples: Float[Array, "nodes k"], known: Float[Array, " k"], negligible: Float[Array, ""] | float
+) -> Bool[Array, " k"]:
+    """Returns of which functions it is certain how large they are at most in a piece, in view of ``known`` values.
+
+    - ``negligible``: relative to the values, what they vary by less is no peak.
+    """
     terms = jnp.sum(jnp.asarray(_series(), samples.dtype)[..., None] * samples[None], axis=1)
     sizes = jnp.abs(terms)
     before, last = sizes[1] + sizes[2], sizes[3] + sizes[4]
-    decays = last <= jnp.maximum(DECAYED * before, least * jnp.max(jnp.abs(samples), axis=0))
+    decays = last <= jnp.maximum(DECAYED * before, negligible * jnp.max(jnp.abs(samples), axis=0))
     is_lower = terms[0] + before + TAIL * last <= known
+    return decays | is_lower | ~jnp.all(jnp.isfinite(samples), axis=0)
+
+
+def _largest(samples: Float[Array, "nodes k"]) -> Float[Array, " k"]:
+    """Returns how large each function is at most in a piece."""
     fine = jnp.sum(jnp.asarray(sampling().matrix, samples.dtype)[..., None] * samples[None], axis=1)
     finite = jnp.all(jnp.isfinite(samples), axis=0)
-    most = jnp.maximum(jnp.max(samples, axis=0), jnp.where(finite, jnp.max(fine, axis=0), -jnp.inf))
-    return most, decays | is_lower | ~finite
+    return jnp.maximum(jnp.max(samples, axis=0), jnp.where(finite, jnp.max(fine, axis=0), -jnp.inf))
