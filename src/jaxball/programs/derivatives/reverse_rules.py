@@ -190,7 +190,7 @@ def sum_while(
     rows, 0 for those that do not count. The rows and the total have derivatives; what is carried, points and weights
     are constants.
 
-    - ``unfinished``, ``points_of``, ``advance``: of what is carried, and of no other traced arrays.
+    - ``unfinished``, ``points_of``, ``advance``: functions of the carry, and of no other traced arrays.
     - ``rows_of``: of points, one row for each.
     - ``reverse``: as for :func:`put_while`.
     """
@@ -200,7 +200,7 @@ def sum_while(
         carry, total = state
         rows = rows_of(points_of(carry))
         carry, weights = advance(carry, without_derivatives(rows))
-        return carry, total + jnp.sum(_weighed(weights, rows), axis=0)
+        return carry, total + jnp.sum(_weigh(weights, rows), axis=0)
 
     def repeat(rows_of: Callable[[Array], Array], carry: Any, total: Array) -> tuple[Any, Array]:
         return jax.lax.while_loop(lambda state: unfinished(state[0]), lambda x: turn(rows_of, x), (carry, total))
@@ -227,7 +227,7 @@ def sum_while(
 
             rows, pull = jax.vjp(rows_of, moving)
             carry, weights = advance(carry, rows)
-            of_rows = _weighed(weights, jnp.broadcast_to(cotangent, rows.shape))
+            of_rows = _weigh(weights, jnp.broadcast_to(cotangent, rows.shape))
             return carry, add_arrays(summed, pull(of_rows)[0])
 
         summed = [jnp.zeros_like(x) for x in moving]
@@ -240,7 +240,7 @@ def sum_while(
     return with_rule(forward, lambda operands: (forward(operands), operands[:2]), pull)(operands)
 
 
-def _weighed(weights: Array, rows: Array) -> Array:
+def _weigh(weights: Array, rows: Array) -> Array:
     counts = (weights != 0)[:, None]
     return jnp.where(counts, weights[:, None] * rows, 0.0)
 

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .crossings import LONGEST_PIECE, MOST_FIRST_PIECES
 
-MOST_TRIALS = 4096  # in a step, after which the rest of it is one piece
+MOST_PIECES_TRIED = 4096  # in a step, after which the rest of it is one piece
 
 
 class Cut(NamedTuple):
@@ -39,7 +39,7 @@ class Cut(NamedTuple):
     @property
     def is_last(self) -> Bool[Array, ""]:
         """Whether no piece is cut any more, because too many have been."""
-        return self.trials >= MOST_TRIALS
+        return self.trials >= MOST_PIECES_TRIED
 
     def shorten(self, end: Float[Array, ""] | None = None) -> "Cut":
         """Returns the piece up to an ``end``, or half of it, to be tried next."""
@@ -51,7 +51,7 @@ class Cut(NamedTuple):
         ``longest``, up to ``last``.
         """
         start, trials = self.end, self.trials + 1
-        end = jnp.where(trials < MOST_TRIALS, jnp.minimum(start + longest, last), last)
+        end = jnp.where(trials < MOST_PIECES_TRIED, jnp.minimum(start + longest, last), last)
         return Cut(start, jnp.where(start < self.limit, self.limit, end), self.limit, trials)
 
 

@@ -25,16 +25,16 @@ from ...numerics.arrays import select_tree
 from ...programs.derivatives.reverse_rules import sum_while
 from .cuts import Cut, longest_share
 
-NODES = 8  # as many as fill a vector
-INSIDE = 0.6  # the power of the rounding unit that is the distance of the outer nodes from the ends of a piece
+NODES_OF_RULE = 8  # as many as fill a vector
+END_INSIDE = 0.6  # the power of the rounding unit that is the distance of the outer nodes from the ends of a piece
 # Of the last two terms of a series, relative to the two before, where it decays and can be extrapolated.
-DECAYED = 0.1
-ROUNDINGS = 64  # of the values in a piece: an error below that is none
-LEAST_SIZE = 1e-3  # of the absolute tolerance, to which a function that is next to zero is integrated
-GROWTH = 4.0  # the longest piece, relative to the one before it in the step
-SMALLEST = 64  # the width of a piece that is not cut any more, in rounding units of a step
-WINDOW = 1 / 64  # of a piece, on each side of a minimum where it is sought again
-NEWTON_STEPS = 6
+DECAYED_INTEGRAND = 0.1
+ROUNDINGS_OF_INTEGRAND = 64  # of the values in a piece: an error below that is none
+LEAST_INTEGRAND = 1e-3  # of the absolute tolerance, to which a function that is next to zero is integrated
+GROWTH_OF_INTEGRAL = 4.0  # the longest piece, relative to the one before it in the step
+SMALLEST_WIDTH = 64  # the width of a piece that is not cut any more, in rounding units of a step
+WINDOW_OF_MINIMUM = 1 / 64  # of a piece, on each side of a minimum where it is sought again
+STEPS_TO_MINIMUM = 6
 
 Functions = Callable[[Float[Array, " n"]], Float[Array, "n k"]]
 
@@ -66,7 +66,7 @@ class Accuracy(NamedTuple):
     run: Float[Array, ""]
 
     def length(self, place: Float[Array, ""]) -> Float[Array, ""]:
-        """Returns the length of what a place lies in: 0 to 1 is the pause before a step, and 1 to 2 the step."""
+        """Returns the length of the range that a place lies in: 0 to 1 is the pause before a step, 1 to 2 the step."""
         return jnp.where(place < 1, self.lengths[0], self.lengths[1])
 
     def longest(self, place: Float[Array, ""]) -> Float[Array, ""]:
@@ -93,10 +93,10 @@ class _Rule(NamedTuple):
 
 @cache
 def _rule(dtype: np.dtype) -> _Rule:
-    inner = np.real(legendre.Legendre.basis(NODES - 1).deriv().roots())
-    end = 1 - 2 * float(np.finfo(dtype).eps) ** INSIDE
+    inner = np.real(legendre.Legendre.basis(NODES_OF_RULE - 1).deriv().roots())
+    end = 1 - 2 * float(np.finfo(dtype).eps) ** END_INSIDE
     x = np.concatenate([[-end], np.sort(inner), [end]])
-    series = np.linalg.inv(legendre.legvander(x, NODES - 1))
+    series = np.linalg.inv(legendre.legvander(x, NODES_OF_RULE - 1))
     # The constant term is the mean over the piece.
     return _Rule((1 + x) / 2, series[0], series, np.linalg.inv(np.vander(x, increasing=True)))
 
@@ -118,7 +118,7 @@ class _Trial(NamedTuple):
     @classmethod
     def first(cls, start: Float[Array, ""], size: Float[Array, " k"], accuracy: Accuracy) -> "_Trial":
         """Returns the first piece, from ``start``."""
-        no, cut = jnp.asarray(False), Cut.first(start, accuracy.longest(start), _end(start))
+        no, cut = jnp.asarray(False), Cut.first(start, accuracy.longest(start), _find_end(start))
         return cls(cut, no, jnp.stack([start, start]), no, size, accuracy)
 
     @property
@@ -143,27 +143,29 @@ class _Trial(NamedTuple):
         dtype, width = values.dtype, self.cut.width
         weights = jnp.asarray(_rule(dtype).weights, dtype)
         size = self.size + width * jnp.sum(weights[:, None] * jnp.abs(values), axis=0)
-        excess = _error(values) / self._allowed(size, values)
+        excess = _estimate_error(values) / self._allow_error(size, values)
         # Nothing is gained by cutting where there is no finite value, or where rounding leaves nothing to cut.
-        smallest = width <= SMALLEST * float(jnp.finfo(dtype).eps)
+        smallest = width <= SMALLEST_WIDTH * float(jnp.finfo(dtype).eps)
         ends = smallest | self.cut.is_last | ~jnp.all(jnp.isfinite(values))
         passes = ~self.seeks & (ends | jnp.all(excess <= 1))
 
         def go_on(trial: "_Trial") -> "_Trial":
             start = trial.cut.end
-            longest = jnp.minimum(GROWTH * width, trial.accuracy.longest(start))
-            return trial._replace(cut=trial.cut.go_on(longest, _end(start)), size=size, at_minimum=jnp.asarray(False))
+            longest = jnp.minimum(GROWTH_OF_INTEGRAL * width, trial.accuracy.longest(start))
+            return trial._replace(
+                cut=trial.cut.go_on(longest, _find_end(start)), size=size, at_minimum=jnp.asarray(False)
+            )
 
-        trial = jax.lax.cond(passes, go_on, lambda trial: trial._shorten(_of_largest(excess, values)), self)
+        trial = jax.lax.cond(passes, go_on, lambda trial: trial._shorten(_pick_largest(excess, values)), self)
         return trial, jnp.where(passes, width * weights, 0.0)
 
     def _shorten(self, values: Float[Array, " nodes"]) -> "_Trial":
         """Goes on with a shorter piece, or with the search for the place where it is to end, by the values of the
         function that is least exact.
         """
-        place, is_minimum = _least_square(values)
+        place, is_minimum = _find_least_square(values)
         cut, (low, high) = self.cut, self.ends
-        minimum, aside = low + 0.5 * (1 + place) * (high - low), WINDOW * cut.width
+        minimum, aside = low + 0.5 * (1 + place) * (high - low), WINDOW_OF_MINIMUM * cut.width
         # Where a piece that ends at a minimum is not exact enough, there is something else to be found.
         looks, meets = is_minimum & ~self.seeks & ~self.at_minimum, is_minimum & self.seeks
         window = jnp.stack([jnp.maximum(cut.start, minimum - aside), jnp.minimum(cut.end, minimum + aside)])
@@ -171,7 +173,7 @@ class _Trial(NamedTuple):
         same = cut._replace(trials=cut.trials + 1)
         return self._replace(cut=select_tree(looks, same, shorter), seeks=looks, window=window, at_minimum=meets)
 
-    def _allowed(self, size: Float[Array, " k"], values: Float[Array, "nodes k"]) -> Float[Array, " k"]:
+    def _allow_error(self, size: Float[Array, " k"], values: Float[Array, "nodes k"]) -> Float[Array, " k"]:
         """Returns the error that the mean of each function over a piece may have.
 
         It is relative to the mean of its size over the run so far, and so the same in all pieces. A piece with a kink
@@ -180,9 +182,9 @@ class _Trial(NamedTuple):
         rtol, atol, *_ = accuracy = self.accuracy
         until = accuracy.until(self.cut.end)
         mean = size / jnp.where(until > 0, until, 1.0)
-        rounding = ROUNDINGS * float(jnp.finfo(values.dtype).eps) * jnp.max(jnp.abs(values), axis=0)
+        rounding = ROUNDINGS_OF_INTEGRAND * float(jnp.finfo(values.dtype).eps) * jnp.max(jnp.abs(values), axis=0)
         tiny = float(jnp.finfo(values.dtype).tiny)
-        return accuracy.length(self.cut.start) * (rtol * mean + LEAST_SIZE * atol) + rounding + tiny
+        return accuracy.length(self.cut.start) * (rtol * mean + LEAST_INTEGRAND * atol) + rounding + tiny
 
 
 def integrate(
@@ -207,28 +209,28 @@ def integrate(
     return Running(total, last.size)
 
 
-def _end(place: Float[Array, ""]) -> Float[Array, ""]:
+def _find_end(place: Float[Array, ""]) -> Float[Array, ""]:
     """Returns the place where the pause ends that a place lies in, or else the step."""
     return jnp.where(place < 1, 1.0, 2.0)
 
 
-def _error(values: Float[Array, "nodes k"]) -> Float[Array, " k"]:
+def _estimate_error(values: Float[Array, "nodes k"]) -> Float[Array, " k"]:
     """Estimates the error of the mean of each function over a piece."""
     series = jnp.asarray(_rule(values.dtype).series[-4:], values.dtype)
     terms = jnp.abs(jnp.sum(series[..., None] * values[None], axis=1))
     last, before = terms[3] + terms[2], terms[1] + terms[0]
     ratio = last / jnp.where(before > 0, before, 1.0)
-    return last * jnp.where(last <= DECAYED * before, ratio**2, 1.0)
+    return last * jnp.where(last <= DECAYED_INTEGRAND * before, ratio**2, 1.0)
 
 
-def _of_largest(excess: Float[Array, " k"], values: Float[Array, "nodes k"]) -> Float[Array, " nodes"]:
+def _pick_largest(excess: Float[Array, " k"], values: Float[Array, "nodes k"]) -> Float[Array, " nodes"]:
     """Returns the values of the function with the largest excess."""
     places = jnp.arange(excess.size)
     place = jnp.min(jnp.where(excess == jnp.max(excess), places, excess.size))
     return jnp.sum(jnp.where(places == place, values, 0.0), axis=1)
 
 
-def _least_square(values: Float[Array, " nodes"]) -> tuple[Float[Array, ""], Bool[Array, ""]]:
+def _find_least_square(values: Float[Array, " nodes"]) -> tuple[Float[Array, ""], Bool[Array, ""]]:
     """Finds where between −1 and 1 the square of a function is least, and whether the function may touch zero there."""
     rule = _rule(values.dtype)
     scale = jnp.max(jnp.abs(values))
@@ -240,14 +242,14 @@ def _least_square(values: Float[Array, " nodes"]) -> tuple[Float[Array, ""], Boo
     def newton(_, carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         x, _, _ = carry
         slope, bend = jnp.zeros_like(x), jnp.zeros_like(x)
-        for k in range(NODES - 1, 0, -1):
+        for k in range(NODES_OF_RULE - 1, 0, -1):
             bend = bend * x + slope
             slope = slope * x + k * a[k]
         change = jnp.clip(jnp.where(bend > 0, -slope / jnp.where(bend > 0, bend, 1.0), 0.0), -0.5, 0.5)
         return jnp.clip(x + change, -1.0, 1.0), change, bend
 
     none = jnp.zeros_like(x)
-    x, change, bend = jax.lax.fori_loop(0, NEWTON_STEPS, newton, (x, none, none))
+    x, change, bend = jax.lax.fori_loop(0, STEPS_TO_MINIMUM, newton, (x, none, none))
     same_sign = jnp.all(values >= 0) | jnp.all(values <= 0)
     near = float(jnp.finfo(values.dtype).eps) ** 0.5
     return x, same_sign & (bend > 0) & (jnp.abs(change) <= near) & (jnp.abs(x) < 1)

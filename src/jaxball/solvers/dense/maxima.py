@@ -10,14 +10,18 @@ from jaxtyping import Array, Bool, Float, Int
 from ...numerics.arrays import select_tree
 from ...programs.batches import map_rows
 from ...programs.derivatives.differentiation import differentiate_where, without_derivatives
-from .cuts import LONGEST_PIECE, MOST_TRIALS
+from .crossings import LONGEST_PIECE
+from .cuts import MOST_PIECES_TRIED
 from .peaks import is_settled
 from .steps import FINENESS, NARROWER, Steps, Values, sampling
 
 # How many windows are examined in one turn, and into how many parts a window is cut that does not settle everything.
-WINDOWS_AT_ONCE, PARTS = 8, 8
-WHOLE, LONGEST = PARTS**4, PARTS**2  # a step in units of the smallest part, and what may be too long for the run
-NEGLIGIBLE = 1e-9  # of the values in a window: what they vary by less is no peak
+WINDOWS_AT_ONCE, PARTS_OF_WINDOW = 8, 8
+WHOLE_STEP, LONGEST_STEP = (
+    PARTS_OF_WINDOW**4,
+    PARTS_OF_WINDOW**2,
+)  # a step in units of the smallest part, and what may be too long for the run
+NEGLIGIBLE_FORCE = 1e-9  # of the values in a window: what they vary by less is no peak
 # The sizes of windows around the best points, relative to their steps, in successive rounds; the third ones are points.
 WINDOW_SIZES = (NARROWER, NARROWER**2, 0.0, NARROWER**2)
 CURVATURE_ROUND, LINES = 2, 3
@@ -77,7 +81,7 @@ def maxima(steps: Steps, values: Values, k: int) -> Largest:
     def look_again(state: tuple[_Place, Array, Largest]) -> tuple[_Place, Array, Largest]:
         # First all steps, a few windows at a time; then ever narrower windows around the best points; last, the lines.
         place, r, best = state
-        looking, lines = place.position < steps.count * WHOLE, r == LINES
+        looking, lines = place.position < steps.count * WHOLE_STEP, r == LINES
         whole, around = place.windows(steps, width), _around(steps, best, shares[r], width)
         here = select_tree(looking, whole, around)
 
@@ -122,7 +126,7 @@ def maxima(steps: Steps, values: Values, k: int) -> Largest:
         vectors=jnp.zeros((k, size), zero.dtype),
         rates=jnp.zeros((k, size), zero.dtype),
     )
-    begin = _Place(jnp.asarray(0), jnp.asarray(WHOLE), jnp.asarray(0)), jnp.asarray(0), nothing
+    begin = _Place(jnp.asarray(0), jnp.asarray(WHOLE_STEP), jnp.asarray(0)), jnp.asarray(0), nothing
     return jax.lax.while_loop(lambda state: state[1] < len(WINDOW_SIZES), look_again, begin)[2]
 
 
@@ -137,34 +141,36 @@ class _Place(NamedTuple):
 
     def windows(self, steps: Steps, count: int) -> _Windows:
         """Returns the windows that come next; some of them twice, if there are fewer."""
-        last = jnp.maximum(steps.count * WHOLE - self.width, 0)
+        last = jnp.maximum(steps.count * WHOLE_STEP - self.width, 0)
         places = jnp.minimum(self.position + self._within(count) * self.width, last)
-        index = places // WHOLE
+        index = places // WHOLE_STEP
         start, length = steps.start[index], steps.end[index] - steps.start[index]
-        low, high = ((place - index * WHOLE).astype(start.dtype) / WHOLE for place in (places, places + self.width))
+        low, high = (
+            (place - index * WHOLE_STEP).astype(start.dtype) / WHOLE_STEP for place in (places, places + self.width)
+        )
         return _Windows(index, start + low * length, jnp.where(high < 1, start + high * length, steps.end[index]))
 
     def _within(self, count: int) -> Int[Array, " n"]:
         """Returns the numbers of the windows, which are whole steps or parts of one window."""
-        left = (PARTS * self.width - self.position % (PARTS * self.width)) // self.width
-        return jnp.minimum(jnp.arange(count), jnp.where(self.width == WHOLE, count, left) - 1)
+        left = (PARTS_OF_WINDOW * self.width - self.position % (PARTS_OF_WINDOW * self.width)) // self.width
+        return jnp.minimum(jnp.arange(count), jnp.where(self.width == WHOLE_STEP, count, left) - 1)
 
     def advance(self, steps: Steps, here: _Windows, settled: Bool[Array, " n"]) -> tuple[Bool[Array, " n"], "_Place"]:
         """Returns which windows count, and the place behind them: the first one that is not ``settled`` is cut."""
         count = settled.size
-        settled |= (self.width == 1) | (self.cuts >= MOST_TRIALS)
+        settled |= (self.width == 1) | (self.cuts >= MOST_PIECES_TRIED)
         places, numbers = jnp.arange(count), self._within(count)
         first = jnp.min(jnp.where(settled, count, places))
         counts, is_cut = places < first, first < count
         position = (
             self.position + jnp.where(is_cut, numbers[jnp.minimum(first, count - 1)], numbers[-1] + 1) * self.width
         )
-        width = jnp.where(is_cut, self.width // PARTS, self.width)
+        width = jnp.where(is_cut, self.width // PARTS_OF_WINDOW, self.width)
         # The next window is as long as one that begins here may be.
         while_longer = ~is_cut
-        for _ in range(WHOLE.bit_length() // PARTS.bit_length() + 1):
-            longer = while_longer & (width < WHOLE) & (position % (PARTS * width) == 0)
-            width = jnp.where(longer, PARTS * width, width)
+        for _ in range(WHOLE_STEP.bit_length() // PARTS_OF_WINDOW.bit_length() + 1):
+            longer = while_longer & (width < WHOLE_STEP) & (position % (PARTS_OF_WINDOW * width) == 0)
+            width = jnp.where(longer, PARTS_OF_WINDOW * width, width)
         return counts, _Place(position, width, self.cuts + jnp.where(is_cut, 1, 0))
 
 
@@ -176,8 +182,8 @@ def _are_settled(
     length = steps.end[here.step] - steps.start[here.step]
     window = here.high - here.low
     # A step may be as long as the run, where the state rests.
-    short = (window <= LONGEST_PIECE * run) | (window * LONGEST <= length)
-    settled = jax.vmap(lambda values: is_settled(values, known, NEGLIGIBLE))(samples)
+    short = (window <= LONGEST_PIECE * run) | (window * LONGEST_STEP <= length)
+    settled = jax.vmap(lambda values: is_settled(values, known, NEGLIGIBLE_FORCE))(samples)
     return short & jnp.all(settled, axis=1)
 
 

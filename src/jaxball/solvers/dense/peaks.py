@@ -19,13 +19,13 @@ from numpy.polynomial import legendre
 from .cuts import Cut, longest_share
 from .steps import sampling
 
-DECAYED = 0.05  # the last two terms, relative to the two before, of a series that is trusted
-TAIL = 16.0  # the weight of these terms where it is not: those of random values are as large as the first
+DECAYED_PEAK = 0.05  # the last two terms, relative to the two before, of a series that is trusted
+TAIL_OF_PEAK = 16.0  # the weight of these terms where it is not: those of random values are as large as the first
 # Times the power 2/3 of the tolerance: the error of states within a step by the solver's own interpolation, relative to
 # values. What these vary by less is no peak that could be seen.
-NEGLIGIBLE = 5.0
-GROWTH = 2.0  # the longest piece, relative to the one before it in the step
-SMALLEST = 2.0**-12  # the width of a piece that is not cut any more
+NEGLIGIBLE_SHARE = 5.0
+GROWTH_OF_PEAK = 2.0  # the longest piece, relative to the one before it in the step
+SMALLEST_PEAK = 2.0**-12  # the width of a piece that is not cut any more
 
 Functions = Callable[[Float[Array, " n"]], Float[Array, "n k"]]
 
@@ -98,15 +98,17 @@ def search(
     start, end, x = step
     dtype, nodes = x.dtype, jnp.asarray(sampling().nodes, x.dtype)
     longest = longest_share(*jax.lax.stop_gradient((end - start, run)))
-    negligible = NEGLIGIBLE * jnp.cbrt(jax.lax.stop_gradient(rtol)) ** 2
+    negligible = NEGLIGIBLE_SHARE * jnp.cbrt(jax.lax.stop_gradient(rtol)) ** 2
 
     def look(state: _Search) -> _Search:
         cut = state.cut
         samples = functions(cut.start + nodes * cut.width)
-        passes = jnp.all(is_settled(samples, state.value[1], negligible)) | (cut.width <= SMALLEST) | cut.is_last
+        passes = jnp.all(is_settled(samples, state.value[1], negligible)) | (cut.width <= SMALLEST_PEAK) | cut.is_last
 
         def go_on(state: _Search) -> _Search:
-            return state.note(_largest(samples))._replace(cut=cut.go_on(jnp.minimum(GROWTH * cut.width, longest), 1.0))
+            return state.note(_find_largest(samples))._replace(
+                cut=cut.go_on(jnp.minimum(GROWTH_OF_PEAK * cut.width, longest), 1.0)
+            )
 
         return jax.lax.cond(passes, go_on, lambda state: state._replace(cut=cut.shorten()), state)
 
@@ -140,12 +142,12 @@ def is_settled(
     terms = jnp.sum(jnp.asarray(_series(), samples.dtype)[..., None] * samples[None], axis=1)
     sizes = jnp.abs(terms)
     before, last = sizes[1] + sizes[2], sizes[3] + sizes[4]
-    decays = last <= jnp.maximum(DECAYED * before, negligible * jnp.max(jnp.abs(samples), axis=0))
-    is_lower = terms[0] + before + TAIL * last <= known
+    decays = last <= jnp.maximum(DECAYED_PEAK * before, negligible * jnp.max(jnp.abs(samples), axis=0))
+    is_lower = terms[0] + before + TAIL_OF_PEAK * last <= known
     return decays | is_lower | ~jnp.all(jnp.isfinite(samples), axis=0)
 
 
-def _largest(samples: Float[Array, "nodes k"]) -> Float[Array, " k"]:
+def _find_largest(samples: Float[Array, "nodes k"]) -> Float[Array, " k"]:
     """Returns how large each function is at most in a piece."""
     fine = jnp.sum(jnp.asarray(sampling().matrix, samples.dtype)[..., None] * samples[None], axis=1)
     finite = jnp.all(jnp.isfinite(samples), axis=0)
