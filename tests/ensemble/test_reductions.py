@@ -7,7 +7,6 @@ import pytest
 
 from jaxball import Ball, Disk, DiskState, Free, Ground, contact_extremes
 from jaxball.ensemble import REDUCTIONS, Drift, Integral, Maximum, Minimum, program, simulate_ensemble
-from jaxball.solvers.dense.steps import lobatto_weights, sampling
 
 from .test_runs import disks, single
 
@@ -93,12 +92,6 @@ def test_a_run_that_cannot_start_finds_nothing():
     found = simulate_ensemble(system, SPAN, state, reductions=ALL).reductions
     assert np.isnan(found["distance"][1])
     assert np.all(np.isfinite(found["distance"][np.array([0, 2])]))
-
-
-def test_the_weights_of_the_rule():
-    nodes = sampling().nodes
-    for power in range(8):
-        np.testing.assert_allclose(np.sum(lobatto_weights() * nodes**power), 1 / (power + 1), rtol=1e-14)
 
 
 @pytest.mark.slow

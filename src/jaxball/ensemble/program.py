@@ -114,7 +114,8 @@ def _observation(reductions: Sequence[tuple[str, AbstractReduction]]) -> Observa
         return None
     quantities = _quantities(reductions)
     searches = [(quantities.index(item.quantity), sign) for _, item in reductions for sign in item.signs]
-    return Observation(values, quantities, tuple(searches), any(item.is_integral for _, item in reductions))
+    integrals = dict.fromkeys(quantities.index(item.quantity) for _, item in reductions if item.is_integral)
+    return Observation(values, quantities, tuple(searches), tuple(integrals))
 
 
 def _quantities(reductions: Sequence[tuple[str, AbstractReduction]]) -> tuple[Quantity, ...]:

@@ -121,7 +121,10 @@ class Drift(AbstractReduction):
 
 
 class Integral(AbstractReduction):
-    """The integral over time, by the rule of Gauss and Lobatto with five nodes in each step.
+    """The integral over time, to the tolerances of the run, also where the quantity has kinks within a step.
+
+    The absolute tolerance matters where the quantity is next to zero: it is integrated to a thousandth of it. Where the
+    quantity jumps within a step, the derivative of the integral lacks what the jump moves.
 
     **Arguments:**
 

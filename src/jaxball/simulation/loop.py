@@ -243,10 +243,12 @@ class _Recorder(NamedTuple):
         made of.
         """
         loop, observers, watch, output = self.loop, self.observers, self.loop.watch, self.output
+        reverse = loop.kind == "checkpointed"
         args, run, step = self.solve.args, (self.solve.t0, self.solve.t1), {"t0": state.tprev, "t1": state.tnext}
         exactly = self.dense or (observers is not None and observers.needs_exact)
         coarse = self.solve.solver.interpolation_cls(**step, **info)
-        interpolation, glance = coarse, None
+        interpolation = shown = coarse
+        glance, begin, end = None, None, state.tnext
         if watch is not None:
             sketch = jax.tree_util.Partial(output.sketch, info, coarse)
             glance = watch.glance(watched, Within(state.tprev, state.tnext, sketch, run), args)
@@ -257,21 +259,24 @@ class _Recorder(NamedTuple):
             info = output.info(info, self.solve.terms, **step, args=args, asked=asked)
             interpolation = shown = output.interpolation(**step, **info)
             if loop.switching.jumps:
+                begin = t0
                 shown = AfterPauses(output.interpolation)(t0=t0, t1=state.tnext, pause=pause, info=info)
                 info = {"pause": pause, "info": info}
             # Of a rejected step nothing is due.
             saved = loop.save_states(saved, shown, jnp.where(keep, state.tnext, -jnp.inf))
         if self.dense:
             new = _keep_for_dense_output(new, info, keep)
-        if observers is not None:
-            observed_step = Step(state.tprev, state.tnext, state.y, coarse.evaluate, interpolation.evaluate)
-            seen = observers.observe(seen, observed_step, keep)
         if watch is not None and glance is not None:
             exact = jax.tree_util.Partial(fill_vectors, interpolation.evaluate)
             within = Within(state.tprev, state.tnext, exact, run)
-            watched = watch.record(watched, glance, within, args, keep, reverse=loop.kind == "checkpointed")
+            before, watched = watched, watch.record(watched, glance, within, args, keep, reverse=reverse)
+            if observers is not None and watch.may_end_run:
+                end = watch.end(before, watched, within, args)
             result = RESULTS.where(watched.log.ended, RESULTS.event_occurred, new.result)
             new = dataclasses.replace(new, result=result)
+        if observers is not None:
+            observed_step = Step(state.tprev, end, state.y, coarse.evaluate, shown.evaluate, begin)
+            seen = observers.observe(seen, observed_step, run, keep, reverse=reverse)
         return new, saved, seen, watched
 
 

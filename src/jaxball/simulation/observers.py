@@ -10,12 +10,17 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..solvers.dense.steps import last_within, lobatto_weights, place_of_largest, sampling
+from ..programs.batches import fill_vectors
+from ..solvers.dense.integrals import Accuracy, Running, integrate
+from ..solvers.dense.peaks import Peaks, search
+from ..solvers.dense.steps import last_within, place_of_largest
 
 ROUNDS_OF_SEARCH = 5
+ASIDE = 1 / 16  # of a piece, by which the search for its peak goes beyond it
 # From a time and a vector to the vector of the state, and to quantities.
 Between = Callable[[Float[Array, ""]], Float[Array, " size"]]
 Quantities = Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, " k"]]
+Run = tuple[Float[Array, ""], Float[Array, ""]]  # the times between which it is
 
 
 class Observation(NamedTuple):
@@ -23,19 +28,20 @@ class Observation(NamedTuple):
 
     - ``quantities``: functions, of which ``evaluate(quantities, system, t, state)`` gives the values.
     - ``searches``: the quantities, by index, whose largest values are sought, and their factors.
-    - ``integrals``: whether quantities are integrated.
+    - ``integrals``: the quantities, by index, that are integrated.
     """
 
     evaluate: Callable[..., Float[Array, " k"]]
     quantities: tuple[Callable[..., Any], ...]
     searches: tuple[tuple[int, float], ...] = ()
-    integrals: bool = False
+    integrals: tuple[int, ...] = ()
 
 
 class Step(NamedTuple):
     """A step: its start, with the vector there, its end, and the vectors within it.
 
-    ``between`` costs nothing; ``exact`` is nearly as accurate as the step, at some cost.
+    ``between`` costs nothing; ``exact`` is nearly as accurate as the step, at some cost. That goes back to the time
+    ``begin``, earlier than the start where a pause came before the step, and None where there can be none.
     """
 
     start: Float[Array, ""]
@@ -43,25 +49,24 @@ class Step(NamedTuple):
     x: Float[Array, " size"]
     between: Between
     exact: Between
+    begin: Float[Array, ""] | None = None
 
-
-class Best(NamedTuple):
-    """For each search the largest values in two steps, the better first, and these steps.
-
-    Two, because where a maximum lies near the end of a step, five values may take the next one for better.
-    """
-
-    value: Float[Array, "2 k"]
-    start: Float[Array, "2 k"]
-    end: Float[Array, "2 k"]
-    x: Float[Array, "2 k size"]
+    def times(self, places: Float[Array, " n"]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+        """Returns the times at places, 0 to 1 in the pause before the step and 1 to 2 in the step, and their rates."""
+        length = self.end - self.start
+        times, rates = self.start + (places - 1) * length, jnp.broadcast_to(length, places.shape)
+        if self.begin is None:
+            return times, rates
+        pause = self.start - self.begin
+        pauses = places < 1
+        return jnp.where(pauses, self.begin + places * pause, times), jnp.where(pauses, pause, rates)
 
 
 class Seen(NamedTuple):
-    """The steps in which quantities are largest, and their integrals so far; None for results not requested."""
+    """The pieces of steps in which quantities are largest, and their integrals; None for what is not requested."""
 
-    best: Best | None
-    integrals: Float[Array, " k"] | None
+    best: Peaks | None
+    integrals: Running | None
 
 
 class Found(NamedTuple):
@@ -74,10 +79,14 @@ class Found(NamedTuple):
 
 
 class Observers:
-    """Observe each step of one run for an :class:`Observation`, by its ``quantities`` of times and vectors."""
+    """Observe each step of one run for an :class:`Observation`, by its ``quantities`` of times and vectors.
 
-    def __init__(self, observation: Observation, quantities: Quantities):
-        self.needs_exact = observation.integrals
+    Integrals are as exact as the tolerances ``rtol`` and ``atol`` of the run.
+    """
+
+    def __init__(self, observation: Observation, quantities: Quantities, rtol: Array, atol: Array):
+        self.needs_exact, self._integrated = bool(observation.integrals), observation.integrals
+        self._rtol, self._atol = rtol, atol
         self._which = tuple(which for which, _ in observation.searches)
         self._signs = tuple(sign for _, sign in observation.searches)
         self._quantities, self._count = quantities, len(observation.quantities)
@@ -86,19 +95,22 @@ class Observers:
         """Returns the observations before the first step, from ``x``."""
         best, integrals = None, None
         if self._which:
-            number = jnp.zeros((2, len(self._which)), x.dtype)
-            best = Best(jnp.full_like(number, -jnp.inf), number, number, jnp.zeros((*number.shape, x.size), x.dtype))
+            best = Peaks.none(len(self._which), x)
         if self.needs_exact:
-            integrals = jnp.zeros(self._count, x.dtype)
+            integrals = Running.none(len(self._integrated), x)
         return Seen(best, integrals)
 
-    def observe(self, seen: Seen, step: Step, kept: Bool[Array, ""]) -> Seen:
-        """Returns the observations after a step, if that was ``kept``."""
+    def observe(self, seen: Seen, step: Step, run: Run, kept: Bool[Array, ""], *, reverse: bool) -> Seen:
+        """Returns the observations after a step, if that was ``kept``.
+
+        - ``run``: the times between which the run is.
+        - ``reverse``: whether derivatives are those of reverse mode, or else those of forward mode.
+        """
         best, integrals = seen
         if best is not None:
-            best = self._better(best, step, kept)
+            best = self._search(best, step, run, kept)
         if integrals is not None:
-            integrals = jnp.where(kept, integrals + self._integrate(step), integrals)
+            integrals = self._integrate(integrals, step, run, kept, reverse=reverse)
         return Seen(best, integrals)
 
     def results(
@@ -114,51 +126,51 @@ class Observers:
         """
         unknown = jnp.full(self._count, jnp.nan, x.dtype)
         values, times = self._refine(seen.best, again) if seen.best is not None else ((), ())
-        integrals = unknown if seen.integrals is None else seen.integrals
+        integrals = unknown
+        if seen.integrals is not None:
+            integrals = unknown.at[jnp.asarray(self._integrated)].set(seen.integrals.total)
         return Found(self._quantities(start, x), tuple(values), tuple(times), integrals)
 
-    def _better(self, seen: Best, step: Step, keep: Bool[Array, ""]) -> Best:
-        nodes = jnp.asarray(sampling().nodes, step.x.dtype)
+    def _search(self, peaks: Peaks, step: Step, run: Run, kept: Bool[Array, ""]) -> Peaks:
+        """Finds the peaks after a step, if that was ``kept``."""
         last = last_within(step.start, step.end)
 
         def sample(fraction: Float[Array, ""]) -> Float[Array, " k"]:
             t = jnp.minimum(step.start + fraction * (step.end - step.start), last)
             return self._sign(t, step.between(t))
 
-        # They only decide which steps are looked at again when the run has ended, with derivatives.
-        samples = jax.lax.stop_gradient(jax.lax.map(sample, nodes))
-        fine = jnp.sum(jnp.asarray(sampling().matrix, samples.dtype)[..., None] * samples[None], axis=1)
-        finite = jnp.all(jnp.isfinite(samples), axis=0)
-        most = jnp.maximum(jnp.max(samples, axis=0), jnp.where(finite, jnp.max(fine, axis=0), -jnp.inf))
-        # A quantity that is not a number in some step has no largest value, and the result says so.
-        first, second = keep & ((most > seen.value[0]) | jnp.isnan(most)), keep & (most > seen.value[1])
+        def functions(fractions: Float[Array, " n"]) -> Float[Array, "n k"]:
+            # They only decide which pieces are looked at again when the run has ended, with derivatives.
+            return jax.lax.stop_gradient(jax.lax.map(sample, fractions))
 
-        def place(old: Array, new: Array) -> Array:
-            shape = (-1, *(1,) * (old.ndim - 2))
-            is_first, is_second = first.reshape(shape), second.reshape(shape)
-            # What was best before is now the second.
-            runner_up = jnp.where(is_first, old[0], jnp.where(is_second, new, old[1]))
-            return jnp.stack([jnp.where(is_first, new, old[0]), runner_up])
+        return search(functions, peaks, (step.start, step.end, step.x), run[1] - run[0], self._rtol, kept)
 
-        return jax.tree.map(place, seen, Best(most, step.start, step.end, step.x))
+    def _integrate(self, running: Running, step: Step, run: Run, kept: Bool[Array, ""], *, reverse: bool) -> Running:
+        """Adds the integrals over a step, and over the pause before it, if that was ``kept``."""
+        dtype = step.x.dtype
+        begin = step.start if step.begin is None else step.begin
+        pause = step.start - begin
+        # Where there was none, a step may begin one number behind the one before.
+        paused = pause > 4 * float(jnp.finfo(dtype).eps) * jnp.abs(step.start)
+        start = jnp.where(kept, jnp.where(paused, 0.0, 1.0), 2.0).astype(dtype)
+        lengths = jnp.stack([pause, step.end - step.start])
+        accuracy = Accuracy(self._rtol, self._atol, lengths, begin - run[0], run[1] - run[0])
 
-    def _integrate(self, step: Step) -> Float[Array, " k"]:
-        """Integrates by the rule of Gauss and Lobatto with five nodes."""
-        h = step.end - step.start
+        def values(t: Float[Array, ""]) -> Float[Array, " k"]:
+            quantities = self._quantities(t, step.exact(t))
+            return jnp.stack([quantities[k] for k in self._integrated])
 
-        def one(total: Array, place: tuple[Array, Array]) -> tuple[Array, None]:
-            node, weight = place
-            t = step.start + node * h
-            return total + weight * self._quantities(t, step.exact(t)), None
+        def functions(places: Float[Array, " n"]) -> Float[Array, "n k"]:
+            times, rates = step.times(places)
+            return rates[:, None] * fill_vectors(values, times)
 
-        nodes, weights = (jnp.asarray(x, step.x.dtype) for x in (sampling().nodes, lobatto_weights()))
-        return h * jax.lax.scan(one, jnp.zeros(self._count, step.x.dtype), (nodes, weights))[0]
+        return integrate(functions, start, running, accuracy, reverse=reverse)
 
     def _sign(self, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, " k"]:
         values = self._quantities(t, x)
         return jnp.stack([sign * values[k] for k, sign in zip(self._which, self._signs, strict=True)])
 
-    def _refine(self, best: Best, again: Callable[[Array, Array, Array], Step]) -> tuple[Array, Array]:
+    def _refine(self, best: Peaks, again: Callable[[Array, Array, Array], Step]) -> tuple[Array, Array]:
         """Refines the largest values, and when they occur."""
         count = len(self._which)
 
@@ -172,7 +184,13 @@ class Observers:
 
             # A maximum does not change to first order as its place does.
             first, last = jax.lax.stop_gradient((step.start, last_within(step.start, step.end)))
-            t = place_of_largest(lambda t: jax.lax.stop_gradient(at(t)), first, last, ROUNDS_OF_SEARCH)
+            low, high = best.low[rank, k], best.high[rank, k]
+            aside, length = ASIDE * (high - low), last - first
+            low, high = (first + jnp.clip(place, 0.0, 1.0) * length for place in (low - aside, high + aside))
+            t = place_of_largest(lambda t: jax.lax.stop_gradient(at(t)), low, high, ROUNDS_OF_SEARCH)
+            # At the end of a step it does, where the run ends or a quantity jumps.
+            end = jnp.where(t >= last, step.end, jnp.where(t <= first, step.start, t))
+            t += end - jax.lax.stop_gradient(end)
             return at(t), t
 
         values, times = (x.reshape(2, count) for x in jax.lax.map(search, jnp.arange(2 * count)))

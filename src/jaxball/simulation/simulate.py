@@ -265,7 +265,7 @@ def solve(
             adjoint,
             times,
             switching,
-            functions.observers if method.observation else None,
+            functools.partial(functions.observers, rtol, atol) if method.observation else None,
             Watch(events, functions.event_values, functions.field, functions.event_state) if events else None,
             functions.is_over if has_end(packing.system.shown) else None,
             accuracy=accuracy,
@@ -352,11 +352,12 @@ class _Functions:
         """Returns whether the ground ends at a vector."""
         return _cause_of_end(self.unpack(parameters)[0], t, x) != int(Status.SUCCESS)
 
-    def observers(self, parameters: Array) -> Observers:
+    def observers(self, rtol: Array, atol: Array, parameters: Array) -> Observers:
         """Makes the observers of quantities along the run."""
         observation = self._method.observation
         assert observation is not None
-        return Observers(observation, functools.partial(_quantities, observation, self.unpack(parameters)[0]))
+        quantities = functools.partial(_quantities, observation, self.unpack(parameters)[0])
+        return Observers(observation, quantities, rtol, atol)
 
     def event_state(self, t, x, parameters):
         """Returns the state that an event's function is given, as a vector."""

@@ -20,6 +20,7 @@ from ..solvers.dense.steps import last_within
 from .events import AbstractEvent, Occurrences
 
 Functions = Callable[[Float[Array, " n"], Float[Array, "n size"], Any], Float[Array, "n k"]]
+Index = Int[Array, ""]
 Field = Callable[[Float[Array, ""], Float[Array, " size"], Any], Float[Array, " size"]]
 
 
@@ -90,6 +91,30 @@ class Watch:
             place_of=lambda k: log.places[k],
         )
         return Watched(log, rows)
+
+    @property
+    def may_end_run(self) -> bool:
+        """Whether any of the events ends it."""
+        return any(self._kinds.terminal)
+
+    def end(self, before: Watched, watched: Watched, step: "Within", parameters: Any) -> Float[Array, ""]:
+        """Returns when a step ends, with derivatives: at the first event in it that ends the run, if there is one.
+
+        ``before`` and ``watched`` are what is carried before and after the step.
+        """
+        log, kinds = watched.log, self._kinds
+
+        def earlier(k: Index, first: tuple[Array, Array]) -> tuple[Array, Array]:
+            time, which = log.times[k], kinds.which(log.places[k])
+            comes = jnp.asarray(kinds.terminal)[which] & (time < first[0])
+            return jnp.where(comes, time, first[0]), jnp.where(comes, which, first[1])
+
+        none = jnp.full_like(log.times[0], jnp.inf), jnp.asarray(0)
+        time, which = jax.lax.stop_gradient(jax.lax.fori_loop(before.log.filled, log.filled, earlier, none))
+        ends = jnp.isfinite(time)
+        t = jnp.where(ends, time, jax.lax.stop_gradient(step.start))
+        exact = with_derivatives(t, lambda *arguments: self._row(*arguments)[0], which, t, step, parameters)
+        return jnp.where(ends, exact, step.end)
 
     def _without_derivatives(self, step: "Within", parameters: Any) -> tuple[Callable[[Array], Array], Span]:
         """Returns the functions of times within a step, and its times."""

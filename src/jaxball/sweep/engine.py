@@ -25,8 +25,6 @@ ROWS_OF_CALL, ROWS_OF_CALL_ON_GPU = 2048, 2**17
 def solve_in_lanes(batch: Batch, request: Request) -> dict[str, np.ndarray]:
     """Solves the rows by :func:`jaxball.ensemble.simulate_ensemble`; an ``Engine``.
 
-    What is found of runs that an event ends is found of shorter ones, which end there.
-
     **Arguments:**
 
     - ``batch``: the rows.
@@ -36,15 +34,7 @@ def solve_in_lanes(batch: Batch, request: Request) -> dict[str, np.ndarray]:
     if batch.template.feedback is not None:
         return _solve_closed_loops(batch, request, reductions)
     detachment: dict[str, AbstractEvent] = {"detachment": Detachment()} if request.detachment else {}
-    ends = detachment or any(event.terminal for event in batch.events.values())
-    if not (ends and reductions):
-        return _solve_rows(batch, request, reductions, detachment)
-    # First without reductions, to find when each run ends: otherwise they would count what comes after the event.
-    ended = _solve_rows(batch, request, {}, detachment)
-    until = np.stack([batch.times[:, 0], ended["reached"]], axis=1)
-    shorter = batch._replace(times=until, events={}, in_axes=(*batch.in_axes[:2], {}))
-    results = _solve_rows(shorter, request, reductions, {})
-    return ended | {name + end: results[name + end] for name, item in reductions.items() for end in item.ends}
+    return _solve_rows(batch, request, reductions, detachment)
 
 
 def _solve_rows(

@@ -1,6 +1,6 @@
 """Gives functions rules of their own for reverse mode, which are told what varies and need not compute anything else.
 
-Among them are loops that write rows of arrays.
+Among them are loops that write rows of arrays, and loops that add them up.
 """
 
 import functools
@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Int
 
 from ...compat import evaluate, unvmap_any
 from ..batches import map_rows
+from .differentiation import without_derivatives
 
 Forward = Callable[[Any, Any], tuple[Any, Any]]
 Pull = Callable[[Any, Any, Any], Any]
@@ -171,6 +172,78 @@ def put_while(
 
     operands = list(condition.consts), list(row.consts), list(place.consts), buffer, first
     return with_rule(forward, record, pull)(operands)
+
+
+def sum_while(
+    unfinished: Callable[[Any], Bool[Array, ""]],
+    points_of: Callable[[Any], Array],
+    rows_of: Callable[[Array], Array],
+    advance: Callable[[Any, Array], tuple[Any, Array]],
+    carry: Any,
+    total: Array,
+    *,
+    reverse: bool,
+) -> tuple[Any, Array]:
+    """Adds weighted rows to ``total`` as long as a loop is ``unfinished``, and returns what it carries then, and the
+    total.
+
+    In a turn the rows at a few points are computed; ``advance`` returns what is carried next and the weights of these
+    rows, 0 for those that do not count. The rows and the total have derivatives; what is carried, points and weights
+    are constants.
+
+    - ``unfinished``, ``points_of``, ``advance``: functions of the carry, and of no other traced arrays.
+    - ``rows_of``: of points, one row for each.
+    - ``reverse``: as for :func:`put_while`.
+    """
+    carry = without_derivatives(carry)
+
+    def turn(rows_of: Callable[[Array], Array], state: tuple[Any, Array]) -> tuple[Any, Array]:
+        carry, total = state
+        rows = rows_of(points_of(carry))
+        carry, weights = advance(carry, without_derivatives(rows))
+        return carry, total + jnp.sum(_weigh(weights, rows), axis=0)
+
+    def repeat(rows_of: Callable[[Array], Array], carry: Any, total: Array) -> tuple[Any, Array]:
+        return jax.lax.while_loop(lambda state: unfinished(state[0]), lambda x: turn(rows_of, x), (carry, total))
+
+    if not reverse:
+        return repeat(rows_of, carry, total)
+    program = jax.make_jaxpr(rows_of)(points_of(carry))
+
+    def forward(operands: tuple[list[Any], Any, Array]) -> tuple[Any, Array]:
+        constants, carry, total = operands
+        return repeat(lambda points: evaluate(program, constants, [points])[0], carry, total)
+
+    def pull(operands: tuple[list[Any], Any], cotangents: Any, varies: Any) -> Any:
+        (constants, carry), (_, cotangent), (which, *_) = operands, cotangents, varies
+        moving = choose(constants, which)
+
+        def back(state: tuple[Any, list[Array]]) -> tuple[Any, list[Array]]:
+            # The turns are taken once more, which needs no room for what they were.
+            carry, summed = state
+            points = points_of(carry)
+
+            def rows_of(moving: list[Array]) -> Array:
+                return evaluate(program, replace_chosen(constants, which, moving), [points])[0]
+
+            rows, pull = jax.vjp(rows_of, moving)
+            carry, weights = advance(carry, rows)
+            of_rows = _weigh(weights, jnp.broadcast_to(cotangent, rows.shape))
+            return carry, add_arrays(summed, pull(of_rows)[0])
+
+        summed = [jnp.zeros_like(x) for x in moving]
+        if cotangent is not None and moving:
+            _, summed = jax.lax.while_loop(lambda state: unfinished(state[0]), back, (carry, summed))
+        nothing = jax.tree.map(lambda _: None, carry)
+        return replace_chosen([None] * len(constants), which, summed), nothing, cotangent
+
+    operands = list(program.consts), carry, total
+    return with_rule(forward, lambda operands: (forward(operands), operands[:2]), pull)(operands)
+
+
+def _weigh(weights: Array, rows: Array) -> Array:
+    counts = (weights != 0)[:, None]
+    return jnp.where(counts, weights[:, None] * rows, 0.0)
 
 
 def _write_rows(

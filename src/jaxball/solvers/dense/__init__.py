@@ -1,1 +1,1 @@
-"""Evaluation within a solve's steps: its dense output, zero crossings and maxima."""
+"""Evaluation within a solve's steps: its dense output, zero crossings, maxima and integrals."""

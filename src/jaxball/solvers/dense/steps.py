@@ -139,16 +139,6 @@ def sampling() -> Sampling:
     return Sampling(nodes, fractions, matrix, np.linalg.inv(np.vander(nodes, increasing=True)))
 
 
-@cache
-def lobatto_weights() -> np.ndarray:
-    """Computes the weights of the nodes that integrate every polynomial of degree 4 exactly, and by symmetry of degree
-    7.
-    """
-    nodes = sampling().nodes
-    powers = np.arange(nodes.size)
-    return np.linalg.solve(nodes[None, :] ** powers[:, None], 1 / (powers + 1))
-
-
 def last_within(start: Float[Array, "*steps"], end: Float[Array, "*steps"]) -> Float[Array, "*steps"]:
     """Returns the last time of a step: a little before its end, so that a kink there is seen from before."""
     return jnp.maximum(start, end - 4 * float(np.finfo(end.dtype).eps) * jnp.abs(end))
