@@ -98,7 +98,7 @@ def test_the_voltage_of_a_motor_at_its_holding_value():
     A, b = linear_pendulum(3.0, 4.0)
 
     def of_interval(k):
-        # A voltage of 1 from knot k to the next moves x by the last column of the flow of (x, 1), and then nothing does.
+        # A voltage of 1 from knot k to the next moves x by the last column of the flow of (x, 1).
         with_input = np.block([[A, 3.0 * b[:, None]], [np.zeros((1, 5))]])
         moved = scipy.linalg.expm(with_input * 0.5)[:4, 4]
         return (scipy.linalg.expm(A * (5.0 - knots[k + 1])) @ moved)[0]

@@ -181,9 +181,9 @@ class _Loop:
         self.rows = min(max(BYTES_FOR_ALL // max(self.packing.size, 1), least) if rows is None else rows, max_steps)
         # Steps that are taken twice are taken by the same program, so that they are the same to the last bit.
         self.take_step = self._take_step if self.rows == self.max_steps else jax.jit(self._take_step)
-        self.shared = {}
-        for k, constant in enumerate(step.consts if parts else []):
-            self.shared |= {k: place for place, array in enumerate(parts.arrays) if array is constant}
+        places = {} if parts is None else {id(array): place for place, array in enumerate(parts.arrays)}
+        # Which constants are one of the arrays of which the whole is made.
+        self.shared = {k: places[id(x)] for k, x in enumerate(step.consts) if id(x) in places}
         controls = [equation for equation in step.jaxpr.eqns if is_control(equation)]
         estimate = controls[0].outvars[0].aval if controls else jax.ShapeDtypeStruct((1,), float)
         self.judged = jax.ShapeDtypeStruct(estimate.shape[:-1], estimate.dtype)
@@ -194,9 +194,7 @@ class _Loop:
             constants[self.place] = ()
         arrays = [] if self.parts is None else self.parts.arrays
         operands = constants, arrays, list(self.goes_on.consts), leaves
-        return with_rule(
-            lambda arguments: self.forward(*arguments), self.record_with_probe, self.back
-        )(operands)
+        return with_rule(lambda arguments: self.forward(*arguments), self.record_with_probe, self.back)(operands)
 
     def whole(self, constants: list[Any], arrays: list[Array]) -> list[Any]:
         """Joins the parts into the constant that they are."""
@@ -229,9 +227,7 @@ class _Loop:
 
         def recorded(moving: tuple[list[Array], list[Array]]) -> Any:
             moved_arrays = replace_chosen(arrays, of_arrays, moving[0])
-            moved_constants = [
-                moved_arrays[self.shared[k]] if k in self.shared else x for k, x in enumerate(constants)
-            ]
+            moved_constants = [moved_arrays[self.shared[k]] if k in self.shared else x for k, x in enumerate(constants)]
             moved_leaves = replace_chosen(leaves, of_probe, moving[1])
             return (), self.record(moved_constants, moved_arrays, conditions, moved_leaves)
 

@@ -24,25 +24,18 @@ from jaxtyping import Array, Float
 from ...compat import Rules, new_primitive, no_tangent, zero_tangent
 from .. import traces
 
-OWN, LAST_ROW = "own", "last row"
-DIRECTIONS = "directions"  # the axis of the tangents that a run is differentiated along, the last of which is the probe
-# The direction of the probe: each array by the size of its largest number, and by 1 if that is smaller than this, as the
-# numbers of a state at rest are.
+LAST_ROW = "last row"
+DIRECTIONS = "directions"  # the axis of the tangents along which a run is differentiated; the last is the probe
+# A probe moves each array by the size of its largest number, and by 1 if that is smaller than this, as the numbers of a
+# state at rest are.
 LEAST_SIZE = 1e-3
-# A probe smaller than this, in units of the states that absolute tolerances are for, is resolved as if it were that large, or what has hardly any effect would
-# ask for more steps than the state does; by a number of roundings, too.
+# A probe smaller than this, where the states for which absolute tolerances are meant have the size 1, is resolved as if
+# it were that large: what has hardly any effect would ask for more steps than the state. So it is by roundings.
 LEAST_PROBE = 0.1
 ROUNDINGS = 64
 # The part of a probe's error that counts. With all of it a run that moves takes 10 to 20 % more steps than for itself,
-# with this 3 to 8 %, and derivatives are as exact as the states of such runs.
+# with this 3 to 8 %, and its derivatives are still as exact as the states of such runs.
 SHARE = 0.25
-
-
-def steering_by_last_row() -> contextlib.AbstractContextManager[Any]:
-    """Returns the context in which a run is differentiated along several ``DIRECTIONS``, the last of which, 0, becomes
-    that of the probe.
-    """
-    return traces.steering(LAST_ROW)
 
 
 class _Outside(threading.local):
@@ -54,7 +47,7 @@ _outside = _Outside()
 
 @contextlib.contextmanager
 def steered_from_outside() -> Iterator[None]:
-    """Runs that are recorded for reverse mode within this block have no probe but the tangents that they have already."""
+    """Runs that are recorded for reverse mode within this block have a probe already: their tangents."""
     before, _outside.is_carried = _outside.is_carried, True
     try:
         yield
@@ -101,7 +94,7 @@ def control_error(
 
 
 def judge(operands: Sequence[Array]) -> tuple[list[Array], Array]:
-    """Returns the results of ``control_error`` for its operands, and the error of the step in units of the tolerance."""
+    """Returns the results of ``control_error`` for its operands, and the step's error in units of the tolerance."""
     error, _, _, weights, _, _ = operands
     excess, size = _excess.bind(*operands)
     return [error_of_size(error, weights, excess), size], jnp.maximum(_rms(error / weights), excess)
@@ -125,7 +118,7 @@ def _rms(x: Array) -> Array:
 def _differentiate_excess(primals: Sequence[Any], tangents: Sequence[Any]) -> Any:
     """Reads the tangents along the probe: of the error, of both ends, and its size so far."""
     primals = jax.lax.stop_gradient(list(primals))
-    error, start, end, weights, tolerance, size = primals
+    error, _, _, weights, tolerance, size = primals
     moved = [
         jnp.zeros_like(x) if no_tangent(tangent) else _of_probe(jax.lax.stop_gradient(tangent))
         for x, tangent in zip(primals, tangents, strict=True)
@@ -189,7 +182,9 @@ def _rules(first: Any, differentiate: Any, own: Any) -> Rules:
     )
 
 
-_control: Any = new_primitive("control_error", _rules(lambda error, *_: error, _differentiate_control, lambda: _control))
+_control: Any = new_primitive(
+    "control_error", _rules(lambda error, *_: error, _differentiate_control, lambda: _control)
+)
 _excess: Any = new_primitive(
     "excess_of_probe", _rules(lambda *operands: jnp.zeros_like(operands[-1]), _differentiate_excess, lambda: _excess)
 )
