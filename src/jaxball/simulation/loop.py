@@ -117,7 +117,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
             return with_stages_pulled_back(solver, recorded) if by_stages else solver
 
         resets = (self.parameters, of_resets) if reverse else (args, at_once)
-        fixed = stepsize_controller, args, resets, t0, t1, progress_meter, self.switching
+        fixed = output, stepsize_controller, args, resets, t0, t1, progress_meter, self.switching
         solve = _Solve(terms, solver, stepper_of(of_stages), *fixed)
         y0, switching, watch = init_state.y, self.switching, self.watch
         observers = None if self.observers is None else self.observers(args)
@@ -274,6 +274,7 @@ class _Solve(NamedTuple):
     terms: Any
     solver: Any
     stepper: Any  # the same, with steps that can be differentiated
+    output: DenseOutput
     controller: Any
     args: Any
     resets: tuple[Any, CarryOut]  # the parameters of a reset, and how it is carried out
@@ -320,8 +321,7 @@ class _Solve(NamedTuple):
         )
         if smooth and jumps:  # as in StepToKinks: a length that moved with a switch would do so more and more
             tnext = jax.lax.stop_gradient(tnext) + (tprev - jax.lax.stop_gradient(tprev))
-        interpolation = self.solver.interpolation_cls(t0=state.tprev, t1=state.tnext, **info)
-        attempt = Taken(state.tprev, state.tnext, y, interpolation.evaluate, state.controller_state)
+        attempt = self._taken(state, y, info)
         proposed = NextStep(keep, tprev, tnext, controller_state, jnp.asarray(False))
         hybrid, following = self.switching.detect(hybrid, attempt, proposed, self.args)
         keep, tprev, tnext, controller_state, exact = following
@@ -347,6 +347,14 @@ class _Solve(NamedTuple):
             num_accepted_steps=state.num_accepted_steps + jnp.where(keep, 1, 0),
         )
         return state, info, keep, hybrid
+
+    def _taken(self, state: Any, y: Float[Array, " size"], info: Any) -> Taken:
+        """Returns the step from ``state`` to ``y``, for the detection of the ends of modes."""
+        t0, t1 = state.tprev, state.tnext
+        own = self.solver.interpolation_cls(t0=t0, t1=t1, **info)
+        sketch = jax.tree_util.Partial(self.output.sketch, info, own)
+        exact = jax.tree_util.Partial(self.output.exact, self.terms, info, t0, t1, self.args)
+        return Taken(t0, t1, state.y, y, sketch, exact, state.controller_state, (self.t0, self.t1))
 
     def again(self, output: DenseOutput, t0: Array, t1: Array, y: Array) -> Step:
         """Computes once more a step that was taken, which is cheaper than keeping its intermediate values."""

@@ -68,6 +68,7 @@ class Watch:
         """
         functions, span = self._without_derivatives(step, parameters)
         log = scan(functions, span, seen, self._kinds, watched.log, kept & ~seen.quiet)
+        log = log._replace(piece=jnp.where(kept & seen.quiet, seen.piece, log.piece))
         # Extremes of the step in which the run ends may lie beyond its end: they count only if there are no others.
         counts = kept & (~log.ended | jnp.isinf(log.least))
         log = log._replace(
