@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..numerics.arrays import select_tree
 from ..physics.hybrid import NONE, entry
-from ..solvers.dense.crossings import Falling, FirstZero, Functions, Glance, glance
+from ..solvers.dense.crossings import Falling, FirstZero, Functions, glance
 from ..solvers.dense.pieces import Span
 
 NEAR_ZERO = 1e-10  # of the length of a step: where it ends so close to a zero of a guard, one step of Newton's is exact
@@ -24,8 +24,8 @@ MOST_TRIES = 40
 LEAST_LENGTH = 8  # the length of a step, in units of rounding of the time
 # Of the length of a step: between ends this close to each other, a guard is nearly linear, ...
 ADJACENT = 0.1
-# ... and so close behind a zero, its slope there tells as well as a look at the step where that is.
-CLOSE_BEHIND = 1e-5
+# ... and a step that ends as close to a zero as this is much the same as the longer one in which that was found.
+SAME_STEP = 1e-5
 # A step in which a guard changes too quickly to be followed is taken again, shorter, but not below a part of the run.
 SHORTER, SHORTEST = 1 / 64, 1 / 4096
 
@@ -34,7 +34,8 @@ class RootBracket(NamedTuple):
     """A zero of guard ``which``, that the next step is to meet at ``target``.
 
     It was positive at ``low``, and is presumably zero before ``high``, but certainly before ``below``, where a step has
-    ended below zero; that is infinite where none has. ``slope`` is its rate at the zero.
+    ended below zero; that is infinite where none has. ``slope`` is its rate at the zero. No guard fell to zero before
+    ``zero`` in the step in which it was found.
 
     A guard that is zero as a step begins, and falls, has its event at the ``earliest`` end of a step. It was ``f`` at
     ``x``, where the last step of the search ended; ``size`` is its size in the first.
@@ -48,6 +49,7 @@ class RootBracket(NamedTuple):
     target: Float[Array, ""]
     earliest: Float[Array, ""]
     slope: Float[Array, ""]
+    zero: Float[Array, ""]
     x: Float[Array, ""]
     f: Float[Array, ""]
     size: Float[Array, ""]
@@ -57,7 +59,7 @@ class RootBracket(NamedTuple):
     def none(cls, t: Float[Array, ""]) -> "RootBracket":
         """Returns the bracket without a zero."""
         no, first, zero = jnp.zeros_like(t, bool), jnp.zeros_like(t, int), jnp.zeros_like(t)
-        return cls(no, first, t, t, t, t, t, zero, t, zero, zero, first)
+        return cls(no, first, t, t, t, t, t, zero, t, t, zero, zero, first)
 
     @classmethod
     def of(cls, start: Float[Array, ""], end: Float[Array, ""], look: "Look") -> "RootBracket":
@@ -76,11 +78,19 @@ class RootBracket(NamedTuple):
             target=jnp.minimum(jnp.maximum(zero.time, earliest), end),
             earliest=earliest,
             slope=zero.slope,
+            zero=zero.time,
             x=end,
             f=value,
             size=entry(zero.which, look.size),
             tries=jnp.zeros_like(zero.which),
         )
+
+    def agrees(self, span: Span, last: Float[Array, " k"]) -> Bool[Array, ""]:
+        """Returns whether a step that was to meet the zero, after which the guards are ``last``, has come so close to
+        it that the step in which it was found tells of this one.
+        """
+        near = jnp.abs(entry(self.which, last)) <= SAME_STEP * span.length * jnp.abs(self.slope)
+        return self.on & (span.last == self.target) & near & (span.last <= self.zero + ONE_EVENT * span.length)
 
     def narrow(
         self, start: Float[Array, ""], x: Float[Array, ""], f: Float[Array, ""], target: Float[Array, ""]
@@ -126,7 +136,7 @@ def look_at(
     """Looks for the first zero of ``count`` guards in a step.
 
     - ``sketch``: the guards at times in the step, less accurate than it is; ``exact``: as accurate, if asked for.
-    - ``bracket``: the zero that is sought, if any: the step need not be looked at closely for that at its end.
+    - ``bracket``: the zero that is sought, if any.
     - ``piece``: the length of the piece in which the look at the step before ended.
     """
     if not count:
@@ -135,10 +145,10 @@ def look_at(
         return Look(FirstZero(no, jnp.asarray(NONE), nothing, nothing, nothing, no, piece), none, none, none, piece)
     falling = Falling(count)
     log = falling.log(span.start, piece)
-    meets = (jnp.arange(count) == bracket.which) & bracket.on & (span.last == bracket.target)
-    seen: Glance = glance(sketch, span, log, jnp.where(meets, CLOSE_BEHIND * span.length * jnp.abs(bracket.slope), 0.0))
-    zero = falling.first(exact(~seen.quiet), span, seen, log, ~seen.quiet)
-    return Look(zero, seen.first, seen.last, seen.size, jnp.where(seen.quiet, seen.piece, zero.piece))
+    seen = glance(sketch, span, log)
+    asked = ~(seen.quiet | bracket.agrees(span, seen.last))
+    zero = falling.first(exact(asked), span, seen, log, asked)
+    return Look(zero, seen.first, seen.last, seen.size, jnp.where(asked, zero.piece, seen.piece))
 
 
 def bracket_zero(

@@ -35,6 +35,7 @@ CLEARANCE = 1.1  # by which a term of a series outweighs the others, where the s
 SMALLEST_LEVEL = 12  # halvings of a step down to which a function is resolved
 # The part of a bracket on each side of the zero's estimate in which it is sought next: at most, and at least.
 WIDEST, NARROWEST = 0.25, 1e-4
+CLOSE = 1e-5  # of a step: a secant as short as that is off by a 1e-10th of it, or less
 SLOPE_GAP = 1e-6  # of the whole: in a window shorter than that a slope is not to be had
 MOST_WINDOWS = 60
 
@@ -132,11 +133,8 @@ class Glance(NamedTuple):
     piece: Float[Array, ""]
 
 
-def glance(functions: Functions, span: Span, log: Log, allowance: Float[Array, " k"] | float = 0.0) -> Glance:
-    """Looks at a step by ``functions`` that may be less accurate than it is, in the longest pieces that it may have.
-
-    ``allowance``: how far beyond zero the values of each function at the ends of pieces may be.
-    """
+def glance(functions: Functions, span: Span, log: Log) -> Glance:
+    """Looks at a step by ``functions`` that may be less accurate than it is, in the longest pieces that it may have."""
     pieces, signs = Pieces.of(span.start.dtype), log.signs
     nothing = jnp.zeros_like(signs.since)
 
@@ -146,7 +144,7 @@ def glance(functions: Functions, span: Span, log: Log, allowance: Float[Array, "
         samples, end = piece.samples, place + width
         finite = jnp.isfinite(samples)
         # A function that is monotone from one sign to the same one has no zero between.
-        same = (signs.sign != 0) & (signs.sign * samples[-1] > -allowance) & (piece.clear | piece.monotone)
+        same = (signs.sign != 0) & (signs.sign * samples[-1] > 0) & (piece.clear | piece.monotone)
         seen = Glance(
             seen.quiet & jnp.all(same),
             jnp.maximum(seen.size, jnp.max(jnp.where(finite, jnp.abs(samples), 0.0), axis=0)),
@@ -211,8 +209,13 @@ class _Search(NamedTuple):
         bracket = jnp.stack([self.of_first(self.low), self.high])
         return self._replace(bracket=bracket, window=bracket, tries=jnp.asarray(0))
 
-    def narrow(self, times: Float[Array, " samples"], samples: Float[Array, "samples k"]) -> "_Search":
-        """Narrows the bracket by the values in the window, to the two samples between which the sign changes."""
+    def narrow(
+        self, times: Float[Array, " samples"], samples: Float[Array, "samples k"], close: Float[Array, ""] | float
+    ) -> "_Search":
+        """Narrows the bracket by the values in the window, to the two samples between which the sign changes.
+
+        ``close``: if they are, the zero of the secant is exact enough.
+        """
         values = self.of_first(samples) * self.of_first(self.sign)
         has_sign, place = values >= 0, jnp.arange(times.size)
         after = jnp.min(jnp.where(has_sign, place, times.size))
@@ -237,6 +240,7 @@ class _Search(NamedTuple):
         window = jnp.where(between, near, bracket)
         search = self._replace(bracket=bracket, window=window, slopes=slopes, tries=self.tries + 1)
         done = (gap <= 2 * eps * jnp.maximum(jnp.abs(root), whole)) | (search.tries >= MOST_WINDOWS)
+        done |= between & (gap <= close)
         return select_tree(done, self._enter(root), search)
 
     def _enter(self, root: Float[Array, ""]) -> "_Search":
@@ -265,7 +269,7 @@ def scan(functions: Functions, span: Span, seen: Glance, kinds: Kinds, log: Log,
     ``functions`` are as accurate as the step. They are called in one place, because they may be long.
     """
     # A jump at the start of the step comes before all pieces: the first time, only the start is passed.
-    return _scan(functions, span, seen, kinds, log, asked, enters=True).log
+    return _scan(functions, span, seen, kinds, log, asked, enters=True, close=0.0).log
 
 
 class FirstZero(NamedTuple):
@@ -291,7 +295,7 @@ class FirstZero(NamedTuple):
 class Falling(NamedTuple):
     """Finds the first zero of functions that are positive as a step begins, where they may be zero by rounding.
 
-    ``count``: how many there are.
+    ``count``: how many there are. A zero is found as exactly as a secant over the part ``CLOSE`` of a step is.
     """
 
     count: int
@@ -305,7 +309,8 @@ class Falling(NamedTuple):
     ) -> FirstZero:
         """Finds it, as :func:`scan` does, if that is ``asked`` for."""
         # The start is not looked at: below zero there by rounding, a function may rise.
-        done = _scan(functions, span, seen, self._kinds, log, asked, enters=False)
+        close = CLOSE * span.length
+        done = _scan(functions, span, seen, self._kinds, log, asked, enters=False, close=close)
         which = done.log.places[0]
         chosen = jnp.arange(self.count) == which
 
@@ -337,6 +342,7 @@ def _scan(
     asked: Bool[Array, ""],
     *,
     enters: bool,
+    close: Float[Array, ""] | float,
 ) -> _Scan:
     pieces = Pieces.of(span.start.dtype)
     noise = ROUNDINGS * float(jnp.finfo(span.start.dtype).eps) * seen.size
@@ -350,7 +356,7 @@ def _scan(
         samples = functions(times)
 
         def seek(scan: _Scan) -> _Scan:
-            search = scan.search.narrow(times, samples)
+            search = scan.search.narrow(times, samples, close)
             noted = _add_zeros(scan.log, kinds, span, search.roots)
             return scan._replace(search=search, log=select_tree(search.goes_on, scan.log, noted))
 
