@@ -125,8 +125,12 @@ def lifts_and_landings(frequency):
 BALL = {"mass": 1.0, "inertia": (0.4, 0.4, 0.4), "gravity": G}
 LAW = {"contact": Contact(friction=0.3, restitution=0.0, capacity=512)}
 ON_PLATES = [
-    pytest.param(lambda plate: Ball(ground=Ground(motion=plate), **BALL), 0.0, id="at rest", marks=pytest.mark.thorough),
-    pytest.param(lambda plate: Ball(ground=Ground(motion=plate), **BALL), 1.0, id="rolling", marks=pytest.mark.thorough),
+    pytest.param(
+        lambda plate: Ball(ground=Ground(motion=plate), **BALL), 0.0, id="at rest", marks=pytest.mark.thorough
+    ),
+    pytest.param(
+        lambda plate: Ball(ground=Ground(motion=plate), **BALL), 1.0, id="rolling", marks=pytest.mark.thorough
+    ),
     pytest.param(
         lambda plate: Ball(ground=TiltingPlane(displacement=plate), **BALL), 0.0, id="tilting", marks=pytest.mark.long
     ),

@@ -52,8 +52,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
     """The loop of a solve that saves the vectors at ``times``, infinite at times that it does not reach.
 
     What ``switching`` and ``watch`` carried to the end is among the statistics, as ``switching`` and ``watched``, and
-    the vector at the ``end``; with ``observers``, so is what they ``found``. A step to where the equations no longer
-    hold, as ``is_over`` tells, is the last.
+    the vector at the ``end``; with ``observers``, so is what they ``found``.
 
     diffrax calls a loop after the way in which it is differentiated. ``kind`` is "checkpointed" for reverse mode, with
     ``checkpoints`` of them, and "lax" for forward mode or none.
@@ -63,7 +62,6 @@ class SolveLoop(diffrax.AbstractAdjoint):
     switching: AbstractSwitching
     observers: Callable[[Any], Observers] | None = eqx.field(static=True)  # a function of the terms' arguments
     watch: Watch | None = eqx.field(static=True)
-    is_over: Callable[..., Bool[Array, ""]] | None = eqx.field(static=True)  # of t, a vector and the terms' arguments
     kind: Literal["checkpointed", "lax"] = eqx.field(static=True)
     parameters: list[Array]
     join: Callable[[list[Array]], Array] = eqx.field(static=True)
@@ -77,15 +75,14 @@ class SolveLoop(diffrax.AbstractAdjoint):
         switching: AbstractSwitching,
         observers: Callable[[Any], Observers] | None = None,
         watch: Watch | None = None,
-        is_over: Callable[..., Bool[Array, ""]] | None = None,
         *,
         parameters: list[Array],
         join: Callable[[list[Array]], Array],
     ) -> "SolveLoop":
         """Returns the loop for the differentiation that ``adjoint`` stands for."""
         if isinstance(adjoint, diffrax.ForwardMode):
-            return cls(times, switching, observers, watch, is_over, "lax", parameters, join)
-        return cls(times, switching, observers, watch, is_over, "checkpointed", parameters, join, adjoint.checkpoints)
+            return cls(times, switching, observers, watch, "lax", parameters, join)
+        return cls(times, switching, observers, watch, "checkpointed", parameters, join, adjoint.checkpoints)
 
     def loop(
         self,
@@ -132,7 +129,6 @@ class SolveLoop(diffrax.AbstractAdjoint):
             before, saved, hybrid, seen, watched = carry
             state, until, hybrid = solve.after_reset(before, switching.with_event_if(counts, hybrid))
             new, info, keep, hybrid = solve.advance(state, hybrid)
-            new = self._end_if_over(new, keep, args)
             pause = Pause(before.y, until, state.tprev)
             new, *recorded = recorder.record(before.tprev, pause, state, new, info, keep & counts, saved, seen, watched)
             return new, recorded[0], hybrid, *recorded[1:]
@@ -167,13 +163,6 @@ class SolveLoop(diffrax.AbstractAdjoint):
             solve = solve._replace(stepper=stepper_of(Recorded("stages")))  # its steps are none of the loop's
             statistics["found"] = observers.results(seen, t0, first, functools.partial(solve.again, output))
         return state, statistics
-
-    def _end_if_over(self, state: Any, keep: Bool[Array, ""], args: Any) -> Any:
-        """Ends the solve with a step after which the field no longer holds."""
-        if self.is_over is None:
-            return state
-        over = self.is_over(*jax.lax.stop_gradient((state.tprev, state.y)), args)
-        return dataclasses.replace(state, result=RESULTS.where(keep & over, RESULTS.nonfinite, state.result))
 
     def _checkpoints(self, max_steps: int) -> int | None:
         """Returns how many steps are kept for reverse mode.

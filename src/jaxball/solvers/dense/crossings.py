@@ -1,6 +1,7 @@
 """Finds all times within a step of a solve at which functions of time cross zero, from left to right.
 
-``watch`` finds events by it, and ``mode_ends`` the first zero of a guard. A step is cut into pieces, and pieces are halved, until of each function one thing is certain in a piece:
+``watch`` finds events by it, and ``mode_ends`` the first zero of a guard. A step is cut into pieces, and pieces are
+halved, until of each function one thing is certain in a piece:
 
 - it has no zero there, because the constant term of its Chebyshev series outweighs all others;
 - or it is monotone, because the constant term of the series of its slope does, so that it has one zero at most, which
@@ -14,9 +15,10 @@ of the smallest pieces to the other are found.
 
 The samples of a piece in which a function swings many times are as good as random. Random samples look like those of a
 function without a zero in one of 30,000 pieces, because the later a term of the series, the smaller it must be. A piece
-is at most twice as long as the one before it, in the same step or the one before: where swings are resolved, the next
-ones are looked at in pieces that resolve them, so that this chance is taken once in a run and not in each piece. A
-function that begins to swing within a step takes it again, and what it hides is missed without a word.
+is at most twice as long as the one before it, in the same step or the one before, however long the steps are: where
+swings are resolved, the next ones are looked at in pieces that resolve them, so that this chance is taken once in a run
+and not in each piece. A function that begins to swing within a step takes it again, and what it hides is missed without
+a word.
 """
 
 from collections.abc import Callable
@@ -304,9 +306,7 @@ class Falling(NamedTuple):
         """Returns the log as a step begins, after a ``piece`` of this length."""
         return Log.empty(self._kinds, start)._replace(piece=piece)
 
-    def first(
-        self, functions: Functions, span: Span, seen: Glance, log: Log, asked: Bool[Array, ""]
-    ) -> FirstZero:
+    def first(self, functions: Functions, span: Span, seen: Glance, log: Log, asked: Bool[Array, ""]) -> FirstZero:
         """Finds it, as :func:`scan` does, if that is ``asked`` for."""
         # The start is not looked at: below zero there by rounding, a function may rise.
         close = CLOSE * span.length

@@ -137,7 +137,9 @@ class Pieces(NamedTuple):
 
     def longest(self, span: Span) -> Int[Array, ""]:
         """Returns the width of the longest pieces of a step."""
-        halvings = [span.length > LONGEST_PIECE * 2.0**k * span.of_run for k in range(MOST_FIRST_PIECES.bit_length() - 1)]
+        halvings = [
+            span.length > LONGEST_PIECE * 2.0**k * span.of_run for k in range(MOST_FIRST_PIECES.bit_length() - 1)
+        ]
         return jnp.asarray(self.unit) >> sum(jnp.where(halve, 1, 0) for halve in halvings)
 
     def first(self, span: Span, before: Float[Array, ""]) -> Int[Array, ""]:
