@@ -25,8 +25,9 @@ from ..physics.hybrid import NONE, START, Accuracy, GuardedStep, Record, Transit
 from ..physics.packing import Packing
 from ..programs.derivatives.differentiation import without_derivatives
 from ..programs.derivatives.reverse_rules import CarryOut, pull_by_forward_mode, put
+from ..solvers.dense.crossings import Functions
 from ..solvers.dense.pieces import Span
-from .mode_ends import LEAST_LENGTH, SHORTER, RootBracket, bracket_zero, is_too_quick, look_at
+from .mode_ends import LEAST_LENGTH, SHORTER, Look, RootBracket, bracket_zero, is_too_quick, look_at
 
 GRAZING = 1e-6  # a guard that falls by less than this part of its size in a step touches zero
 CLOSE_SWITCHES = 1e-9  # switches closer to each other than this part of a run are counted as crowded
@@ -116,6 +117,18 @@ class Taken(NamedTuple):
     exact: Callable[[Bool[Array, ""]], Vectors]
     memory: Any
     run: tuple[Float[Array, ""], Float[Array, ""]]
+
+    @property
+    def span(self) -> Span:
+        """Its times."""
+        return Span(self.start, self.end, self.run)
+
+    def between_ends(self, times: Float[Array, " m"], vectors: Float[Array, "m size"]) -> Float[Array, "m size"]:
+        """Returns the ``vectors`` at times within it, with those that are known in the place of the ones at its
+        ends.
+        """
+        within = jnp.where((times > self.start)[:, None], vectors, self.before)
+        return jnp.where((times < self.end)[:, None], within, self.after)
 
 
 class Reset(NamedTuple):
@@ -325,30 +338,11 @@ class Switching(AbstractSwitching):
         """Detects whether the step ends too late for an event, and else whether there is one at its end."""
         # Where a step ends is only looked for here: the transition gives the time of the event its derivatives.
         attempt, args, accuracy = without_derivatives((attempt, args, self.accuracy))
-        start, end, span = attempt.start, attempt.end, Span(attempt.start, attempt.end, attempt.run)
+        start, end, span = attempt.start, attempt.end, attempt.span
         packing, bracket = self._packing(args), carry.bracket
         system = packing.system
         reference = system.step_reference(start, packing.unpack(start, attempt.before), accuracy)
-
-        @jax.jit
-        def guards_at(times: Float[Array, " n"], vectors: Float[Array, "n size"]) -> Float[Array, "n k"]:
-            packing = self._packing(args)  # here, because a loop takes few operands faster than many
-
-            def at(t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, " k"]:
-                return packing.system.guards_in_step(t, packing.unpack(t, x), reference)
-
-            return without_derivatives(jax.vmap(at)(times, vectors))
-
-        def along(vectors: Vectors) -> Callable[[Float[Array, " n"]], Float[Array, "n k"]]:
-            def guards(times: Float[Array, " n"]) -> Float[Array, "n k"]:
-                within = jnp.where((times > start)[:, None], vectors(times), attempt.before)
-                return guards_at(times, jnp.where((times < end)[:, None], within, attempt.after))
-
-            return guards
-
-        count = jax.eval_shape(guards_at, start[None], attempt.before[None]).shape[1]
-        exact = lambda asked: along(attempt.exact(asked))  # noqa: E731
-        look = look_at(along(attempt.sketch), exact, span, bracket, carry.piece, count)
+        look = self._look(attempt, args, reference, bracket, carry.piece)
         rejected, following = bracket_zero(bracket, start, end, look)
         at_target = bracket.on & (end == bracket.target)
         quick = ~at_target & is_too_quick(look, span)
@@ -367,6 +361,28 @@ class Switching(AbstractSwitching):
         )
         target = jnp.where(quick, start + SHORTER * (end - start), following.target)
         return _Detection(carry, rejected, target, jnp.where(rejected, jnp.inf, longest))
+
+    def _look(self, attempt: Taken, args: Any, reference: Any, bracket: RootBracket, piece: Float[Array, ""]) -> Look:
+        """Looks at the guards within a step, of which one is zero in a ``bracket``, after a ``piece`` of this length.
+
+        ``reference``: what they refer to.
+        """
+
+        @jax.jit
+        def guards_at(times: Float[Array, " n"], vectors: Float[Array, "n size"]) -> Float[Array, "n k"]:
+            packing = self._packing(args)  # here, because a loop takes few operands faster than many
+
+            def at(t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, " k"]:
+                return packing.system.guards_in_step(t, packing.unpack(t, x), reference)
+
+            return without_derivatives(jax.vmap(at)(times, vectors))
+
+        def along(vectors: Vectors) -> Functions:
+            return lambda times: guards_at(times, attempt.between_ends(times, vectors(times)))
+
+        count = jax.eval_shape(guards_at, attempt.start[None], attempt.before[None]).shape[1]
+        sketch, exact = along(attempt.sketch), lambda asked: along(attempt.exact(asked))
+        return look_at(sketch, exact, attempt.span, bracket, piece, count)
 
     def _packing(self, args: Any) -> Packing:
         return self.unpack(args)[0]

@@ -297,10 +297,10 @@ class FirstZero(NamedTuple):
 class Falling(NamedTuple):
     """Finds the first zero of functions that are positive as a step begins, where they may be zero by rounding.
 
-    ``count``: how many there are. A zero is found as exactly as a secant over the part ``CLOSE`` of a step is.
+    ``number``: how many there are. A zero is found as exactly as a secant over the part ``CLOSE`` of a step is.
     """
 
-    count: int
+    number: int
 
     def log(self, start: Float[Array, ""], piece: Float[Array, ""]) -> Log:
         """Returns the log as a step begins, after a ``piece`` of this length."""
@@ -312,7 +312,7 @@ class Falling(NamedTuple):
         close = CLOSE * span.length
         done = _scan(functions, span, seen, self._kinds, log, asked, enters=False, close=close)
         which = done.log.places[0]
-        chosen = jnp.arange(self.count) == which
+        chosen = jnp.arange(self.number) == which
 
         def entry(values: Float[Array, " k"]) -> Float[Array, ""]:
             return jnp.sum(jnp.where(chosen, values, 0.0))
@@ -329,8 +329,8 @@ class Falling(NamedTuple):
 
     @property
     def _kinds(self) -> Kinds:
-        yes = (True,) * self.count
-        return Kinds((-1,) * self.count, yes, yes, (1,) * self.count)
+        yes = (True,) * self.number
+        return Kinds((-1,) * self.number, yes, yes, (1,) * self.number)
 
 
 def _scan(
