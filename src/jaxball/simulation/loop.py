@@ -310,7 +310,7 @@ class _Solve(NamedTuple):
         )
         if smooth and jumps:  # as in StepToKinks: a length that moved with a switch would do so more and more
             tnext = jax.lax.stop_gradient(tnext) + (tprev - jax.lax.stop_gradient(tprev))
-        attempt = self._taken(state, y, info)
+        attempt = self._describe_step(state, y, info)
         proposed = NextStep(keep, tprev, tnext, controller_state, jnp.asarray(False))
         hybrid, following = self.switching.detect(hybrid, attempt, proposed, self.args)
         keep, tprev, tnext, controller_state, exact = following
@@ -337,11 +337,11 @@ class _Solve(NamedTuple):
         )
         return state, info, keep, hybrid
 
-    def _taken(self, state: Any, y: Float[Array, " size"], info: Any) -> Taken:
+    def _describe_step(self, state: Any, y: Float[Array, " size"], info: Any) -> Taken:
         """Returns the step from ``state`` to ``y``, for the detection of the ends of modes."""
         t0, t1 = state.tprev, state.tnext
-        own = self.solver.interpolation_cls(t0=t0, t1=t1, **info)
-        sketch = jax.tree_util.Partial(self.output.sketch, info, own)
+        coarse = self.solver.interpolation_cls(t0=t0, t1=t1, **info)
+        sketch = jax.tree_util.Partial(self.output.sketch, info, coarse)
         exact = jax.tree_util.Partial(self.output.exact, self.terms, info, t0, t1, self.args)
         return Taken(t0, t1, state.y, y, sketch, exact, state.controller_state, (self.t0, self.t1))
 

@@ -15,7 +15,8 @@ from ..numerics.calculus import with_derivatives
 from ..physics.packing import Packing
 from ..programs.derivatives.differentiation import keep_if_known, keep_known_rows, once, without_derivatives
 from ..programs.derivatives.reverse_rules import put_while
-from ..solvers.dense.crossings import Glance, Kinds, Log, Span, glance, scan
+from ..solvers.dense.crossings import Glance, Kinds, Log, glance, scan
+from ..solvers.dense.pieces import Span
 from ..solvers.dense.steps import last_within
 from .events import AbstractEvent, Occurrences
 

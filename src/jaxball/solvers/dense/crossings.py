@@ -37,7 +37,7 @@ CLEARANCE = 1.1  # by which a term of a series outweighs the others, where the s
 SMALLEST_LEVEL = 12  # halvings of a step down to which a function is resolved
 # The part of a bracket on each side of the zero's estimate in which it is sought next: at most, and at least.
 WIDEST, NARROWEST = 0.25, 1e-4
-CLOSE = 1e-5  # of a step: a secant as short as that is off by a 1e-10th of it, or less
+SECANT = 1e-5  # of a step: a secant as short as that is off by a 1e-10th of it, or less
 SLOPE_GAP = 1e-6  # of the whole: in a window shorter than that a slope is not to be had
 MOST_WINDOWS = 60
 
@@ -297,7 +297,7 @@ class FirstZero(NamedTuple):
 class Falling(NamedTuple):
     """Finds the first zero of functions that are positive as a step begins, where they may be zero by rounding.
 
-    ``number``: how many there are. A zero is found as exactly as a secant over the part ``CLOSE`` of a step is.
+    ``number``: how many there are. A zero is found as exactly as a secant over the part ``SECANT`` of a step is.
     """
 
     number: int
@@ -309,7 +309,7 @@ class Falling(NamedTuple):
     def first(self, functions: Functions, span: Span, seen: Glance, log: Log, asked: Bool[Array, ""]) -> FirstZero:
         """Finds it, as :func:`scan` does, if that is ``asked`` for."""
         # The start is not looked at: below zero there by rounding, a function may rise.
-        close = CLOSE * span.length
+        close = SECANT * span.length
         done = _scan(functions, span, seen, self._kinds, log, asked, enters=False, close=close)
         which = done.log.places[0]
         chosen = jnp.arange(self.number) == which

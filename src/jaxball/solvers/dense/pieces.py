@@ -18,7 +18,7 @@ SAMPLES_OF_PIECE = 8
 # body that rolls freely, would hide what a function does within it.
 LONGEST_PIECE = 1 / 32
 MOST_FIRST_PIECES = 32
-GROWTH = 2.0  # the longest piece, relative to the one before it
+LONGER_PIECE = 2.0  # the longest piece, relative to the one before it
 # The weights of the last terms of a series: of random samples they are as large as the first.
 TAIL = (16.0, 16.0, 64.0, 64.0)
 SLOPE_TAIL = 64.0  # the same for the slope: the term of order n weighs n² as much
@@ -145,7 +145,7 @@ class Pieces(NamedTuple):
     def first(self, span: Span, before: Float[Array, ""]) -> Int[Array, ""]:
         """Returns the width of the piece with which a step is begun, after one of the length ``before``."""
         longest = self.longest(span)
-        length, most = self.length(span, longest), GROWTH * before
+        length, most = self.length(span, longest), LONGER_PIECE * before
         share = jnp.where(length > most, length / jnp.where(most > 0, most, length), 1.0)
         halvings = jnp.minimum(jnp.ceil(jnp.log2(share)), self.unit.bit_length() - 1)
         return jnp.maximum(longest >> halvings.astype(longest.dtype), 1)
