@@ -89,6 +89,12 @@ def test_a_guard_below_zero_by_rounding_may_rise():
     assert searched(lambda t, low: t - low, (1e-15,), 1.0) == Search(1.0, 1, False)
 
 
+@pytest.mark.parametrize("power", [2, 3])
+def test_a_guard_may_rise_slowly_at_first(power):
+    """As the speed of a slip that begins where friction has just given way."""
+    assert searched(lambda t, low: t**power - low, (1e-13,), 1.0) == Search(1.0, 1, False)
+
+
 def test_a_guard_that_falls_from_zero_ends_its_mode_at_once():
     found = searched(lambda t, slope: -slope * t, (1.0,), 1.0)
     assert found.is_zero

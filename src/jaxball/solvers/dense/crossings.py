@@ -38,6 +38,7 @@ SMALLEST_LEVEL = 12  # halvings of a step down to which a function is resolved
 # The part of a bracket on each side of the zero's estimate in which it is sought next: at most, and at least.
 WIDEST, NARROWEST = 0.25, 1e-4
 SECANT = 1e-5  # of a step: a secant as short as that is off by a 1e-10th of it, or less
+FROM_ZERO = 1e-6  # of its value at the end of the first piece: a smaller one at the start of a step is rounding
 SLOPE_GAP = 1e-6  # of the whole: in a window shorter than that a slope is not to be had
 MOST_WINDOWS = 60
 
@@ -367,6 +368,10 @@ def _scan(
         # Zero throughout, to rounding, and without a finite value there is nothing to be found.
         simple = piece.clear | piece.monotone | jnp.all(jnp.abs(samples) <= noise[None], axis=0)
         simple |= ~jnp.any(jnp.isfinite(samples), axis=0)
+        if not enters:
+            # As the square of the time from a reset on, which no piece, however short, shows to be monotone.
+            rises = jnp.all(jnp.diff(samples, axis=0) > 0, axis=0) & (jnp.abs(samples[0]) <= FROM_ZERO * samples[-1])
+            simple |= (scan.place == 0) & piece.decayed & rises
         # A series that is trusted has two zeros close to each other, or touches zero: smaller pieces tell.
         smallest = jnp.where(piece.decayed, 1, pieces.unit >> min(SMALLEST_LEVEL, pieces.unit.bit_length() - 1))
         width = scan.width
