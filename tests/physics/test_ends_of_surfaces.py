@@ -2,10 +2,12 @@
 
 from typing import ClassVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxtyping import Array, Float
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
@@ -92,6 +94,44 @@ def test_edge_of_a_table():
     (sentence,) = problems(ball, beyond)
     assert "`state.z` must be coordinates of a place on the ground" in sentence
     assert simulate(ball, [0.0, 10.0], beyond).status == Status.IMPOSSIBLE
+
+
+class Tide(AbstractSurface):
+    """A level plane of which 0.3 + 0.5 sin ωt is left ahead of the origin."""
+
+    frequency: Float[Array, "*group"] = eqx.field(converter=jnp.asarray)
+    motion: ClassVar[None] = None
+
+    def point(self, t, u1, u2):
+        return jnp.stack([u1, u2, jnp.zeros_like(u1)])
+
+    def reach(self, t, u1, u2):
+        return 0.3 + 0.5 * jnp.sin(self.frequency * t) - u1
+
+
+def breathing(t, x, y, frequency):
+    """At the origin of curvature 1.5 + sin ωt."""
+    return 0.5 * (1.5 + jnp.sin(frequency * t)) * (x**2 + y**2)
+
+
+FREQUENCIES = [1.0, 3.0, 20.0, 70.0, 200.0]
+GROUNDS = {  # when the ground ends, as a phase: sin ωt = −0.6 ahead of the origin, 1.5 + sin ωt = 1/r below it
+    Status.LEFT_SURFACE: (Tide, np.pi + np.arcsin(0.6)),
+    Status.WEDGED: (lambda frequency: HeightField(breathing, frequency), np.arcsin(0.5)),
+}
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("status", GROUNDS)
+def test_a_ground_that_ends_where_a_ball_rests(status):
+    """The state does not move, so that steps grow over many of the times at which there is ground again."""
+    ground, phase = GROUNDS[status]
+    for frequency in FREQUENCIES:
+        for tol in 10.0 ** -np.arange(3, 14):
+            run = simulate(Ball(**SHELL, ground=ground(frequency)), [0.0, 10.0], BallState(), rtol=tol, atol=tol)
+            assert run.status == status, (frequency, tol)
+            # The margin of 6e-7 that a run ends before, over the slopes 0.4 and 0.43 of both, per radian.
+            np.testing.assert_allclose(run.reached * frequency, phase, atol=2e-6)
 
 
 @pytest.mark.thorough

@@ -128,6 +128,22 @@ def test_a_mass_that_leaves_the_shell_does_so_at_its_time(motion, when, furthest
 
 
 @pytest.mark.thorough
+def test_a_mass_that_leaves_among_events_of_the_user():
+    """θ = 1/2 + t²/4 passes 0.75 at t = 1, and leaves at √2; the events come before and behind that by name."""
+    body = ball(jaxball.Driven(jaxball.Tube((0.0, 0.0, 1.0))), law=jaxball.FunctionLaw(accelerate, jnp.asarray(0.5)))
+    events = {
+        "rises": jaxball.Event("theta[0]", direction=1, level=0.75),
+        "(falls)": jaxball.Event(lambda body, t, state: 0.75 - state.theta[0], direction=-1),
+    }
+    run = simulate(body, TIMES, BallState(theta=[0.5], thetadot=[0.0]), events=events)
+    assert int(run.status) == Status.LEFT_SHELL
+    np.testing.assert_allclose(run.reached, np.sqrt(2.0), rtol=0, atol=3e-8)
+    for name in events:
+        assert int(run.events[name].count) == 1
+        np.testing.assert_allclose(run.events[name].times[0], 1.0, rtol=0, atol=1e-9)
+
+
+@pytest.mark.thorough
 def test_a_driven_mass_is_looked_at_at_the_start_and_in_every_step():
     law = jaxball.FunctionLaw(accelerate, jnp.asarray(0.5))
     body = ball(jaxball.Driven(jaxball.Tube((0.0, 0.0, 1.0))), law=law)

@@ -53,7 +53,7 @@ class GuardedStep(NamedTuple):
     - ``start``, ``end``: the times.
     - ``state``: the state at its end.
     - ``reference``: the result of ``step_reference`` at its start.
-    - ``guards``: at a few times of the step, the first of which is its start and the last its end.
+    - ``guards``: at its start and at its end; ``largest``: the largest size of each within it.
     - ``zero``: the guard that is zero at the end, or ``NONE``; ``size``: the size of that guard in the step.
     - ``timed``: whether it ends at a time event.
     """
@@ -62,14 +62,15 @@ class GuardedStep(NamedTuple):
     end: Float[Array, ""]
     state: Any
     reference: Any
-    guards: Float[Array, "k nodes"]
+    guards: Float[Array, "k ends"]
+    largest: Float[Array, " k"]
     zero: Int[Array, ""]
     size: Float[Array, ""]
     timed: Bool[Array, ""]
 
     @property
     def is_zero(self) -> Bool[Array, ""]:
-        """Whether that guard is zero; polynomials through a few values have spurious zeros, too."""
+        """Whether that guard is zero; an interpolation has spurious zeros, too."""
         return (self.zero != NONE) & (jnp.abs(entry(self.zero, self.guards[:, -1])) <= ZERO_GUARD * self.size)
 
     @property

@@ -19,9 +19,11 @@ from ..interface.printing import Printed, format_value, is_single
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, numbers
 from ..physics.contact.body_on_plane import BodyOnPlane
-from ..physics.contact.modes import Mode
+from ..physics.contact.modes import ContactState, Mode
+from ..physics.dynamics.footing import room_on_ground
 from ..physics.rolling import AbstractRollingSystem, Reaction
 from ..physics.system import AbstractSystem
+from ..programs.derivatives.differentiation import without_derivatives
 from .quantities import observables_of, quantity
 
 
@@ -299,6 +301,30 @@ class Leaving(AbstractEvent):
 
     def value_in_solve(self, system, t, state):
         return self.value(system, t, state)
+
+
+class EndOfGround(AbstractEvent):
+    """The surface under a body does not let it go on: it is curved too much, or ends.
+
+    Its ``status`` says which.
+    """
+
+    status: Status = eqx.field(static=True)  # pyright: ignore[reportIncompatibleVariableOverride]
+    direction: int = eqx.field(static=True, default=DOWN, init=False)
+    terminal: bool = eqx.field(static=True, default=True, init=False)
+    capacity: int = eqx.field(static=True, default=1, init=False)
+    from_start: ClassVar[bool] = False
+
+    def value(self, system, t, state):
+        # Where a run ends has no derivatives: beyond, there is no motion.
+        system, t, state = without_derivatives((system, t, state))
+        fit, way = room_on_ground(system, t, state)
+        return fit if self.status == Status.WEDGED else way
+
+    def value_in_solve(self, system, t, state):
+        value = super().value_in_solve(system, t, state)
+        # In flight a body needs no ground.
+        return jnp.where(state.is_in(Mode.FLIGHT), 1.0, value) if isinstance(state, ContactState) else value
 
 
 def check_events(system: AbstractSystem, events: Mapping[str, AbstractEvent] | None) -> dict[str, AbstractEvent]:

@@ -31,7 +31,7 @@ from ..solvers import StepToKinks
 from ..solvers.dense.continuous import DenseOutput, has_one_tableau
 from ..solvers.dense.pauses import AfterPauses, Pause
 from ..solvers.explicit import depends_on_arguments_alone, with_first_slope, with_stages_pulled_back
-from ..solvers.multistep import AbstractMultistep, AbstractMultistepController
+from ..solvers.multistep import AbstractMultistep, AbstractMultistepController, PlannedError
 from .inputs import LimitedSteps
 from .observers import Observers, Step
 from .switching import AbstractSwitching, NextStep, Taken
@@ -55,8 +55,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
     """The loop of a solve that saves the vectors at ``times``, infinite at times that it does not reach.
 
     What ``switching`` and ``watch`` carried to the end is among the statistics, as ``switching`` and ``watched``, and
-    the vector at the ``end``; with ``observers``, so is what they ``found``. A step to where the equations no longer
-    hold, as ``is_over`` tells, is the last.
+    the vector at the ``end``; with ``observers``, so is what they ``found``.
 
     diffrax calls a loop after the way in which it is differentiated. ``kind`` is "checkpointed" for reverse mode, with
     ``checkpoints`` of them, and "lax" for forward mode or none.
@@ -66,7 +65,6 @@ class SolveLoop(diffrax.AbstractAdjoint):
     switching: AbstractSwitching
     observers: Callable[[Any], Observers] | None = eqx.field(static=True)  # a function of the terms' arguments
     watch: Watch | None = eqx.field(static=True)
-    is_over: Callable[..., Bool[Array, ""]] | None = eqx.field(static=True)  # of t, a vector and the terms' arguments
     kind: Literal["checkpointed", "lax"] = eqx.field(static=True)
     accuracy: Accuracy
     parameters: list[Array]
@@ -81,7 +79,6 @@ class SolveLoop(diffrax.AbstractAdjoint):
         switching: AbstractSwitching,
         observers: Callable[[Any], Observers] | None = None,
         watch: Watch | None = None,
-        is_over: Callable[..., Bool[Array, ""]] | None = None,
         *,
         accuracy: Accuracy,
         parameters: list[Array],
@@ -89,9 +86,9 @@ class SolveLoop(diffrax.AbstractAdjoint):
     ) -> "SolveLoop":
         """Returns the loop for the differentiation that ``adjoint`` stands for."""
         if isinstance(adjoint, diffrax.ForwardMode):
-            return cls(times, switching, observers, watch, is_over, "lax", accuracy, parameters, join)
+            return cls(times, switching, observers, watch, "lax", accuracy, parameters, join)
         checkpoints = adjoint.checkpoints
-        return cls(times, switching, observers, watch, is_over, "checkpointed", accuracy, parameters, join, checkpoints)
+        return cls(times, switching, observers, watch, "checkpointed", accuracy, parameters, join, checkpoints)
 
     def loop(
         self,
@@ -123,7 +120,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
             return with_stages_pulled_back(solver, recorded) if by_stages else solver
 
         resets = (self.parameters, of_resets) if reverse else (args, at_once)
-        fixed = stepsize_controller, args, resets, t0, t1, progress_meter, self.switching, self.accuracy
+        fixed = output, stepsize_controller, args, resets, t0, t1, progress_meter, self.switching, self.accuracy
         solve = _Solve(terms, solver, stepper_of(of_stages), *fixed)
         y0, switching, watch = init_state.y, self.switching, self.watch
         observers = None if self.observers is None else self.observers(args)
@@ -138,7 +135,6 @@ class SolveLoop(diffrax.AbstractAdjoint):
             before, saved, hybrid, seen, watched, size = carry
             state, until, hybrid = solve.after_reset(before, switching.with_event_if(counts, hybrid))
             new, info, keep, hybrid, size = solve.advance(state, hybrid, size)
-            new = self._end_if_over(new, keep, args)
             pause = Pause(before.y, until, state.tprev)
             new, *recorded = recorder.record(before.tprev, pause, state, new, info, keep & counts, saved, seen, watched)
             return new, recorded[0], hybrid, *recorded[1:], size
@@ -174,13 +170,6 @@ class SolveLoop(diffrax.AbstractAdjoint):
             solve = solve._replace(stepper=stepper_of(Recorded("stages")))  # its steps are none of the loop's
             statistics["found"] = observers.results(seen, t0, first, functools.partial(solve.again, output))
         return state, statistics
-
-    def _end_if_over(self, state: Any, keep: Bool[Array, ""], args: Any) -> Any:
-        """Ends the solve with a step after which the field no longer holds."""
-        if self.is_over is None:
-            return state
-        over = self.is_over(*jax.lax.stop_gradient((state.tprev, state.y)), args)
-        return dataclasses.replace(state, result=RESULTS.where(keep & over, RESULTS.nonfinite, state.result))
 
     def _checkpoints(self, max_steps: int) -> int | None:
         """Returns how many steps are kept for reverse mode.
@@ -286,6 +275,7 @@ class _Solve(NamedTuple):
     terms: Any
     solver: Any
     stepper: Any  # the same, with steps that can be differentiated
+    output: DenseOutput
     controller: Any
     args: Any
     resets: tuple[Any, CarryOut]  # the parameters of a reset, and how it is carried out
@@ -326,7 +316,7 @@ class _Solve(NamedTuple):
         y, error, info, solver_state, step_result = self.stepper.step(
             self.terms, state.tprev, state.tnext, state.y, self.args, solver_state, jumped
         )
-        if not isinstance(self.solver, AbstractMultistep):  # which passes on more than an error
+        if not isinstance(error, PlannedError):  # by which multistep methods choose their order as well
             rtol, atol, *_ = self.accuracy
             weights = atol + rtol * jnp.maximum(jnp.abs(state.y), jnp.abs(y))
             error, size = control_error(error, (state.y, y), weights, self.accuracy.tolerance, size)
@@ -344,8 +334,7 @@ class _Solve(NamedTuple):
         )
         if smooth and jumps:  # as in StepToKinks: a length that moved with a switch would do so more and more
             tnext = jax.lax.stop_gradient(tnext) + (tprev - jax.lax.stop_gradient(tprev))
-        interpolation = self.solver.interpolation_cls(t0=state.tprev, t1=state.tnext, **info)
-        attempt = Taken(state.tprev, state.tnext, y, interpolation.evaluate, state.controller_state)
+        attempt = self._describe_step(state, y, info)
         proposed = NextStep(keep, tprev, tnext, controller_state, jnp.asarray(False))
         hybrid, following = self.switching.detect(hybrid, attempt, proposed, self.args)
         keep, tprev, tnext, controller_state, exact = following
@@ -371,6 +360,14 @@ class _Solve(NamedTuple):
             num_accepted_steps=state.num_accepted_steps + jnp.where(keep, 1, 0),
         )
         return state, info, keep, hybrid, size
+
+    def _describe_step(self, state: Any, y: Float[Array, " size"], info: Any) -> Taken:
+        """Returns the step from ``state`` to ``y``, for the detection of the ends of modes."""
+        t0, t1 = state.tprev, state.tnext
+        coarse = self.solver.interpolation_cls(t0=t0, t1=t1, **info)
+        sketch = jax.tree_util.Partial(self.output.sketch, info, coarse)
+        exact = jax.tree_util.Partial(self.output.exact, self.terms, info, t0, t1, self.args)
+        return Taken(t0, t1, state.y, y, sketch, exact, state.controller_state, (self.t0, self.t1))
 
     def again(self, output: DenseOutput, t0: Array, t1: Array, y: Array) -> Step:
         """Computes once more a step that was taken, which is cheaper than keeping its intermediate values."""

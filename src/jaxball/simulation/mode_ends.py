@@ -1,39 +1,41 @@
 """The search for the step that ends where a mode does: at the first zero of a guard.
 
-Guards are positive while a mode lasts. A step within which one falls to zero is rejected, and steps of other lengths
-follow until one ends there. They are steps of the solver itself, and not of its interpolation, so that the state is as
-exact as any other. Where two of them end close to each other, the next one is that of the secant method; before, a step
-of Newton's method follows one that ended ahead of the zero, and one that ended behind it is shortened, so that the
-quartic through the guard's values within the step is more exact than the last one.
+Guards are positive while a mode lasts. In each step they are looked at as the functions of events are (``crossings``).
+A step within which one falls to zero is rejected, and steps of other lengths follow until one ends there. They are
+steps of the solver itself, and not of its interpolation, so that the state is as exact as any other. The first of them
+ends where the interpolation has its zero; from there on, steps follow by the slope of the guard, and then by the
+secants through their ends.
 """
 
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..numerics.arrays import select_tree
-from ..numerics.roots import Sample, next_point, other_end
 from ..physics.hybrid import NONE, entry
-from ..solvers.dense.steps import sampling
+from ..solvers.dense.crossings import Falling, FirstZero, Functions, glance
+from ..solvers.dense.pieces import Span
 
 NEAR_ZERO = 1e-10  # of the length of a step: where it ends so close to a zero of a guard, one step of Newton's is exact
 ONE_EVENT = 1e-6  # of the length of a step: zeros of guards this close to each other are one event
 MOST_TRIES = 40
 LEAST_LENGTH = 8  # the length of a step, in units of rounding of the time
-ROOT_STEPS = 8  # of the Illinois method, to the zero of a quartic
-POWERS = sampling().powers.tolist()
-END_SLOPE = (np.arange(len(POWERS)) @ sampling().powers).tolist()  # of a quartic at the end of a step, by its samples
-ADJACENT = 0.1  # of the length of a step: between ends this close to each other, a guard is nearly linear
+# Of the length of a step: between ends this close to each other, a guard is nearly linear, ...
+ADJACENT = 0.1
+# ... and a step that ends as close to a zero as this is much the same as the longer one in which that was found.
+SAME_STEP = 1e-5
+# A step in which a guard changes too quickly to be followed is taken again, shorter, but not below a part of the run.
+SHORTER, SHORTEST = 1 / 64, 1 / 4096
 
 
 class RootBracket(NamedTuple):
     """A zero of guard ``which``, that the next step is to meet at ``target``.
 
     It was positive at ``low``, and is presumably zero before ``high``, but certainly before ``below``, where a step has
-    ended below zero; that is infinite where none has.
+    ended below zero; that is infinite where none has. ``slope`` is its rate at the zero. No guard fell to zero before
+    ``zero`` in the step in which it was found.
 
     A guard that is zero as a step begins, and falls, has its event at the ``earliest`` end of a step. It was ``f`` at
     ``x``, where the last step of the search ended; ``size`` is its size in the first.
@@ -46,6 +48,8 @@ class RootBracket(NamedTuple):
     below: Float[Array, ""]
     target: Float[Array, ""]
     earliest: Float[Array, ""]
+    slope: Float[Array, ""]
+    zero: Float[Array, ""]
     x: Float[Array, ""]
     f: Float[Array, ""]
     size: Float[Array, ""]
@@ -55,7 +59,38 @@ class RootBracket(NamedTuple):
     def none(cls, t: Float[Array, ""]) -> "RootBracket":
         """Returns the bracket without a zero."""
         no, first, zero = jnp.zeros_like(t, bool), jnp.zeros_like(t, int), jnp.zeros_like(t)
-        return cls(no, first, t, t, t, t, t, t, zero, zero, first)
+        return cls(no, first, t, t, t, t, t, zero, t, t, zero, zero, first)
+
+    @classmethod
+    def of(cls, start: Float[Array, ""], end: Float[Array, ""], look: "Look") -> "RootBracket":
+        """Returns the bracket of the first zero in a step, which the next one is to meet."""
+        zero = look.zero
+        # A step has some length, even if a guard was below zero by rounding at its start.
+        rounding = float(jnp.finfo(end.dtype).eps) * jnp.maximum(jnp.abs(start), jnp.abs(end))
+        earliest = start + LEAST_LENGTH * rounding
+        value = entry(zero.which, look.last)
+        return cls(
+            on=zero.exists,
+            which=zero.which,
+            low=start,
+            high=jnp.minimum(zero.until, end),
+            below=jnp.where(value <= 0, end, jnp.inf),
+            target=jnp.minimum(jnp.maximum(zero.time, earliest), end),
+            earliest=earliest,
+            slope=zero.slope,
+            zero=zero.time,
+            x=end,
+            f=value,
+            size=entry(zero.which, look.size),
+            tries=jnp.zeros_like(zero.which),
+        )
+
+    def agrees(self, span: Span, last: Float[Array, " k"]) -> Bool[Array, ""]:
+        """Returns whether a step that was to meet the zero, after which the guards are ``last``, has come so close to
+        it that the step in which it was found tells of this one.
+        """
+        near = jnp.abs(entry(self.which, last)) <= SAME_STEP * span.length * jnp.abs(self.slope)
+        return self.on & (span.last == self.target) & near & (span.last <= self.zero + ONE_EVENT * span.length)
 
     def narrow(
         self, start: Float[Array, ""], x: Float[Array, ""], f: Float[Array, ""], target: Float[Array, ""]
@@ -75,103 +110,83 @@ class RootBracket(NamedTuple):
         return self._replace(low=low, high=high, below=below, target=target, x=x, f=f, tries=self.tries + 1)
 
 
+class Look(NamedTuple):
+    """What a step shows of the guards.
+
+    - ``zero``: the first one.
+    - ``first``, ``last``: the values at the ends of the step, and ``size``: the largest within it.
+    - ``piece``: the length of the piece in which the look at it ended.
+    """
+
+    zero: FirstZero
+    first: Float[Array, " k"]
+    last: Float[Array, " k"]
+    size: Float[Array, " k"]
+    piece: Float[Array, ""]
+
+
+def look_at(
+    sketch: Functions,
+    exact: Callable[[Bool[Array, ""]], Functions],
+    span: Span,
+    bracket: RootBracket,
+    piece: Float[Array, ""],
+    count: int,
+) -> Look:
+    """Looks for the first zero of ``count`` guards in a step.
+
+    - ``sketch``: the guards at times in the step, less accurate than it is; ``exact``: as accurate, if asked for.
+    - ``bracket``: the zero that is sought, if any.
+    - ``piece``: the length of the piece in which the look at the step before ended.
+    """
+    if not count:
+        none, nothing = jnp.zeros((0,), piece.dtype), jnp.zeros_like(piece)
+        no = jnp.asarray(False)
+        return Look(FirstZero(no, jnp.asarray(NONE), nothing, nothing, nothing, no, piece), none, none, none, piece)
+    falling = Falling(count)
+    log = falling.log(span.start, piece)
+    seen = glance(sketch, span, log)
+    asked = ~(seen.quiet | bracket.agrees(span, seen.last))
+    zero = falling.first(exact(asked), span, seen, log, asked)
+    return Look(zero, seen.first, seen.last, seen.size, jnp.where(asked, zero.piece, seen.piece))
+
+
 def bracket_zero(
-    bracket: RootBracket, start: Float[Array, ""], end: Float[Array, ""], guards: Float[Array, "k nodes"]
+    bracket: RootBracket, start: Float[Array, ""], end: Float[Array, ""], look: Look
 ) -> tuple[Bool[Array, ""], RootBracket]:
     """Returns whether a step is rejected because it goes beyond a zero of a guard, and the bracket of that zero."""
-    none = RootBracket.none(end)
-    if guards.shape[0] == 0:
-        return jnp.zeros_like(end, bool), none
+    none, zero = RootBracket.none(end), look.zero
     at_target = bracket.on & (end == bracket.target)
-    samples = entry(bracket.which, guards)
-    value, length = samples[-1], end - start
-    # Where the guard falls to zero: by the secant through the last two ends, or else by the slope of the quartic here.
+    value, length = entry(bracket.which, look.last), end - start
+    # Where the guard falls to zero: by the secant through the last two ends, or else by its slope.
     adjacent = (bracket.tries > 0) & (end != bracket.x) & (jnp.abs(end - bracket.x) < ADJACENT * length)
     secant = (value - bracket.f) / jnp.where(adjacent, end - bracket.x, 1.0)
-    tangent = sum(part * sample for part, sample in zip(END_SLOPE, samples, strict=True)) / length
-    slope = jnp.where(adjacent, secant, tangent)
+    slope = jnp.where(adjacent, secant, bracket.slope)
     next_end = end - value / jnp.where(slope == 0, 1.0, slope)
     width = jnp.maximum(NEAR_ZERO * length, 4 * float(jnp.finfo(end.dtype).eps) * jnp.abs(end))
     met = (jnp.abs(next_end - end) <= width) & (slope != 0) | (value == 0)
-    # Still positive behind the presumed zero, and never seen below it: the zero was one of the polynomial alone. The
+    # Still positive behind the presumed zero, and never seen below it: the zero was one of the interpolation alone. The
     # search ends, with a guard that has not fallen.
     met |= (value > 0) & (end >= bracket.high) & jnp.isinf(bracket.below)
     # The guard may have fallen below zero and risen again before the end of the step.
-    earlier = jnp.any(samples[1:-1] < 0)
+    same = zero.exists & (zero.which == bracket.which)
+    earlier = same & ((value > 0) | (end - zero.time > ADJACENT * length))
     met = met & ~earlier | (bracket.tries >= MOST_TRIES) | (end <= bracket.earliest)
-    # A step that ends far behind the zero holds it: the quartic in that step, which is shorter than the first, is a
-    # better guide than a tangent from behind. Close to it the secant is.
-    behind = at_target & ~met & (earlier | ~adjacent & (value < 0))
-    first = _first_zero(start, end, guards, jnp.where(at_target & ~behind, bracket.which, NONE))
+    # A step that ends far behind the zero holds it: there, the interpolation of that step, which is shorter than the
+    # first, is a better guide than the slope. Close to it the secant is.
+    behind = at_target & ~met & same & (earlier | ~adjacent)
     # Two guards may fall to zero together; then either will do.
-    another = ~at_target | (first.which != bracket.which) & (first.target < end - ONE_EVENT * length)
-    # The quartics may have spurious zeros, and then, in a shorter step, others.
+    another = ~at_target | (zero.which != bracket.which) & (zero.time < end - ONE_EVENT * length)
+    # In a shorter step the interpolation may have other zeros, or none.
     tries = jnp.where(at_target, bracket.tries + 1, 0)
-    new_zero = first.on & another & (tries < MOST_TRIES)
-    again = first._replace(x=end, f=value, size=bracket.size, tries=tries)
+    new_zero = zero.exists & another & (tries < MOST_TRIES)
+    first = RootBracket.of(start, end, look)._replace(tries=tries)
+    again = first._replace(size=bracket.size)
     searched = select_tree(behind, again, bracket.narrow(start, end, value, next_end))
     rejected = new_zero | at_target & ~met
-    return rejected, select_tree(rejected, select_tree(new_zero, first._replace(tries=tries), searched), none)
+    return rejected, select_tree(rejected, select_tree(new_zero, first, searched), none)
 
 
-def _first_zero(
-    start: Float[Array, ""], end: Float[Array, ""], guards: Float[Array, "k nodes"], but: Int[Array, ""]
-) -> RootBracket:
-    """Finds the first place in a step where a guard is not positive, ``but`` for one; before the start all were.
-
-    Guards are evaluated at a few nodes, and the quartics through these values at 35 points. Everything is written with
-    whole arrays without argmax, which XLA's CPU compiler turns into slow loops.
-    """
-    grid = sampling()
-    last, count = grid.fractions.size - 1, guards.shape[0]
-    fractions = jnp.asarray(grid.fractions, guards.dtype)
-    index = jnp.arange(last + 1)
-    fine = sum(column * values[:, None] for column, values in zip(_columns(guards.dtype), guards.T, strict=True))
-    other = jnp.arange(count) != but
-    # At the start of a step a guard may be zero by rounding, as after a reset.
-    over = (fine <= 0) & other[:, None] & (index > 0)[None]
-    places = jnp.min(jnp.where(over, index[None], last + 1), axis=1)
-    place = jnp.min(places)
-    which = jnp.min(jnp.where(places == place, jnp.arange(count), count))
-    samples = entry(which, guards)
-
-    def fraction(k: Int[Array, ""]) -> Float[Array, ""]:
-        return jnp.sum(jnp.where(index == jnp.clip(k, 0, last), fractions, 0.0))
-
-    root = _root(samples, fraction(place - 1), fraction(place))
-    length = end - start
-    # A step has some length, even if a guard was below zero by rounding at its start.
-    earliest = start + LEAST_LENGTH * float(jnp.finfo(end.dtype).eps) * jnp.maximum(jnp.abs(start), jnp.abs(end))
-    return RootBracket(
-        on=place <= last,
-        which=which,
-        low=start,
-        # One point further, because the quartic's zero may lie a little before the function's.
-        high=jnp.minimum(start + fraction(place + 1) * length, end),
-        below=jnp.where(samples[-1] <= 0, end, jnp.inf),
-        target=jnp.minimum(jnp.maximum(start + root * length, earliest), end),
-        earliest=earliest,
-        x=start,
-        f=jnp.zeros_like(end),
-        size=jnp.max(jnp.abs(samples)),
-        tries=jnp.zeros_like(which),
-    )
-
-
-def _columns(dtype: Any) -> Float[Array, "nodes 1 fractions"]:
-    """Computes for each node the polynomial that is 1 there and 0 at the others, at the fractions of a step."""
-    return jnp.asarray(sampling().matrix, dtype).T[:, None, :]
-
-
-def _root(samples: Float[Array, " nodes"], low: Float[Array, ""], high: Float[Array, ""]) -> Float[Array, ""]:
-    """Finds where the quartic through the samples falls to zero between two fractions of a step."""
-    a0, a1, a2, a3, a4 = (sum(power * sample for power, sample in zip(row, samples, strict=True)) for row in POWERS)
-
-    def at(u: Float[Array, ""]) -> Sample:
-        return Sample(u, a0 + u * (a1 + u * (a2 + u * (a3 + u * a4))))
-
-    def narrow(_, bracket: tuple[Sample, Sample]) -> tuple[Sample, Sample]:
-        newest = at(next_point(*bracket))
-        return other_end(*bracket, newest), newest
-
-    return jax.lax.fori_loop(0, ROOT_STEPS, narrow, (at(low), at(high)))[1].x
+def is_too_quick(look: Look, span: Span) -> Bool[Array, ""]:
+    """Returns whether a step is to be taken again, ``SHORTER``, because a guard changes too quickly in it."""
+    return look.zero.unresolved & ~look.zero.exists & (span.length > SHORTEST * span.of_run)

@@ -53,7 +53,7 @@ from .arguments import (
     require_single_numbers,
     system_to_solve,
 )
-from .events import AbstractEvent, Leaving, check_events
+from .events import AbstractEvent, EndOfGround, Leaving, check_events
 from .inputs import LimitedSteps, limits_of_steps, share_of
 from .loop import SolveLoop, by_tolerances, kinks_of, to_kinks
 from .observers import Observation, Observers
@@ -64,7 +64,9 @@ from .watch import Watch, end_by_events, occurrences_of, values_of
 FEW_STEPS = (256, 2048)
 # Runs with these have tried steps to where the equations do not hold.
 BROKEN = (int(Status.NOT_FINITE), int(Status.LEFT_SURFACE), int(Status.WEDGED))
-LEAVING = "(something leaves)"  # the name of an event among those of a solve, and not of its result
+# The names of events among those of a solve, and not of its result.
+LEAVING = "(something leaves)"
+ENDS = {"(the ground is too curved)": Status.WEDGED, "(the ground ends)": Status.LEFT_SURFACE}
 
 
 def simulate(
@@ -246,6 +248,9 @@ def solve(
     packing, initial = _pack(system, times[0], state)
     if method.inside and packing.system.clearance(times[0], state) is not None:
         events = events | {LEAVING: Leaving(system.leaving_status)}
+    if has_end(packing.system.shown):
+        events = events | {name: EndOfGround(status) for name, status in ENDS.items()}
+    events = dict(sorted(events.items()))  # as they are where they are taken apart as a PyTree
     functions = _Functions(method, system, packing, events)
     order = float(method.solver.error_order(diffrax.ODETerm(functions.field)) or 1)  # pyright: ignore
     accuracy = Accuracy(rtol, atol, order, approach_of(method.solver))
@@ -267,7 +272,6 @@ def solve(
             switching,
             functools.partial(functions.observers, rtol, atol) if method.observation else None,
             Watch(events, functions.event_values, functions.field, functions.event_state) if events else None,
-            functions.is_over if has_end(packing.system.shown) else None,
             accuracy=accuracy,
             parameters=functions.leaves,
             join=lambda leaves: ravel_pytree(leaves)[0],
@@ -287,6 +291,7 @@ def solve(
         occurrences = occurrences_of(cast(Any, solution.stats["watched"]), events, unravel_shown, startable)
         reached, status = end_by_events(occurrences, events, reached, status)
         saved = jax.tree.map(lambda leaf: keep_known_rows(times <= reached, leaf), saved)
+        occurrences = {name: occurrence for name, occurrence in occurrences.items() if name not in ENDS}
     status, record = switching.outcome(cast(Any, solution.stats["switching"]), status, packing)
     if method.inside:
         left = occurrences.pop(LEAVING).times[0] if LEAVING in occurrences else None
@@ -347,10 +352,6 @@ class _Functions:
     def _event_values(self, times, vectors, parameters):
         packing, events = self.unpack(parameters)
         return jax.vmap(functools.partial(values_of, packing, events))(times, vectors)
-
-    def is_over(self, t, x, parameters):
-        """Returns whether the ground ends at a vector."""
-        return _cause_of_end(self.unpack(parameters)[0], t, x) != int(Status.SUCCESS)
 
     def observers(self, rtol: Array, atol: Array, parameters: Array) -> Observers:
         """Makes the observers of quantities along the run."""

@@ -3,6 +3,9 @@
 Each step is checked as soon as it is taken. Where one of the guards, which are positive while the mode lasts, falls to
 zero within it, the step is rejected, and the search of :mod:`mode_ends` begins. The next step begins with the state
 after the reset.
+
+Guards are found like events: by the interpolation of a step, in pieces so short that each guard is followed. That holds
+for steps of any length, as those of a body at rest are, whose guards may depend on the time all the same.
 """
 
 import abc
@@ -20,9 +23,11 @@ from ..numerics.arrays import select_tree
 from ..numerics.kinks import before_kink
 from ..physics.hybrid import NONE, START, Accuracy, GuardedStep, Record, Transition
 from ..physics.packing import Packing
+from ..programs.derivatives.differentiation import without_derivatives
 from ..programs.derivatives.reverse_rules import CarryOut, pull_by_forward_mode, put
-from ..solvers.dense.steps import sampling
-from .mode_ends import LEAST_LENGTH, RootBracket, bracket_zero
+from ..solvers.dense.crossings import Functions
+from ..solvers.dense.pieces import Span
+from .mode_ends import LEAST_LENGTH, SHORTER, Look, RootBracket, bracket_zero, is_too_quick, look_at
 
 GRAZING = 1e-6  # a guard that falls by less than this part of its size in a step touches zero
 CLOSE_SWITCHES = 1e-9  # switches closer to each other than this part of a run are counted as crowded
@@ -57,6 +62,7 @@ class HybridCarry(NamedTuple):
     - ``size``: the size of the guard that fell to zero there.
     - ``due``: the time of the next time event.
     - ``length``: of the longest step that no event cut short.
+    - ``piece``: of the last piece in which guards were looked at.
     - ``begun``: the vector with which the first mode began.
     - ``switches``: how many there have been.
     - ``crowd``: how many in a row were too near to each other, ``last`` the time of the last.
@@ -69,6 +75,7 @@ class HybridCarry(NamedTuple):
     size: Float[Array, ""]
     due: Float[Array, ""]
     length: Float[Array, ""]
+    piece: Float[Array, ""]
     begun: Float[Array, " size"]
     switches: Int[Array, ""]
     crowd: Int[Array, ""]
@@ -90,14 +97,38 @@ class NextStep(NamedTuple):
     exact: Bool[Array, ""]
 
 
+Vectors = Callable[[Float[Array, " m"]], Float[Array, "m size"]]
+
+
 class Taken(NamedTuple):
-    """A step that was taken, from ``start`` to ``end``, where it led to ``y``; ``memory`` is that of the controller."""
+    """A step that was taken, from ``start`` to ``end``, and from the vector ``before`` to ``after``.
+
+    - ``sketch``: the vectors at times within it, at no cost; ``exact``: as accurate as the step, where they are asked
+      for. Both are a PyTree.
+    - ``memory``: that of the controller.
+    - ``run``: when the run starts and ends.
+    """
 
     start: Float[Array, ""]
     end: Float[Array, ""]
-    y: Float[Array, " size"]
-    evaluate: Callable[[Float[Array, ""]], Float[Array, " size"]]
+    before: Float[Array, " size"]
+    after: Float[Array, " size"]
+    sketch: Vectors
+    exact: Callable[[Bool[Array, ""]], Vectors]
     memory: Any
+    run: tuple[Float[Array, ""], Float[Array, ""]]
+
+    @property
+    def span(self) -> Span:
+        """Its times."""
+        return Span(self.start, self.end, self.run)
+
+    def between_ends(self, times: Float[Array, " m"], vectors: Float[Array, "m size"]) -> Float[Array, "m size"]:
+        """Returns the ``vectors`` at times within it, with those that are known in the place of the ones at its
+        ends.
+        """
+        within = jnp.where((times > self.start)[:, None], vectors, self.before)
+        return jnp.where((times < self.end)[:, None], within, self.after)
 
 
 class Reset(NamedTuple):
@@ -200,7 +231,7 @@ class Switching(AbstractSwitching):
         none, success = jnp.asarray(0), jnp.asarray(int(Status.SUCCESS))
         zero, never, bracket = jnp.zeros_like(t0), jnp.full_like(t0, jnp.inf), RootBracket.none(t0)
         rows = Rows.empty(self.capacity, y0)
-        return HybridCarry(bracket, jnp.asarray(START), zero, never, length, y0, none, none, t0, success, rows)
+        return HybridCarry(bracket, jnp.asarray(START), zero, never, length, never, y0, none, none, t0, success, rows)
 
     def goes_on(self, carry):
         return carry.status == int(Status.SUCCESS)
@@ -306,35 +337,52 @@ class Switching(AbstractSwitching):
     def _detect(self, carry: HybridCarry, attempt: Taken, args: Any) -> "_Detection":
         """Detects whether the step ends too late for an event, and else whether there is one at its end."""
         # Where a step ends is only looked for here: the transition gives the time of the event its derivatives.
-        start, end, y, args, accuracy = jax.lax.stop_gradient(
-            (attempt.start, attempt.end, attempt.y, args, self.accuracy)
-        )
-        times = sampling().times(start, end, sampling().nodes)
-        inner = jax.lax.stop_gradient(jax.vmap(attempt.evaluate)(times[:-1]))
-        packing = self._packing(args)
+        attempt, args, accuracy = without_derivatives((attempt, args, self.accuracy))
+        start, end, span = attempt.start, attempt.end, attempt.span
+        packing, bracket = self._packing(args), carry.bracket
         system = packing.system
-        reference = system.step_reference(start, packing.unpack(start, inner[0]), accuracy)
-
-        def guards_at(place: tuple[Float[Array, ""], Float[Array, " size"]]) -> Float[Array, " k"]:
-            packing = self._packing(args)  # here, because a loop takes few operands faster than many
-            return packing.system.guards_in_step(place[0], packing.unpack(*place), reference)
-
-        guards = jax.lax.map(guards_at, (times, jnp.concatenate([inner, y[None]]))).T
-        rejected, bracket = bracket_zero(carry.bracket, start, end, guards)
-        at_target = carry.bracket.on & (end == carry.bracket.target)
-        zero = jnp.where(at_target & ~rejected, carry.bracket.which, NONE)
-        step = GuardedStep(
-            start, end, packing.unpack(end, y), reference, guards, zero, carry.bracket.size, end == carry.due
-        )
+        reference = system.step_reference(start, packing.unpack(start, attempt.before), accuracy)
+        look = self._look(attempt, args, reference, bracket, carry.piece)
+        rejected, following = bracket_zero(bracket, start, end, look)
+        at_target = bracket.on & (end == bracket.target)
+        quick = ~at_target & is_too_quick(look, span)
+        zero = jnp.where(at_target & ~rejected, bracket.which, NONE)
+        guards, state = jnp.stack([look.first, look.last], axis=1), packing.unpack(end, attempt.after)
+        step = GuardedStep(start, end, state, reference, guards, look.size, zero, bracket.size, end == carry.due)
         event, longest = system.assess(step, accuracy)
+        rejected |= quick
         carry = carry._replace(
-            bracket=bracket,
+            bracket=following,
             event=jnp.where(rejected, NONE, event),
-            size=carry.bracket.size,
+            size=bracket.size,
+            piece=jnp.where(rejected, carry.piece, look.piece),
             # A step that an event cut short says nothing about the scale of the motion.
             length=jnp.where(rejected | at_target, carry.length, jnp.maximum(carry.length, end - start)),
         )
-        return _Detection(carry, rejected, bracket.target, jnp.where(rejected, jnp.inf, longest))
+        target = jnp.where(quick, start + SHORTER * (end - start), following.target)
+        return _Detection(carry, rejected, target, jnp.where(rejected, jnp.inf, longest))
+
+    def _look(self, attempt: Taken, args: Any, reference: Any, bracket: RootBracket, piece: Float[Array, ""]) -> Look:
+        """Looks at the guards within a step, of which one is zero in a ``bracket``, after a ``piece`` of this length.
+
+        ``reference``: what they refer to.
+        """
+
+        @jax.jit
+        def guards_at(times: Float[Array, " n"], vectors: Float[Array, "n size"]) -> Float[Array, "n k"]:
+            packing = self._packing(args)  # here, because a loop takes few operands faster than many
+
+            def at(t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, " k"]:
+                return packing.system.guards_in_step(t, packing.unpack(t, x), reference)
+
+            return without_derivatives(jax.vmap(at)(times, vectors))
+
+        def along(vectors: Vectors) -> Functions:
+            return lambda times: guards_at(times, attempt.between_ends(times, vectors(times)))
+
+        count = jax.eval_shape(guards_at, attempt.start[None], attempt.before[None]).shape[1]
+        sketch, exact = along(attempt.sketch), lambda asked: along(attempt.exact(asked))
+        return look_at(sketch, exact, attempt.span, bracket, piece, count)
 
     def _packing(self, args: Any) -> Packing:
         return self.unpack(args)[0]

@@ -15,7 +15,8 @@ from ..numerics.calculus import with_derivatives
 from ..physics.packing import Packing
 from ..programs.derivatives.differentiation import keep_if_known, keep_known_rows, once, without_derivatives
 from ..programs.derivatives.reverse_rules import put_while
-from ..solvers.dense.crossings import Glance, Kinds, Log, Span, glance, scan
+from ..solvers.dense.crossings import Glance, Kinds, Log, glance, scan
+from ..solvers.dense.pieces import Span
 from ..solvers.dense.steps import last_within
 from .events import AbstractEvent, Occurrences
 
@@ -69,6 +70,7 @@ class Watch:
         """
         functions, span = self._without_derivatives(step, parameters)
         log = scan(functions, span, seen, self._kinds, watched.log, kept & ~seen.quiet)
+        log = log._replace(piece=jnp.where(kept & seen.quiet, seen.piece, log.piece))
         # Extremes of the step in which the run ends may lie beyond its end: they count only if there are no others.
         counts = kept & (~log.ended | jnp.isinf(log.least))
         log = log._replace(

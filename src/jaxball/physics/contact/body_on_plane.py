@@ -276,7 +276,7 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         slow = root(jnp.sum(slip[:2] ** 2)) <= 2 * least + errors
         # The friction that can be had vanishes with the normal force, so both guards fall together, in either order.
         cause = cause_of(state.mode, step.zero)
-        weightless = guards[1, -1] <= NOTHING * jnp.max(jnp.abs(guards[1]))
+        weightless = guards[1, -1] <= NOTHING * step.largest[1]
         cause = jnp.where((cause == int(SwitchCause.GIVES_WAY)) & weightless, int(SwitchCause.LIFTS), cause)
         ends = (step.zero != NONE) & jnp.where(cause == int(SwitchCause.STOPS), slow, step.has_fallen)
         # The guard is the speed along the heading less ``least``, so these are the speeds at both ends of the step.

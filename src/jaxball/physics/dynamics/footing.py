@@ -123,6 +123,13 @@ def end_of_ground(system: BodyParameters, t: Float[Array, ""], state: Any) -> In
     return surface.end(t, system.radius, state.z)
 
 
+def room_on_ground(system: BodyParameters, t: Float[Array, ""], state: Any) -> Float[Array, "2"]:
+    """Computes how much room the surface under a body leaves it: positive where it fits, and where there is ground."""
+    surface = surface_under(system, t, state)
+    assert surface is not None
+    return surface.room(t, system.radius, state.z)
+
+
 def rates(
     system: BodyParameters,
     t: Float[Array, ""],

@@ -291,10 +291,15 @@ class AbstractSurface(AbstractGround):
         S = Chart.of(contact.n, by_u1, by_u2, r).stretch - least * jnp.eye(2, dtype=r.dtype)
         return determinant(S) / (S[0, 0] + S[1, 1])
 
+    def room(self, t: Time, r: Float[Array, ""], u: Coordinates) -> Float[Array, "2"]:
+        """Computes how much ``fit`` and ``way_to_edge`` exceed what a ball of radius ``r`` needs to go on."""
+        fit, way = jnp.stack([self.fit(t, r, u), self.way_to_edge(t, u)]) - margin(END_MARGIN, r)
+        # Beyond the edge, curvatures of the ground mean nothing.
+        return jnp.stack([jnp.where(way < 0, 1.0, fit), way])
+
     def end(self, t: Time, r: Float[Array, ""], u: Coordinates) -> Int[Array, ""]:
         """Returns why a ball of radius ``r`` cannot go on from the coordinates ``u``: a status, or SUCCESS."""
-        least = margin(END_MARGIN, r)
-        wedged, left = self.fit(t, r, u) < least, self.way_to_edge(t, u) < least
+        wedged, left = self.room(t, r, u) < 0
         status = jnp.where(wedged, int(Status.WEDGED), int(Status.SUCCESS))
         return jnp.where(left, int(Status.LEFT_SURFACE), status)
 

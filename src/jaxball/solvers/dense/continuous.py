@@ -124,6 +124,13 @@ class DenseOutput(NamedTuple):
         # and none otherwise.
         return {"y0": y0, "coefficients": jax.lax.cond(unvmap_any(asked), curve, lambda: method.straight(k))}
 
+    def exact(
+        self, terms: Any, info: Any, t0: Float[Array, ""], t1: Float[Array, ""], args: Any, asked: Bool[Array, ""]
+    ) -> Callable[[Float[Array, " m"]], Float[Array, "m n"]]:
+        """Returns the vectors at times within a step as a function, as accurate as the step where ``asked``."""
+        info = self.info(info, terms, t0, t1, args=args, asked=asked)
+        return functools.partial(fill_vectors, self.interpolation(t0=t0, t1=t1, **info).evaluate)
+
     def sketch(
         self, info: Any, own: diffrax.AbstractLocalInterpolation, times: Float[Array, " m"]
     ) -> Float[Array, "m n"]:

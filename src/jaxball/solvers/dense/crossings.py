@@ -1,6 +1,7 @@
-"""Finds all times within a step of a solve at which functions of time cross zero, from left to right, for events.
+"""Finds all times within a step of a solve at which functions of time cross zero, from left to right.
 
-A step is cut into pieces, and pieces are halved, until of each function one thing is certain in a piece:
+``watch`` finds events by it, and ``mode_ends`` the first zero of a guard. A step is cut into pieces, and pieces are
+halved, until of each function one thing is certain in a piece:
 
 - it has no zero there, because the constant term of its Chebyshev series outweighs all others;
 - or it is monotone, because the constant term of the series of its slope does, so that it has one zero at most, which
@@ -14,40 +15,31 @@ of the smallest pieces to the other are found.
 
 The samples of a piece in which a function swings many times are as good as random. Random samples look like those of a
 function without a zero in one of 30,000 pieces, because the later a term of the series, the smaller it must be. A piece
-is at most twice as long as the one before it, in the same step or the one before: where swings are resolved, the next
-ones are looked at in pieces that resolve them, so that this chance is taken once in a run and not in each piece. A
-function that begins to swing within a step takes it again, and what it hides is missed without a word.
+is at most twice as long as the one before it, in the same step or the one before, however long the steps are: where
+swings are resolved, the next ones are looked at in pieces that resolve them, so that this chance is taken once in a run
+and not in each piece. A function that begins to swing within a step takes it again, and what it hides is missed without
+a word.
 """
 
 from collections.abc import Callable
-from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
-from numpy.polynomial import chebyshev
 
 from ...numerics.arrays import select_tree
 from ...programs.derivatives.reverse_rules import put
+from .pieces import ROUNDINGS, Piece, Pieces, Span, nodes_between
 
-# As many samples of a piece as fill a vector, its ends among them.
-SAMPLES_OF_PIECE = 8
-# No piece is longer than this part of a run, as long as a step has at most MOST_PIECES: a long step, such as one of a
-# body that rolls freely, would hide what a function does within it.
-LONGEST_PIECE = 1 / 32
-MOST_FIRST_PIECES = 32
+CLEARANCE = 1.1  # by which a term of a series outweighs the others, where the states are less accurate
 SMALLEST_LEVEL = 12  # halvings of a step down to which a function is resolved
-# The weights of the last terms of a series: of random samples they are as large as the first.
-TAIL = (16.0, 16.0, 64.0, 64.0)
-SLOPE_TAIL = 64.0  # the same for the slope: the term of order n weighs n² as much
-DECAYED = 0.1  # the last terms, relative to all but the constant one, of a series that is trusted
-CLEARANCE = 1.1  # by which the constant term outweighs the others, where the states are less accurate
-ROUNDINGS = 64  # of a function's size in a step: values below are zero
-
 # The part of a bracket on each side of the zero's estimate in which it is sought next: at most, and at least.
 WIDEST, NARROWEST = 0.25, 1e-4
+SECANT = 1e-5  # of a step: a secant as short as that is off by a 1e-10th of it, or less
+FROM_ZERO = 1e-6  # of its value at the end of the first piece: a smaller one at the start of a step is rounding
+SLOPE_GAP = 1e-6  # of the whole: in a window shorter than that a slope is not to be had
 MOST_WINDOWS = 60
 
 Functions = Callable[[Float[Array, " samples"]], Float[Array, "samples k"]]
@@ -99,7 +91,7 @@ class Log(NamedTuple):
     - ``filled``: how many crossings are kept, in the order in which they were found; ``times``: when each was;
       ``places``: the place of each among all that can be kept, first those of the first function.
     - ``ended``: whether a terminal one is among them.
-    - ``halvings``: of the longest pieces, down to the one in which the last step ended.
+    - ``piece``: the length of the piece in which the last step ended, infinite before the first.
     """
 
     signs: Signs
@@ -111,7 +103,7 @@ class Log(NamedTuple):
     times: Float[Array, " capacity"]
     places: Int[Array, " capacity"]
     ended: Bool[Array, ""]
-    halvings: Int[Array, ""]
+    piece: Float[Array, ""]
 
     @classmethod
     def empty(cls, kinds: Kinds, start: Float[Array, ""]) -> "Log":
@@ -121,156 +113,61 @@ class Log(NamedTuple):
         signs = Signs(jnp.asarray(before, start.dtype), jnp.full(none.shape, start))
         extremes = jnp.full(none.shape, jnp.inf, start.dtype)
         times = jnp.full(kinds.capacity, jnp.inf, start.dtype)
-        nothing, places = jnp.asarray(0), jnp.zeros(kinds.capacity, int)
-        return cls(signs, none, none, extremes, -extremes, nothing, times, places, jnp.asarray(False), nothing)
-
-    @property
-    def first_halvings(self) -> Int[Array, ""]:
-        """The halvings of the longest pieces with which the next step is begun."""
-        return jnp.maximum(self.halvings - 1, 0)
-
-
-class Span(NamedTuple):
-    """The times of a step: its start, the last time within it, and the times at which the run starts and ends."""
-
-    start: Float[Array, ""]
-    last: Float[Array, ""]
-    run: tuple[Float[Array, ""], Float[Array, ""]]
-
-    def time(self, fraction: Float[Array, "..."]) -> Float[Array, "..."]:
-        """Returns the time at a fraction of the step."""
-        return jnp.where(fraction < 1, self.start + fraction * (self.last - self.start), self.last)
-
-    @property
-    def ends_run(self) -> Bool[Array, ""]:
-        """Whether the run ends with the step."""
-        first, last = self.run
-        # ``last`` of a step is a little before its end, and so is never the end of the run itself.
-        near = ROUNDINGS * float(jnp.finfo(last.dtype).eps) * jnp.maximum(jnp.abs(last), last - first)
-        return last - self.last <= near
-
-    @property
-    def near_start(self) -> Float[Array, ""]:
-        """The time up to which a crossing is at the start of the run."""
-        first, last = self.run
-        eps = float(jnp.finfo(last.dtype).eps)
-        return first + ROUNDINGS**2 * eps * (last - first) + ROUNDINGS * eps * jnp.abs(first)
-
-
-class _Matrices(NamedTuple):
-    """The Chebyshev points of a piece, and what takes the values there to two series.
-
-    ``value`` gives that of the polynomial through them, ``slope`` that of its slope.
-    """
-
-    nodes: np.ndarray
-    value: np.ndarray
-    slope: np.ndarray
-
-
-@cache
-def _matrices() -> _Matrices:
-    x = -np.cos(np.pi * np.arange(SAMPLES_OF_PIECE) / (SAMPLES_OF_PIECE - 1))
-    value = np.linalg.inv(chebyshev.chebvander(x, SAMPLES_OF_PIECE - 1))
-    nodes = (1 + x) / 2
-    # Exactly, so that the end of a piece is the start of the next.
-    nodes[0], nodes[-1] = 0.0, 1.0
-    return _Matrices(nodes, value, chebyshev.chebder(value, axis=0))
-
-
-class _Piece(NamedTuple):
-    """Of each function in a piece: the values, and what is certain about them.
-
-    ``clear``: no zero, ``monotone``: one at most, ``decayed``: whether the series is trusted.
-    """
-
-    samples: Float[Array, "samples k"]
-    clear: Bool[Array, " k"]
-    monotone: Bool[Array, " k"]
-    decayed: Bool[Array, " k"]
-
-    @classmethod
-    def of(cls, samples: Float[Array, "samples k"]) -> "_Piece":
-        """Examines the samples of a piece. Comparisons with NaN are false: nothing is certain then."""
-        value, slope = (_sizes(matrix, samples) for matrix in (_matrices().value, _matrices().slope))
-        others, tail = jnp.sum(value[1:], axis=0), value[-1] + value[-2]
-        return cls(
-            samples,
-            clear=_is_clear(value),
-            monotone=slope[0] > jnp.sum(slope[1:], axis=0) + SLOPE_TAIL * value[-1],
-            decayed=tail <= DECAYED * others,
-        )
-
-
-def _sizes(matrix: np.ndarray, samples: Float[Array, "samples k"]) -> Float[Array, "terms k"]:
-    """Computes the sizes of the terms of a series."""
-    return jnp.abs(jnp.sum(jnp.asarray(matrix, samples.dtype)[..., None] * samples[None], axis=1))
-
-
-def _is_clear(terms: Float[Array, "terms k"], clearance: float = 1.0) -> Bool[Array, " k"]:
-    """Tells whether a function has no zero, by the sizes of the terms of its series."""
-    tail = jnp.asarray(TAIL, terms.dtype)
-    return terms[0] > clearance * jnp.sum(terms[1:], axis=0) + jnp.sum(tail[:, None] * terms[-tail.size :], axis=0)
-
-
-class _Pieces(NamedTuple):
-    """The pieces of steps, in units of the smallest one: ``unit`` of them are a step."""
-
-    unit: int
-
-    @classmethod
-    def of(cls, dtype: Any) -> "_Pieces":
-        """Chooses the smallest piece for a type of numbers, in which the ends of all pieces are exact."""
-        return cls(1 << (44 if jnp.finfo(dtype).bits == 64 else 18))
-
-    def longest(self, span: Span) -> Int[Array, ""]:
-        """Returns the length of the pieces with which a step is begun."""
-        length, run = span.last - span.start, span.run[1] - span.run[0]
-        halvings = [length > LONGEST_PIECE * 2.0**k * run for k in range(MOST_FIRST_PIECES.bit_length() - 1)]
-        return jnp.asarray(self.unit) >> sum(jnp.where(halve, 1, 0) for halve in halvings)
-
-    def times(self, span: Span, place: Int[Array, ""], width: Int[Array, ""]) -> Float[Array, " samples"]:
-        """Returns the times of the Chebyshev points of a piece."""
-        nodes = jnp.asarray(_matrices().nodes, span.start.dtype)
-        return span.time((place.astype(nodes.dtype) + nodes * width.astype(nodes.dtype)) / float(self.unit))
+        nothing, places, no = jnp.asarray(0), jnp.zeros(kinds.capacity, int), jnp.asarray(False)
+        never = jnp.full_like(start, jnp.inf)
+        return cls(signs, none, none, extremes, -extremes, nothing, times, places, no, never)
 
 
 class Glance(NamedTuple):
-    """What a step looks like: whether it is certain that no function crosses zero, and the size of each function."""
+    """What a step looks like.
+
+    - ``quiet``: whether it is certain that no function crosses zero.
+    - ``size``, ``least``, ``largest``: of each function, at the samples.
+    - ``first``, ``last``: the values at the ends of the step.
+    - ``piece``: the length of the piece in which it ends.
+    """
 
     quiet: Bool[Array, ""]
     size: Float[Array, " k"]
     least: Float[Array, " k"]
     largest: Float[Array, " k"]
+    first: Float[Array, " k"]
+    last: Float[Array, " k"]
+    piece: Float[Array, ""]
 
 
 def glance(functions: Functions, span: Span, log: Log) -> Glance:
-    """Looks at a step by ``functions`` that may be less accurate than it is, in its longest pieces alone."""
-    pieces, signs = _Pieces.of(span.start.dtype), log.signs
-    width, nothing = pieces.longest(span), jnp.zeros_like(signs.since)
+    """Looks at a step by ``functions`` that may be less accurate than it is, in the longest pieces that it may have."""
+    pieces, signs = Pieces.of(span.start.dtype), log.signs
+    nothing = jnp.zeros_like(signs.since)
 
-    def look(carry: tuple[Array, Glance]) -> tuple[Array, Glance]:
-        place, seen = carry
-        samples = functions(pieces.times(span, place, width))
-        same = (signs.sign != 0) & ((signs.sign > 0) == (samples[-1] > 0))
-        clear = same & _is_clear(_sizes(_matrices().value, samples), CLEARANCE)
+    def look(carry: tuple[Array, Array, Glance]) -> tuple[Array, Array, Glance]:
+        place, width, seen = carry
+        piece = Piece.of(functions(pieces.times(span, place, width)), CLEARANCE)
+        samples, end = piece.samples, place + width
         finite = jnp.isfinite(samples)
-        return place + width, Glance(
-            seen.quiet & jnp.all(clear),
+        # A function that is monotone from one sign to the same one has no zero between.
+        same = (signs.sign != 0) & (signs.sign * samples[-1] > 0) & (piece.clear | piece.monotone)
+        seen = Glance(
+            seen.quiet & jnp.all(same),
             jnp.maximum(seen.size, jnp.max(jnp.where(finite, jnp.abs(samples), 0.0), axis=0)),
             jnp.minimum(seen.least, jnp.min(jnp.where(finite, samples, jnp.inf), axis=0)),
             jnp.maximum(seen.largest, jnp.max(jnp.where(finite, samples, -jnp.inf), axis=0)),
+            jnp.where(place == 0, samples[0], seen.first),
+            samples[-1],
+            pieces.length(span, width),
         )
+        return end, pieces.next(span, end, width), seen
 
-    # Where the last step ended in short pieces, a look at the longest ones proves nothing.
-    begin = Glance(log.first_halvings == 0, nothing, nothing + jnp.inf, nothing - jnp.inf)
-    return jax.lax.while_loop(lambda carry: carry[0] < pieces.unit, look, (jnp.asarray(0), begin))[1]
+    unknown = Glance(jnp.asarray(True), nothing, nothing + jnp.inf, nothing - jnp.inf, nothing, nothing, log.piece)
+    begin = jnp.asarray(0), pieces.first(span, log.piece), unknown
+    return jax.lax.while_loop(lambda carry: carry[0] < pieces.unit, look, begin)[2]
 
 
 class _Search(NamedTuple):
     """The zeros that are sought, one after the other.
 
-    - ``pending``: of which functions, ``roots``: those found, infinite where none is sought.
+    - ``pending``: of which functions, ``roots``: those found, infinite where none is sought, and ``slopes`` there.
     - ``low``: where each function is known to have its old ``sign``, negated; ``high`` where all have the new one.
     - ``bracket``: the two ends between which the zero of the first pending one lies, and ``window`` those between which
       it is sought next; ``tries``: how many windows there were.
@@ -278,6 +175,7 @@ class _Search(NamedTuple):
 
     pending: Bool[Array, " k"]
     roots: Float[Array, " k"]
+    slopes: Float[Array, " k"]
     sign: Float[Array, " k"]
     low: Float[Array, " k"]
     high: Float[Array, ""]
@@ -291,7 +189,8 @@ class _Search(NamedTuple):
     ) -> "_Search":
         """Begins the search for a zero of each function that ``crosses`` it."""
         bracket = jnp.zeros(2, low.dtype)
-        search = cls(crosses, jnp.full_like(low, jnp.inf), sign, low, high, bracket, bracket, jnp.asarray(0))
+        unknown, none = jnp.full_like(low, jnp.inf), jnp.zeros_like(low)
+        search = cls(crosses, unknown, none, sign, low, high, bracket, bracket, jnp.asarray(0))
         return search._begin()
 
     @property
@@ -313,8 +212,13 @@ class _Search(NamedTuple):
         bracket = jnp.stack([self.of_first(self.low), self.high])
         return self._replace(bracket=bracket, window=bracket, tries=jnp.asarray(0))
 
-    def narrow(self, times: Float[Array, " samples"], samples: Float[Array, "samples k"]) -> "_Search":
-        """Narrows the bracket by the values in the window, to the two samples between which the sign changes."""
+    def narrow(
+        self, times: Float[Array, " samples"], samples: Float[Array, "samples k"], close: Float[Array, ""] | float
+    ) -> "_Search":
+        """Narrows the bracket by the values in the window, to the two samples between which the sign changes.
+
+        ``close``: if they are, the zero of the secant is exact enough.
+        """
         values = self.of_first(samples) * self.of_first(self.sign)
         has_sign, place = values >= 0, jnp.arange(times.size)
         after = jnp.min(jnp.where(has_sign, place, times.size))
@@ -331,10 +235,15 @@ class _Search(NamedTuple):
         # Where a function is smooth, the secant is off by the square of the gap; after a miss, all is searched.
         aside = gap * jnp.clip(gap / jnp.where(whole > 0, whole, 1.0), NARROWEST, WIDEST)
         near = jnp.stack([jnp.maximum(low, root - aside), jnp.minimum(high, root + aside)])
-        bracket = jnp.stack([low, high])
-        search = self._replace(bracket=bracket, window=jnp.where(between, near, bracket), tries=self.tries + 1)
-        eps = float(jnp.finfo(gap.dtype).eps)
+        bracket, eps = jnp.stack([low, high]), float(jnp.finfo(gap.dtype).eps)
+        # Closer to the zero, the difference of two values is rounding.
+        tells = between & self._is_first & (gap > SLOPE_GAP * whole)
+        slope = self.of_first(self.sign) * (beyond - before) / jnp.where(gap > 0, gap, 1.0)
+        slopes = jnp.where(tells | (self._is_first & (self.slopes == 0)), slope, self.slopes)
+        window = jnp.where(between, near, bracket)
+        search = self._replace(bracket=bracket, window=window, slopes=slopes, tries=self.tries + 1)
         done = (gap <= 2 * eps * jnp.maximum(jnp.abs(root), whole)) | (search.tries >= MOST_WINDOWS)
+        done |= between & (gap <= close)
         return select_tree(done, self._enter(root), search)
 
     def _enter(self, root: Float[Array, ""]) -> "_Search":
@@ -347,10 +256,11 @@ class _Search(NamedTuple):
 class _Scan(NamedTuple):
     """The piece of a step that comes next, and the log up to there. ``enters`` before the first one.
 
-    The log's ``halvings`` are those of the piece. ``search``: for the zeros in the last piece, which come first.
+    ``search``: for the zeros in the last piece, which come first.
     """
 
     place: Int[Array, ""]
+    width: Int[Array, ""]
     enters: Bool[Array, ""]
     log: Log
     search: _Search
@@ -361,55 +271,129 @@ def scan(functions: Functions, span: Span, seen: Glance, kinds: Kinds, log: Log,
 
     ``functions`` are as accurate as the step. They are called in one place, because they may be long.
     """
-    pieces = _Pieces.of(span.start.dtype)
-    longest = pieces.longest(span)
+    # A jump at the start of the step comes before all pieces: the first time, only the start is passed.
+    return _scan(functions, span, seen, kinds, log, asked, enters=True, close=0.0).log
+
+
+class FirstZero(NamedTuple):
+    """The first of the zeros in a step to which functions fall that are positive at its start.
+
+    - ``exists``: whether there is one.
+    - ``which``: the index of its function.
+    - ``time``, ``slope``: when it is, and the rate of the function there.
+    - ``until``: a time from which the function certainly is not positive.
+    - ``unresolved``: whether a function changed too quickly to be followed.
+    - ``piece``: the length of the piece in which the search ended.
+    """
+
+    exists: Bool[Array, ""]
+    which: Int[Array, ""]
+    time: Float[Array, ""]
+    slope: Float[Array, ""]
+    until: Float[Array, ""]
+    unresolved: Bool[Array, ""]
+    piece: Float[Array, ""]
+
+
+class Falling(NamedTuple):
+    """Finds the first zero of functions that are positive as a step begins, where they may be zero by rounding.
+
+    ``number``: how many there are. A zero is found as exactly as a secant over the part ``SECANT`` of a step is.
+    """
+
+    number: int
+
+    def log(self, start: Float[Array, ""], piece: Float[Array, ""]) -> Log:
+        """Returns the log as a step begins, after a ``piece`` of this length."""
+        return Log.empty(self._kinds, start)._replace(piece=piece)
+
+    def first(self, functions: Functions, span: Span, seen: Glance, log: Log, asked: Bool[Array, ""]) -> FirstZero:
+        """Finds it, as :func:`scan` does, if that is ``asked`` for."""
+        # The start is not looked at: below zero there by rounding, a function may rise.
+        close = SECANT * span.length
+        done = _scan(functions, span, seen, self._kinds, log, asked, enters=False, close=close)
+        which = done.log.places[0]
+        chosen = jnp.arange(self.number) == which
+
+        def entry(values: Float[Array, " k"]) -> Float[Array, ""]:
+            return jnp.sum(jnp.where(chosen, values, 0.0))
+
+        return FirstZero(
+            exists=done.log.ended,
+            which=which,
+            time=done.log.times[0],
+            slope=entry(done.search.slopes),
+            until=entry(done.log.signs.since),
+            unresolved=jnp.any(done.log.unresolved > 0),
+            piece=done.log.piece,
+        )
+
+    @property
+    def _kinds(self) -> Kinds:
+        yes = (True,) * self.number
+        return Kinds((-1,) * self.number, yes, yes, (1,) * self.number)
+
+
+def _scan(
+    functions: Functions,
+    span: Span,
+    seen: Glance,
+    kinds: Kinds,
+    log: Log,
+    asked: Bool[Array, ""],
+    *,
+    enters: bool,
+    close: Float[Array, ""] | float,
+) -> _Scan:
+    pieces = Pieces.of(span.start.dtype)
     noise = ROUNDINGS * float(jnp.finfo(span.start.dtype).eps) * seen.size
 
     def goes_on(scan: _Scan) -> Bool[Array, ""]:
         return (scan.place < pieces.unit) & ~scan.log.ended | scan.search.goes_on
 
     def look(scan: _Scan) -> _Scan:
-        seeks, (first, last) = scan.search.goes_on, scan.search.window
-        window = first + jnp.asarray(_matrices().nodes, first.dtype) * (last - first)
-        times = jnp.where(seeks, window, pieces.times(span, scan.place, longest >> scan.log.halvings))
+        seeks, window = scan.search.goes_on, nodes_between(*scan.search.window)
+        times = jnp.where(seeks, window, pieces.times(span, scan.place, scan.width))
         samples = functions(times)
 
         def seek(scan: _Scan) -> _Scan:
-            search = scan.search.narrow(times, samples)
+            search = scan.search.narrow(times, samples, close)
             noted = _add_zeros(scan.log, kinds, span, search.roots)
             return scan._replace(search=search, log=select_tree(search.goes_on, scan.log, noted))
 
         return jax.lax.cond(seeks, seek, lambda scan: go_on(scan, times, samples), scan)
 
     def go_on(scan: _Scan, times: Array, samples: Array) -> _Scan:
-        piece = _Piece.of(samples)
+        piece = Piece.of(samples)
         # Zero throughout, to rounding, and without a finite value there is nothing to be found.
         simple = piece.clear | piece.monotone | jnp.all(jnp.abs(samples) <= noise[None], axis=0)
         simple |= ~jnp.any(jnp.isfinite(samples), axis=0)
+        if not enters:
+            # As the square of the time from a reset on, which no piece, however short, shows to be monotone.
+            rises = jnp.all(jnp.diff(samples, axis=0) > 0, axis=0) & (jnp.abs(samples[0]) <= FROM_ZERO * samples[-1])
+            simple |= (scan.place == 0) & piece.decayed & rises
         # A series that is trusted has two zeros close to each other, or touches zero: smaller pieces tell.
         smallest = jnp.where(piece.decayed, 1, pieces.unit >> min(SMALLEST_LEVEL, pieces.unit.bit_length() - 1))
-        halvings, width = scan.log.halvings, longest >> scan.log.halvings
+        width = scan.width
         passes = scan.enters | jnp.all(simple | (width <= smallest))
-        # A jump at the start of the step comes before all pieces: the first time, only the start is passed.
         place = scan.place + jnp.where(scan.enters, 0, width)
         end = jnp.where(scan.enters, 0, -1)
         log, search = _pass_piece(span, piece, (times[end], samples[end]), simple | scan.enters, noise, kinds, scan.log)
-        # The next piece is twice as long, if one of that length begins here in the tree of halves.
-        doubles = ~scan.enters & (halvings > 0) & (place & (2 * width - 1) == 0)
-        passed = _Scan(place, jnp.asarray(False), log._replace(halvings=halvings - jnp.where(doubles, 1, 0)), search)
-        return select_tree(passes, passed, scan._replace(log=scan.log._replace(halvings=halvings + 1)))
+        log = log._replace(piece=jnp.where(scan.enters, log.piece, pieces.length(span, width)))
+        following = jnp.where(scan.enters, width, pieces.next(span, place, width))
+        passed = _Scan(place, following, jnp.asarray(False), log, search)
+        return select_tree(passes, passed, scan._replace(width=width >> 1))
 
     signs = log.signs._replace(since=jnp.maximum(log.signs.since, span.start))
     none = jnp.zeros(signs.sign.shape, bool)
-    search = _Search.of(none, signs.sign, signs.since, span.start)
-    log = log._replace(signs=signs, halvings=jnp.where(asked, log.first_halvings, log.halvings))
-    begin = _Scan(jnp.where(asked, 0, pieces.unit), asked, log, search)
-    return jax.lax.while_loop(goes_on, look, begin).log
+    search, log = _Search.of(none, signs.sign, signs.since, span.start), log._replace(signs=signs)
+    place, first = jnp.where(asked, 0, pieces.unit), pieces.first(span, log.piece)
+    return jax.lax.while_loop(goes_on, look, _Scan(place, first, asked & enters, log, search))
 
 
 def _pass_piece(
     span: Span,
-    piece: _Piece,
+    piece: Piece,
     end: tuple[Float[Array, ""], Float[Array, " k"]],
     simple: Bool[Array, " k"],
     noise: Float[Array, " k"],

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .crossings import LONGEST_PIECE, MOST_FIRST_PIECES
+from .pieces import LONGEST_PIECE, MOST_FIRST_PIECES
 
 MOST_PIECES_TRIED = 4096  # in a step, after which the rest of it is one piece
 
