@@ -69,8 +69,9 @@ def with_second_derivatives(value: Any, what: str, function: Callable[..., Any],
     """Returns ``value``, with its own first derivatives and with the second ones of ``function(*arguments)``.
 
     The function has the same value and the same first derivatives, up to rounding. It is evaluated only where second
-    derivatives are asked for, so that it may cost more. Third derivatives would be wrong: for these, a clear
-    ``TypeError`` that names ``what`` the value is.
+    derivatives are asked for, so that it may cost more. They are those of forward mode over forward mode, as all second
+    derivatives of runs are computed; reverse mode has the first ones alone. Third derivatives would be wrong: for
+    these, a clear ``TypeError`` that names ``what`` the value is.
     """
     numbers, others = eqx.partition(value, eqx.is_inexact_array)
     leaves, structure = jax.tree.flatten(numbers)
@@ -102,7 +103,7 @@ def _with_slopes(slopes: list[Array], what: str, function: Callable[..., Any], *
 
 @_with_slopes.def_jvp
 def _second_derivatives(primals: Any, tangents: Any) -> tuple[Any, Any]:
-    slopes, what, function, *operands = primals
+    _, what, function, *operands = primals
     _, _, _, *changes = tangents
 
     def of_function(*operands: Any) -> list[Any]:

@@ -33,9 +33,9 @@ def diverging(
     """Finds the direction σ along which the vector ``pull(about, σ)`` points; of several, that of the longest vector.
 
     ``pull`` gives a vector for each σ, and a number that is positive where the vector means something; its first
-    operand is ``about``, arrays with respect to which σ has first and second derivatives. ``guess`` need not be a unit vector; its
-    direction is the result where it is right to rounding. Around the circle, the part of the vector across σ changes
-    sign between two of 24 directions; a pair of zeros nearer to each other is not found.
+    operand is ``about``, arrays with respect to which σ has first and second derivatives. ``guess`` need not be a unit
+    vector; its direction is the result where it is right to rounding. Around the circle, the part of the vector across
+    σ changes sign between two of 24 directions; a pair of zeros nearer to each other is not found.
     """
 
     @jax.jit

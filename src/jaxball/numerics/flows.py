@@ -37,11 +37,11 @@ def move_to_zero(
     """
     # With a fixed slope each step of Newton's method gains an order, where the state moves to that order, too.
     rates = field(t, x)
-    # Its factor is the square of a time that is next to nothing, so that only its value matters.
+    # Their factor is the square of a time that is next to nothing, so that only their values matter.
     bends = without_derivatives(rates_along(field, t, x, rates)[1])
 
     def moved(shift: Time) -> tuple[Time, Any]:
-        mean = jax.tree.map(lambda leaf, rate, bend: rate + 0.5 * shift * bend if _flows(leaf) else rate, x, rates, bends)
+        _, mean = move(t, rates, bends, 0.5 * shift)
         return move(t, x, mean, shift)
 
     def step(shift: Time) -> Time:

@@ -6,7 +6,6 @@ event, and a reset map takes the state before it to the state after it. The time
 and of all parameters, and has their derivatives, so that later derivatives are those of the saltation matrix.
 """
 
-import functools
 from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple
 
@@ -119,12 +118,13 @@ def entry(which: Int[Array, ""], values: Float[Array, "k *rest"]) -> Float[Array
 
 
 def at_zero(
-    guards: Callable[[Any, Float[Array, ""], Any], Float[Array, " k"]],
+    guards: Callable[..., Float[Array, " k"]],
     system: Any,
     t: Float[Array, ""],
     state: Any,
     which: Int[Array, ""],
     applies: Bool[Array, ""] | bool = True,
+    reference: tuple[Any, ...] = (),
 ) -> tuple[Float[Array, ""], Any, Float[Array, ""]]:
     """Computes the time and the state at the zero of guard ``which`` that is next to nothing away, and the rate of the
     guard.
@@ -133,19 +133,22 @@ def at_zero(
     derivatives of the zero; its second ones are those of two steps. Where it does not apply or there is no such guard,
     time and state are unchanged. Just after a kink, where the guard has jumped, the time has the derivative of the
     kink, and the rate is infinite.
+
+    - ``guards``: of the system, time, state, and what else the ``reference`` holds, which has no derivatives.
     """
     # The length of the step is zero up to rounding, so derivatives of the rates, which it multiplies, would not matter.
     still, t0, x0 = without_derivatives((system, t, state))
     rates = still.field(t0, x0)
-    _, slopes = rates_along(functools.partial(guards, still), t0, x0, rates)
-    values, slope = guards(system, t, state), entry(which, slopes)
+    _, slopes = rates_along(lambda t, state: guards(still, t, state, *reference), t0, x0, rates)
+    values, slope = guards(system, t, state, *reference), entry(which, slopes)
     applies &= (which >= 0) & (which < values.shape[0])
     jumped, late = _after_kink(system.driving_kinks().astype(t.dtype), t0)
     crosses = applies & ~jumped & (slope != 0)
     shift = jnp.where(crosses, -entry(which, values) / jnp.where(crosses, slope, 1.0), 0.0)
     moved = move(t, state, rates, jnp.where(applies & jumped, late, shift))
     crossing = _Crossing(which, jnp.where(crosses, slope, 0.0), applies & jumped)
-    moved = with_second_derivatives(moved, "runs whose modes change", _at_zero, guards, system, t, state, crossing)
+    operands = guards, system, t, state, reference, crossing
+    moved = with_second_derivatives(moved, "runs whose modes change", _at_zero, *operands)
     return *moved, jnp.where(applies & ~jumped, slope, jnp.inf)
 
 
@@ -158,16 +161,17 @@ class _Crossing(NamedTuple):
 
 
 def _at_zero(
-    guards: Callable[[Any, Float[Array, ""], Any], Float[Array, " k"]],
+    guards: Callable[..., Float[Array, " k"]],
     system: Any,
     t: Float[Array, ""],
     state: Any,
+    reference: tuple[Any, ...],
     crossing: _Crossing,
 ) -> tuple[Float[Array, ""], Any]:
     """Computes the time and the state of :func:`at_zero` with their second derivatives."""
 
     def value(t: Float[Array, ""], state: Any) -> Float[Array, ""]:
-        return entry(crossing.which, guards(system, t, state))
+        return entry(crossing.which, guards(system, t, state, *reference))
 
     _, late = _after_kink(system.driving_kinks().astype(t.dtype), jax.lax.stop_gradient(t))
     return move_to_zero(system.field, value, t, state, crossing.slope, jnp.where(crossing.jumped, late, 0.0))

@@ -108,8 +108,8 @@ def simulate(
     - ``contact``: a :class:`~jaxball.Contact`, by which a body may slip, leave the ground and land on it, also from a
       :class:`~jaxball.ReleasedState`; ``trajectory.contact`` has the modes. If not given, it always rolls.
     - ``adjoint``: the mode of differentiation: ``diffrax.RecursiveCheckpointAdjoint()`` for reverse mode alone,
-      ``diffrax.ForwardMode()`` for forward mode alone; both in any order if not given, and first derivatives of events
-      and hybrid systems. ``diffrax.DirectAdjoint()`` is refused.
+      ``diffrax.ForwardMode()`` for forward mode alone; both in any order if not given, and up to second derivatives of
+      events and hybrid systems. ``diffrax.DirectAdjoint()`` is refused.
     - ``max_steps``: the most steps, accepted and rejected, that the solve may take.
     - ``progress``: a diffrax progress meter.
     - ``inside``: whether a run is ``IMPOSSIBLE`` that starts with rails or masses outside the body, and ends as

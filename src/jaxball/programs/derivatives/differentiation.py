@@ -5,8 +5,8 @@ Solves, events and searches mark their numbers by these functions while they are
 A loop that goes back over its steps only has reverse mode, and only once; a plain loop only has forward mode. JAX finds
 out after the solve is traced, and reports it in terms of its internals. Numbers that go into the former are marked:
 their tangents cannot be evaluated, only transposed, and the result of that cannot be transposed again. Numbers that
-come out of a plain loop are marked: their tangents cannot be transposed. Where derivatives are right up to some order, the
-tangents of the last are marked: they cannot be differentiated again.
+come out of a plain loop are marked: their tangents cannot be transposed. Where derivatives are right up to some order,
+the tangents of the last are marked: they cannot be differentiated again.
 """
 
 import contextlib
