@@ -40,14 +40,14 @@ def move_to_zero(
     # Their factor is the square of a time that is next to nothing, so that only their values matter.
     bends = without_derivatives(rates_along(field, t, x, rates)[1])
 
-    def moved(shift: Time) -> tuple[Time, Any]:
+    def advance(shift: Time) -> tuple[Time, Any]:
         _, mean = move(t, rates, bends, 0.5 * shift)
         return move(t, x, mean, shift)
 
     def step(shift: Time) -> Time:
-        return shift - value(*moved(shift)) / jnp.where(slope == 0, 1.0, slope)
+        return shift - value(*advance(shift)) / jnp.where(slope == 0, 1.0, slope)
 
-    return moved(jnp.where(slope == 0, otherwise, step(step(jnp.zeros_like(t)))))
+    return advance(jnp.where(slope == 0, otherwise, step(step(jnp.zeros_like(t)))))
 
 
 def rates_along(function: Callable[[Time, Any], Any], t: Time, x: Any, rates: Any) -> tuple[Any, Any]:
