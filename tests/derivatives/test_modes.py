@@ -121,13 +121,42 @@ def crossing(system, t, state):
     return state.Omega[1] + 0.1
 
 
-@pytest.mark.thorough
-def test_events_have_first_derivatives_alone():
-    def time(w):
-        start = RigidBodyState(Omega=jnp.stack([w, jnp.zeros_like(w), jnp.full_like(w, 1.5)]))
-        body, events = FreeRigidBody(inertia=INERTIA), {"crossing": Event(crossing, capacity=1)}
-        run = simulate(body, [0.0, END], start, events=events, adjoint=diffrax.ForwardMode(), max_steps=64)
-        return run.events["crossing"].times[0]
+def time_of_crossing(w):
+    start = RigidBodyState(Omega=jnp.stack([w, jnp.zeros_like(w), jnp.full_like(w, 1.5)]))
+    body, events = FreeRigidBody(inertia=INERTIA), {"crossing": Event(crossing, capacity=1)}
+    run = simulate(body, [0.0, END], start, events=events, rtol=1e-12, atol=1e-12, max_steps=256)
+    return run.events["crossing"].times[0]
 
-    with pytest.raises(TypeError, match="requested for times and states of events, which have only first derivatives;"):
-        jax.jacfwd(jax.jacfwd(time))(W)
+
+def time_in_closed_form(w):
+    """The least t > 0 with B sn(bt | m) = −0.1, up to the sign of sn."""
+    d1, d2, d3 = INERTIA
+    energy, momentum = d1 * w**2 + d3 * 1.5**2, d1**2 * w**2 + d3**2 * 1.5**2
+    b = mpmath.sqrt((d3 - d2) * (momentum - energy * d1) / (d1 * d2 * d3))
+    m = (d2 - d1) * (energy * d3 - momentum) / ((d3 - d2) * (momentum - energy * d1))
+    size = mpmath.sqrt((energy * d3 - momentum) / (d2 * (d3 - d2)))
+    # Up from 0 and down again, through 0, to −0.1.
+    return (2 * mpmath.ellipk(m) + mpmath.ellipf(mpmath.asin(0.1 / size), m)) / b
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("outer", "inner"),
+    [
+        (jax.jacfwd, jax.jacfwd),
+        pytest.param(jax.jacfwd, jax.jacrev, marks=pytest.mark.long),
+        pytest.param(jax.jacrev, jax.jacfwd, marks=pytest.mark.long),
+        pytest.param(jax.jacrev, jax.jacrev, marks=pytest.mark.long),
+    ],
+)
+def test_events_have_second_derivatives(outer, inner):
+    """Against those of an elliptic integral; 1e-8, because dense output errs by some 100 tolerances."""
+    with mpmath.workdps(30):
+        expected = float(mpmath.diff(time_in_closed_form, mpmath.mpf("0.4"), 2))
+    np.testing.assert_allclose(jax.jit(outer(inner(time_of_crossing)))(W), expected, rtol=1e-8)
+
+
+@pytest.mark.long
+def test_events_have_no_third_derivatives():
+    with pytest.raises(TypeError, match=r"There are no third derivatives of times and states of events\. Second"):
+        jax.jacfwd(jax.jacfwd(jax.jacfwd(time_of_crossing)))(W)

@@ -108,12 +108,40 @@ def test_times_of_events_have_derivatives():
     np.testing.assert_allclose(jax.jacrev(times)(1.0), expected, rtol=0, atol=1e-11)
 
 
+def times_and_end(p):
+    x, g, e = p
+    run = jaxball.simulate(Bouncing(g, e), TIMES, Moving(x, 0.0))
+    return jnp.concatenate([run.switches.times[:3], jnp.stack([run.state.x[-1], run.state.v[-1]])])
+
+
+def in_closed_form(p):
+    x, g, e = p
+    return jnp.concatenate([bounces(x, g, e, 3), after(x, e, g)])
+
+
+ORDERS = {
+    "forward over forward": lambda f: jax.jacfwd(jax.jacfwd(f)),
+    "forward over reverse": pytest.param(jax.hessian, marks=pytest.mark.long),
+    "reverse over forward": pytest.param(lambda f: jax.jacrev(jax.jacfwd(f)), marks=pytest.mark.long),
+    "reverse over reverse": pytest.param(lambda f: jax.jacrev(jax.jacrev(f)), marks=pytest.mark.long),
+}
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("twice", list(ORDERS.values()), ids=list(ORDERS))
+def test_second_derivatives_go_through_the_times_of_events(twice):
+    """Of three bounces and of what follows, by place, gravity and restitution; 1e-10 is rounding, times their size."""
+    p = jnp.array([1.0, 2.0, 0.8])
+    expected = jax.jacfwd(jax.jacfwd(in_closed_form))(p)
+    np.testing.assert_allclose(jax.jit(twice(times_and_end))(p), expected, rtol=0, atol=1e-10)
+
+
 @pytest.mark.long
-def test_second_derivatives_are_refused():
-    """The state at an event is moved along its field to first order only."""
-    twice = jax.jacfwd(jax.jacfwd(lambda x: at_the_end(x, 0.8, diffrax.ForwardMode())))
-    with pytest.raises(TypeError, match="requested for runs whose modes change, as with a law of contact, which"):
-        twice(1.0)
+def test_third_derivatives_are_refused():
+    """The state at an event is moved along its field to second order only."""
+    thrice = jax.jacfwd(jax.jacfwd(jax.jacfwd(lambda x: at_the_end(x, 0.8, diffrax.ForwardMode()))))
+    with pytest.raises(TypeError, match=r"There are no third derivatives of runs whose modes change\. Second"):
+        thrice(1.0)
 
 
 @pytest.mark.thorough
@@ -211,11 +239,12 @@ def test_modes_are_integers_that_only_resets_change():
 
 
 @pytest.mark.thorough
-def test_the_time_of_a_mode_has_a_derivative():
-    def end(omega):  # 1 + (1 + π/ω) − t, so that the derivative is −π/ω²
+def test_the_time_of_a_mode_has_derivatives():
+    def end(omega):  # 1 + (1 + π/ω) − t, so that the derivatives are −π/ω² and 2π/ω³
         return jaxball.simulate(Latch(omega), TIMES).state.x[-1]
 
     np.testing.assert_allclose(jax.grad(end)(2.0), -np.pi / 4, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(jax.hessian(end)(2.0), np.pi / 4, rtol=0, atol=1e-8)
 
 
 class Held(jaxball.AbstractState):

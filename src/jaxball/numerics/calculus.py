@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..programs.derivatives.differentiation import no_further
 from ..programs.identity.closures import put_captures, take_captures
 
 REFINEMENTS, POINTS_EACH_SIDE = 4, 8  # to a 4096th of the spacing
@@ -34,14 +35,21 @@ def with_derivatives(value: Any, function: Callable[..., Any], *arguments: Any) 
 
     Where nothing is differentiated, the function is not evaluated.
     """
-    # Arrays that the function has from outside become operands, because only operands have tangents in a rule.
+    return _with_derivatives(value, *_with_captures(function, arguments))
+
+
+def _with_captures(function: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Returns a function with its arguments, the first of which is what the given one has from outside.
+
+    Only operands have tangents in a rule.
+    """
     (function, arguments), captures = take_captures((function, arguments))
 
     def of_captures(captures: list[Any], *arguments: Any) -> Any:
         whole, others = put_captures((function, arguments), captures)
         return whole(*others)
 
-    return _with_derivatives(value, of_captures, captures, *arguments)
+    return of_captures, captures, *arguments
 
 
 @eqx.filter_custom_jvp
@@ -55,6 +63,55 @@ def _derivatives(primals: Any, tangents: Any) -> tuple[Any, Any]:
     _, function_tangent, *argument_tangents = tangents
     _, slopes = eqx.filter_jvp(lambda f, *x: f(*x), (function, *arguments), (function_tangent, *argument_tangents))
     return value, slopes
+
+
+def with_second_derivatives(value: Any, what: str, function: Callable[..., Any], *arguments: Any) -> Any:
+    """Returns ``value``, with its own first derivatives and with the second ones of ``function(*arguments)``.
+
+    The function has the same value and the same first derivatives, up to rounding. It is evaluated only where second
+    derivatives are asked for, so that it may cost more. They are those of forward mode over forward mode, as all second
+    derivatives of runs are computed; reverse mode has the first ones alone. Third derivatives would be wrong: for
+    these, a clear ``TypeError`` that names ``what`` the value is.
+    """
+    numbers, others = eqx.partition(value, eqx.is_inexact_array)
+    leaves, structure = jax.tree.flatten(numbers)
+
+    def results(*operands: Any) -> list[Array]:
+        return jax.tree.leaves(eqx.filter(function(*operands), eqx.is_inexact_array))
+
+    leaves = _with_second_derivatives(leaves, what, *_with_captures(results, arguments))
+    return eqx.combine(structure.unflatten(leaves), others)
+
+
+@eqx.filter_custom_jvp
+def _with_second_derivatives(value: list[Array], what: str, function: Callable[..., Any], *arguments: Any) -> Any:
+    return value
+
+
+@_with_second_derivatives.def_jvp
+def _first_derivatives(primals: Any, tangents: Any) -> tuple[Any, Any]:
+    value, what, *call = primals
+    slopes, _, _, *argument_tangents = tangents
+    slopes = [jnp.zeros_like(x) if slope is None else slope for x, slope in zip(value, slopes, strict=True)]
+    return _with_second_derivatives(*primals), _with_slopes(slopes, what, *call, tuple(argument_tangents))
+
+
+@eqx.filter_custom_jvp
+def _with_slopes(slopes: list[Array], what: str, function: Callable[..., Any], *operands: Any) -> Any:
+    return slopes
+
+
+@_with_slopes.def_jvp
+def _second_derivatives(primals: Any, tangents: Any) -> tuple[Any, Any]:
+    _, what, function, *operands = primals
+    _, _, _, *changes = tangents
+
+    def of_function(*operands: Any) -> list[Any]:
+        *arguments, argument_tangents = operands
+        return eqx.filter_jvp(function, tuple(arguments), argument_tangents)[1]
+
+    _, curvatures = eqx.filter_jvp(of_function, operands, changes)
+    return _with_slopes(*primals), no_further(f"third derivatives of {what}", curvatures)
 
 
 class Furthest(NamedTuple):

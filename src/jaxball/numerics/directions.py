@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..programs.batches import map_rows
+from .calculus import with_second_derivatives
 from .roots import Sample, next_point, other_end
 
 DIRECTIONS_SAMPLED = 24  # of directions between which one is sought
@@ -32,9 +33,9 @@ def diverging(
     """Finds the direction σ along which the vector ``pull(about, σ)`` points; of several, that of the longest vector.
 
     ``pull`` gives a vector for each σ, and a number that is positive where the vector means something; its first
-    operand is ``about``, arrays with respect to which σ has first derivatives. ``guess`` need not be a unit vector; its
-    direction is the result where it is right to rounding. Around the circle, the part of the vector across σ changes
-    sign between two of 24 directions; a pair of zeros nearer to each other is not found.
+    operand is ``about``, arrays with respect to which σ has first and second derivatives. ``guess`` need not be a unit
+    vector; its direction is the result where it is right to rounding. Around the circle, the part of the vector across
+    σ changes sign between two of 24 directions; a pair of zeros nearer to each other is not found.
     """
 
     @jax.jit
@@ -43,7 +44,8 @@ def diverging(
         vector, valid = pull(about, sigma)
         return across(sigma, vector), jnp.where(valid > 0, jnp.sum(sigma * vector), -jnp.inf)
 
-    # The search itself is not differentiated; one step of Newton's method at its end gives the derivatives.
+    # The search itself is not differentiated; steps of Newton's method at its end give the derivatives: with a fixed
+    # slope the first step gives the first ones, and one more the second ones.
     still, guess = jax.lax.stop_gradient((about, guess))
 
     def turning(angle: Float[Array, ""]) -> Float[Array, ""]:
@@ -72,7 +74,16 @@ def diverging(
     # Without a slope there is no step, instead of a division by 0.
     slope = jnp.where(slope == 0, jnp.inf, slope)
     angle = angle - value / slope
-    sigma = _at_angle(angle - parts(about, angle)[0] / slope)
+
+    def step(about: Any, angle: Float[Array, ""], slope: Float[Array, ""]) -> Float[Array, ""]:
+        return angle - parts(about, angle)[0] / slope
+
+    def two_steps(about: Any, angle: Float[Array, ""], slope: Float[Array, ""]) -> Float[Array, ""]:
+        return step(about, step(about, angle, slope), slope)
+
+    operands = about, angle, slope
+    angle = with_second_derivatives(step(*operands), "the direction in which a slip begins", two_steps, *operands)
+    sigma = _at_angle(angle)
     vector, _ = pull(about, sigma)
     return Direction(sigma, jnp.sum(sigma * vector))
 

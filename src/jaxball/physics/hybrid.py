@@ -6,7 +6,6 @@ event, and a reset map takes the state before it to the state after it. The time
 and of all parameters, and has their derivatives, so that later derivatives are those of the saltation matrix.
 """
 
-import functools
 from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple
 
@@ -17,8 +16,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.printing import Printed, format_value, is_single
+from ..numerics.calculus import with_second_derivatives
+from ..numerics.flows import move, move_to_zero, rates_along
 from ..numerics.kinks import after
-from ..programs.derivatives.differentiation import once, without_derivatives
+from ..programs.derivatives.differentiation import without_derivatives
 
 # Events that no guard stands for. Those of guards, and the causes that a system gives them, are 0 and more.
 NONE = -1  # no event
@@ -118,35 +119,63 @@ def entry(which: Int[Array, ""], values: Float[Array, "k *rest"]) -> Float[Array
 
 
 def at_zero(
-    guards: Callable[[Any, Float[Array, ""], Any], Float[Array, " k"]],
+    guards: Callable[..., Float[Array, " k"]],
     system: Any,
     t: Float[Array, ""],
     state: Any,
     which: Int[Array, ""],
     applies: Bool[Array, ""] | bool = True,
+    reference: tuple[Any, ...] = (),
 ) -> tuple[Float[Array, ""], Any, Float[Array, ""]]:
     """Computes the time and the state at the zero of guard ``which`` that is next to nothing away, and the rate of the
     guard.
 
     By one step of Newton's method along the field of the system, which changes next to nothing, but has the first
-    derivatives of the zero. Where it does not apply or there is no such guard, time and state are unchanged. Just after
-    a kink, where the guard has jumped, the time has the derivative of the kink, and the rate is infinite.
+    derivatives of the zero; its second ones are those of two steps. Where it does not apply or there is no such guard,
+    time and state are unchanged. Just after a kink, where the guard has jumped, the time has the derivative of the
+    kink, and the rate is infinite.
+
+    - ``guards``: of the system, time, state, and what else the ``reference`` holds, which has no derivatives.
     """
     # The length of the step is zero up to rounding, so derivatives of the rates, which it multiplies, would not matter.
     still, t0, x0 = without_derivatives((system, t, state))
     rates = still.field(t0, x0)
-    # Tangents of integers have the type float0, or JAX refuses them.
-    along = jax.tree.map(lambda x, rate: rate if _flows(x) else np.zeros(jnp.shape(x), jax.dtypes.float0), state, rates)
-    slopes = jax.jvp(functools.partial(guards, still), (t0, x0), (jnp.ones_like(t), along))[1]
-    values, slope = guards(system, t, state), entry(which, slopes)
+    _, slopes = rates_along(lambda t, state: guards(still, t, state, *reference), t0, x0, rates)
+    values, slope = guards(system, t, state, *reference), entry(which, slopes)
     applies &= (which >= 0) & (which < values.shape[0])
-    sloping = applies & (slope != 0)
-    shift = jnp.where(sloping, -entry(which, values) / jnp.where(sloping, slope, 1.0), 0.0)
     jumped, late = _after_kink(system.driving_kinks().astype(t.dtype), t0)
-    # One step of Newton's method has first derivatives of the zero and wrong second ones, so these are refused.
-    shift = once("runs whose modes change, as with a law of contact", jnp.where(applies & jumped, late, shift))
-    moved = jax.tree.map(lambda x, rate: x + shift * rate if _flows(x) else x, state, rates)
-    return t + shift, moved, jnp.where(applies & ~jumped, slope, jnp.inf)
+    crosses = applies & ~jumped & (slope != 0)
+    shift = jnp.where(crosses, -entry(which, values) / jnp.where(crosses, slope, 1.0), 0.0)
+    moved = move(t, state, rates, jnp.where(applies & jumped, late, shift))
+    crossing = _Crossing(which, jnp.where(crosses, slope, 0.0), applies & jumped)
+    operands = guards, system, t, state, reference, crossing
+    moved = with_second_derivatives(moved, "runs whose modes change", _at_zero, *operands)
+    return *moved, jnp.where(applies & ~jumped, slope, jnp.inf)
+
+
+class _Crossing(NamedTuple):
+    """How the guard ``which`` falls to zero: with a ``slope``, 0 if it does not, or because it has ``jumped``."""
+
+    which: Int[Array, ""]
+    slope: Float[Array, ""]
+    jumped: Bool[Array, ""]
+
+
+def _at_zero(
+    guards: Callable[..., Float[Array, " k"]],
+    system: Any,
+    t: Float[Array, ""],
+    state: Any,
+    reference: tuple[Any, ...],
+    crossing: _Crossing,
+) -> tuple[Float[Array, ""], Any]:
+    """Computes the time and the state of :func:`at_zero` with their second derivatives."""
+
+    def value(t: Float[Array, ""], state: Any) -> Float[Array, ""]:
+        return entry(crossing.which, guards(system, t, state, *reference))
+
+    _, late = _after_kink(system.driving_kinks().astype(t.dtype), jax.lax.stop_gradient(t))
+    return move_to_zero(system.field, value, t, state, crossing.slope, jnp.where(crossing.jumped, late, 0.0))
 
 
 def _after_kink(kinks: Float[Array, " kinks"], t: Float[Array, ""]) -> tuple[Bool[Array, ""], Float[Array, ""]]:
@@ -160,11 +189,6 @@ def _after_kink(kinks: Float[Array, " kinks"], t: Float[Array, ""]) -> tuple[Boo
     number = jnp.sum(jnp.where(here, 1.0, 0.0))
     # ``kinks − fixed`` is zero, with the derivatives of the kinks; of several at the same time, the mean is taken.
     return jnp.any(here), jnp.sum(jnp.where(here, kinks - fixed, 0.0)) / jnp.maximum(number, 1.0)
-
-
-def _flows(leaf: Any) -> bool:
-    """Returns whether a part of a state is a number with a rate; integers only change at events."""
-    return jnp.issubdtype(jnp.result_type(leaf), jnp.inexact)
 
 
 class Record(NamedTuple):

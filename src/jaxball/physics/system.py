@@ -331,7 +331,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
     def transition(self, t: Float[Array, ""], state: AnyState, event: Int[Array, ""], accuracy: Accuracy) -> Transition:
         """Computes what happens at an event: the state is reset, or, at the ``START`` of a run, left as it is."""
         starts = event == START
-        t, before, slope = at_zero(lambda system, *arguments: system.guards(*arguments), self, t, state, event)
+        t, before, slope = at_zero(type(self).guards, self, t, state, event)
         system, t_of_reset, state_of_reset = differentiate_where(~starts, (self, t, before))
         after = system.reset(t_of_reset, state_of_reset, event)
         if jax.tree.structure(after) != jax.tree.structure(before):

@@ -113,8 +113,8 @@ def simulate(
     - ``contact``: a :class:`~jaxball.Contact`, by which a body may slip, leave the ground and land on it, also from a
       :class:`~jaxball.ReleasedState`; ``trajectory.contact`` has the modes. If not given, it always rolls.
     - ``adjoint``: the mode of differentiation: ``diffrax.RecursiveCheckpointAdjoint()`` for reverse mode alone,
-      ``diffrax.ForwardMode()`` for forward mode alone; both in any order if not given, and first derivatives of events
-      and hybrid systems. ``diffrax.DirectAdjoint()`` is refused.
+      ``diffrax.ForwardMode()`` for forward mode alone; both in any order if not given, and up to second derivatives of
+      events and hybrid systems. ``diffrax.DirectAdjoint()`` is refused.
     - ``max_steps``: the most steps, accepted and rejected, that the solve may take.
     - ``max_step``: the longest step, a time; none if not given. What depends on time is sampled over the run, so that
       steps are short where it changes fast; this is for what the samples miss. Each value compiles a program.

@@ -11,9 +11,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..numerics.calculus import with_derivatives
+from ..numerics.calculus import with_derivatives, with_second_derivatives
+from ..numerics.flows import move, move_to_zero, rates_along
 from ..physics.packing import Packing
-from ..programs.derivatives.differentiation import keep_if_known, keep_known_rows, once, without_derivatives
+from ..programs.derivatives.differentiation import keep_if_known, keep_known_rows, without_derivatives
 from ..programs.derivatives.reverse_rules import put_while
 from ..solvers.dense.crossings import Glance, Kinds, Log, glance, scan
 from ..solvers.dense.pieces import Span
@@ -82,7 +83,9 @@ class Watch:
             which, t = self._kinds.which(log.places[k]), jax.lax.stop_gradient(log.times[k])
             x = step.vectors(t[None])[0]
             row = jax.lax.stop_gradient(jnp.concatenate([t[None], self._state(t, x, parameters)]))
-            return with_derivatives(row, self._row, which, t, step, parameters)
+            operands = which, t, step, parameters
+            row = with_derivatives(row, self._row, *operands)
+            return with_second_derivatives(row, "times and states of events", self._row, *operands, 2)
 
         rows, _ = put_while(
             lambda k: k < log.filled,
@@ -129,24 +132,31 @@ class Watch:
         return functions, Span(step.start, last_within(step.start, step.end), step.run)
 
     def _row(
-        self, which: Int[Array, ""], t: Float[Array, ""], step: "Within", parameters: Any
+        self, which: Int[Array, ""], t: Float[Array, ""], step: "Within", parameters: Any, order: int = 1
     ) -> Float[Array, " width"]:
-        """Computes the time of a crossing and the state there, with derivatives: those of the zero by the implicit
-        function theorem, and where the function jumps as a step begins, those of the start of the step.
+        """Computes the time of a crossing and the state there, with derivatives up to an ``order`` of 1 or 2: those of
+        the zero by the implicit function theorem, and where the function jumps as a step begins, those of the start of
+        the step.
         """
         jumps = t <= jax.lax.stop_gradient(step.start)
         t = jnp.where(jumps, step.start, t)
         x = step.vectors(t[None])[0]
-        rate = jax.lax.stop_gradient(self._field(t, x, parameters))
+
+        def field(t: Array, x: Array) -> Array:
+            return self._field(t, x, parameters)
 
         def value(t: Array, x: Array) -> Array:
             return self._functions(t[None], x[None], parameters)[0, which]
 
-        level, slope = jax.jvp(value, (t, x), (jnp.ones_like(t), rate))
-        slope = jax.lax.stop_gradient(slope)
-        smooth = ~jumps & (slope != 0)
-        change = jnp.where(smooth, -level / jnp.where(smooth, slope, 1.0), 0.0)
-        return jnp.concatenate([(t + change)[None], self._state(t + change, x + rate * change, parameters)])
+        rate = jax.lax.stop_gradient(field(t, x))
+        level, slope = rates_along(value, t, x, rate)
+        slope = jnp.where(jumps, 0.0, jax.lax.stop_gradient(slope))
+        if order == 1:
+            change = jnp.where(slope == 0, 0.0, -level / jnp.where(slope == 0, 1.0, slope))
+            t, x = move(t, x, rate, change)
+        else:
+            t, x = move_to_zero(field, value, t, x, slope, jnp.zeros_like(t))
+        return jnp.concatenate([t[None], self._state(t, x, parameters)])
 
 
 class Within(NamedTuple):
@@ -183,7 +193,7 @@ def occurrences_of(
     started: Bool[Array, ""],
 ) -> dict[str, Occurrences]:
     """Gathers the occurrences of each event, of a run that has ``started``; ``unravel`` makes a state of an array."""
-    log, rows = watched.log, once("times and states of events", watched.rows)
+    log, rows = watched.log, watched.rows
     occurrences = {}
     for k, ((name, event), part) in enumerate(zip(events.items(), _kinds(events).parts, strict=True)):
         mask = (jnp.arange(event.capacity) < log.total[k]) & started

@@ -53,11 +53,8 @@ def transition(
     turns, spins = (_is_one_of(cause, *causes) for causes in (_ROLLING, _SPINNING))
     of_contact = jnp.argmax(jnp.asarray(CAUSES)[state.mode.astype(int)] == cause)
     which = jnp.where(turns, len(CAUSES), jnp.where(spins, len(CAUSES) + 1, of_contact))
-
-    def guards(plane: "RestingOnPlane", t: Float[Array, ""], state: "RestingState") -> Float[Array, "5"]:
-        return plane.guards_in_step(t, state, heading)
-
-    t, before, slope = at_zero(guards, plane, t, state, which, cause >= 0)
+    guards = type(plane).guards_in_step
+    t, before, slope = at_zero(guards, plane, t, state, which, cause >= 0, (heading,))
     done = _next_mode(plane, t, before, cause, accuracy.tolerance)
     slows = _is_one_of(cause, SwitchCause.STOPS) | _is_one_of(cause, SwitchCause.ROLLING_ENDS) & (not plane.body.planar)
     return done.finish(cause, slope, pauses=slows)

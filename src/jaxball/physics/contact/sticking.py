@@ -161,11 +161,8 @@ def transition(
     heading = heading._replace(least=heading.speed)
     of_contact = jnp.argmax(jnp.asarray(CAUSES)[state.mode.astype(int)] == event)
     which = jnp.where(of_joint, OF_CONTACT + event - FIRST_OF_JOINTS, of_contact)
-
-    def guards(plane: StickingOnPlane, t: Float[Array, ""], state: StickingState) -> Float[Array, " guards"]:
-        return plane.guards_in_step(t, state, heading)
-
-    t, before, slope = at_zero(guards, plane, t, state, which, event >= 0)
+    guards = type(plane).guards_in_step
+    t, before, slope = at_zero(guards, plane, t, state, which, event >= 0, (heading,))
     done = _next_mode(plane, t, before, event, accuracy.tolerance)
     stuck = jnp.any(_is_joint_of(event, state.slips.size) & (state.slips == 0))
     # Which joint it was and what it does is in the directions before and after.

@@ -34,11 +34,8 @@ def transition(
     heading = heading._replace(least=heading.speed)
     # Back from a cause to its guard; 0 where no guard has the cause, as at a start, where ``at_zero`` does not apply.
     which = jnp.argmax(jnp.asarray(CAUSES)[state.mode.astype(int)] == cause)
-
-    def guards(plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState) -> Float[Array, "3"]:
-        return plane.guards_in_step(t, state, heading)
-
-    t, before, slope = at_zero(guards, plane, t, state, which, cause >= 0)
+    guards = type(plane).guards_in_step
+    t, before, slope = at_zero(guards, plane, t, state, which, cause >= 0, (heading,))
     done = _next_mode(plane, t, before, cause, accuracy.tolerance)
     return done.finish(cause, slope, pauses=cause == int(SwitchCause.STOPS))
 

@@ -247,11 +247,7 @@ class DryRolling(AbstractTurning):
         # A ball is followed to its rest from this speed on, which counts as fixed, so that its guard is exactly zero
         # here. A disk has no direction that turns, and rolls until its rate is zero.
         heading = heading._replace(least=jnp.zeros_like(heading.speed) if self.body.planar else heading.speed)
-
-        def guards(system: "DryRolling", t: Float[Array, ""], state: DryRollingState) -> Float[Array, " guards"]:
-            return system.guards_in_step(t, state, heading)
-
-        t, before, slope = at_zero(guards, self, t, state, event)
+        t, before, slope = at_zero(type(self).guards_in_step, self, t, state, event, reference=(heading,))
         stops = (event == ROLLING) & (before.rolls != 0)
         t, before, stopped = self._stop(t, before, stops, accuracy.tolerance)
         decides &= ~stops | stopped

@@ -5,8 +5,8 @@ Solves, events and searches mark their numbers by these functions while they are
 A loop that goes back over its steps only has reverse mode, and only once; a plain loop only has forward mode. JAX finds
 out after the solve is traced, and reports it in terms of its internals. Numbers that go into the former are marked:
 their tangents cannot be evaluated, only transposed, and the result of that cannot be transposed again. Numbers that
-come out of a plain loop are marked: their tangents cannot be transposed. Times and states of events are marked: their
-tangents cannot be differentiated again.
+come out of a plain loop are marked: their tangents cannot be transposed. Where derivatives are right up to some order,
+the tangents of the last are marked: they cannot be differentiated again.
 """
 
 import contextlib
@@ -41,9 +41,9 @@ NO_REVERSE = (
     "Argument `adjoint` must not be diffrax.ForwardMode(), which has forward mode only (jax.jvp, jax.jacfwd), where a "
     "solve is differentiated in reverse mode (jax.grad, jax.jacrev, jax.vjp); leave it out, and simulate has both."
 )
-NO_SECOND_OF = (
-    "Second derivatives are only those of states at fixed times, but they were requested for {what}, which have only "
-    "first derivatives; take differences of these."
+NO_FURTHER = (
+    "There are no {what}. Second derivatives exist of states, events and switches, third ones only of states of runs "
+    "whose modes do not change; take differences of those of the order below."
 )
 NO_CAPTURED = (
     "A run has no derivatives with respect to a traced number that is hidden in a function, such as in a list or in an "
@@ -84,6 +84,13 @@ def once(what: str, tree: PyTree) -> PyTree:
     return eqx.combine(jax.tree.map(lambda leaf: _found.bind(leaf, what=what), numbers), others)
 
 
+def no_further(what: str, tangents: Tree) -> Tree:
+    """Returns the arrays of ``tangents`` unchanged; for their derivatives, a clear ``TypeError`` that names ``what``
+    these are.
+    """
+    return jax.tree.map(lambda leaf: _last.bind(leaf, what=what), tangents)
+
+
 def without_captured_derivatives(arrays: list[Any]) -> list[Any]:
     """Returns the arrays, with a clear ``TypeError`` instead of derivatives with respect to them."""
     return [_captured.bind(x) if jnp.issubdtype(x.dtype, jnp.inexact) else x for x in arrays]
@@ -105,8 +112,8 @@ def _no_captured(*_, **__) -> NoReturn:
     raise TypeError(NO_CAPTURED)
 
 
-def _no_second_of(*_, what: str) -> NoReturn:
-    raise TypeError(NO_SECOND_OF.format(what=what))
+def _no_further(*_, what: str) -> NoReturn:
+    raise TypeError(NO_FURTHER.format(what=what))
 
 
 def _no_second(*_, **__) -> NoReturn:
@@ -125,7 +132,7 @@ _cotangent = primitive("cotangent_of_solve", _same)
 _result = primitive("result_of_solve", _same)
 _found = primitive("found_in_solve", _same)
 _captured = primitive("captured_in_solve", _same)
-_tangent_of_found = primitive("tangent_of_found_in_solve", _same)
+_last = primitive("last_tangent_of_solve", _same)
 
 differentiate_by(_number, _differentiate_number)
 batch_by(_tangent, _no_forward)
@@ -135,10 +142,13 @@ declare_linear(_result, _no_reverse)
 
 differentiate_by(
     _found,
-    lambda primals, tangents, what: (_found.bind(*primals, what=what), _tangent_of_found.bind(*tangents, what=what)),
+    lambda primals, tangents, what: (
+        _found.bind(*primals, what=what),
+        _last.bind(*tangents, what=f"second derivatives of {what}"),
+    ),
 )
-declare_linear(_tangent_of_found, lambda cotangent, _, what: [cotangent])
-differentiate_by(_tangent_of_found, _no_second_of)
+declare_linear(_last, lambda cotangent, _, what: [cotangent])
+differentiate_by(_last, _no_further)
 differentiate_by(_captured, _no_captured)
 
 
