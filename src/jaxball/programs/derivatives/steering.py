@@ -28,7 +28,7 @@ LAST_ROW = "last row"
 DIRECTIONS = "directions"  # the axis of the tangents along which a run is differentiated; the last is the probe
 # A probe moves each array by the size of its largest number, and by 1 if that is smaller than this, as the numbers of a
 # state at rest are.
-LEAST_SIZE = 1e-3
+LEAST_SIZE = 0.1
 # A probe smaller than this, where the states for which absolute tolerances are meant have the size 1, is resolved as if
 # it were that large: what has hardly any effect would ask for more steps than the state. So it is by roundings.
 LEAST_PROBE = 0.1
@@ -36,6 +36,11 @@ ROUNDINGS = 64
 # The part of a probe's error that counts. With all of it a run that moves takes 10 to 20 % more steps than for itself,
 # with this 3 to 8 %, and its derivatives are still as exact as the states of such runs.
 SHARE = 0.25
+
+
+def steering_by_last_row() -> contextlib.AbstractContextManager[Any]:
+    """Returns the context of a derivative along several ``DIRECTIONS``, of which the last is the probe."""
+    return traces.steering(LAST_ROW)
 
 
 class _Outside(threading.local):
