@@ -240,7 +240,8 @@ def test_ctrl_c_before_a_motion_is_found(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
     monkeypatch.setattr("jaxball.design.optimal_control.solve.solve_from_guess", interrupted)
     assert command(tmp_path, PROBLEM) == 130
-    assert capsys.readouterr().err == "jaxball: Stopped; no motion was found yet.\n"
+    said = "compiling, and solving from the guess\njaxball: Stopped; no motion was found yet.\n"
+    assert capsys.readouterr().err == said
     assert not (tmp_path / "out").exists()
 
 

@@ -17,7 +17,7 @@ METHODS = [diffrax.Dopri8(), diffrax.Tsit5(), diffrax.Bosh3(), diffrax.Ralston()
 
 
 def carried_out(function, pull, operands):
-    def forward(operands):
+    def forward(operands, varies):
         results = function(operands)
         return results, (operands, results)
 

@@ -19,6 +19,8 @@ from tests.sweep.studies import files, pretend, study
 SETTINGS = "chunk = 1"  # so that both have much to write
 
 
+# The threads of a process share its filter of warnings, which one of them changes for a while.
+@pytest.mark.filterwarnings("ignore:Consolidated metadata")
 def test_two_sweeps_into_one_new_store(tmp_path):
     """One of them waits, and both end with the files that one alone writes."""
     both = threading.Barrier(2)

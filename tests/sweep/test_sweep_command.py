@@ -1,5 +1,6 @@
 """``jaxball sweep``."""
 
+import importlib.util
 import os
 import subprocess
 import sys

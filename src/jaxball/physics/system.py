@@ -160,8 +160,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
       :func:`jaxball.simulate` moves the end of each step, and whether that is always done;
     - ``guards``, ``reset``, ``time_event``: for a hybrid system, what ends a mode, and the state that follows;
     - ``phase_point``: which part of a state the motion depends on;
-    - ``is_confined``, ``time_of_leaving``, ``clearance``, ``breaches``: for a system with an inside, that nothing
-      leaves it, and ``leaving_status`` where its equations do not hold outside.
+    - ``is_confined``, ``time_of_leaving``, ``clearance``, ``breaches``, ``leaving_status``: for one with an inside.
 
     Methods are traced: they are written with ``jax.numpy``, for one state without a batch, and without branches on
     numbers.

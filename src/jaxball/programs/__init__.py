@@ -5,8 +5,8 @@ Users type ``jax.jit`` or :func:`jaxball.jit`; jaxball's own functions are compi
 
 - ``program``, ``users_functions``: functions that find, or make, the program for their arguments.
 - ``operation``: a program as one operation of JAX, with rules for derivatives and batches.
-- ``computation``, ``compiled``, ``batches``: a function of arrays with all that follows from it; programs with the
-  structure of their results; rows side by side.
+- ``computation``, ``following``, ``compiled``, ``batches``: a function of arrays with all that follows from it; the
+  functions that follow; programs with the structure of their results; rows side by side.
 - ``derivatives``: rules for loops and rows of arrays, what depends on what, what has no derivative.
 - ``store``: programs as files, kept between processes.
 - ``identity``: what a function consists of, by which a program is found again; what is not pure.

@@ -7,7 +7,7 @@ such functions again, each compiled where it is first needed. ``program`` makes 
 import contextlib
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -17,21 +17,24 @@ from ..compat import Program, captures, evaluate, settings
 from ..interface.activity import compiling
 from . import native, traces
 from .compiled import QUICKLY, Compiled, Place, Rest, is_kept_by_jax, place_in
-from .derivatives.differentiation import NO_REVERSE, differentiate_forward, without_captured_derivatives
-from .derivatives.reverse_rules import choose, pull_by_forward_mode, replace_chosen
-from .derivatives.steering import DIRECTIONS, directions_of, steered_from_outside, steering_by_last_row
+from .derivatives.differentiation import differentiate_forward, without_captured_derivatives
+from .derivatives.reverse_rules import choose
+from .following import (
+    Result,
+    cotangents_by_tangents,
+    cotangents_of,
+    first_of,
+    has_tangents,
+    in_directions,
+    of_each_row,
+    tangents_and_probe,
+    tangents_of,
+)
 from .store import current
 from .store.current import Store
 
 ROWS_OF_BLOCK = native.FEWEST * native.LANES  # rows that a program computes at once
 ROWS_OF_XLA = 64  # rows that are one solve by XLA on a CPU, where 512 were no faster
-
-
-class Result(NamedTuple):
-    """The arrays of a result, and the parts of it that are not."""
-
-    arrays: list[Any]
-    rest: Rest
 
 
 def call_with(
@@ -324,10 +327,12 @@ class Computation:
         def make() -> Computation:
             moving = choose(self.takes, which)
             steered = self.steered and not self.is_derivative
-            along = functools.partial(_tangents_and_probe, self.smooth, which)
+            along = functools.partial(tangents_and_probe, self.smooth, which)
             # Of one direction the computation of several with the probe is the first.
-            function = functools.partial(_first, along) if steered else functools.partial(_tangents, self.smooth, which)
-            computation = self._from_callable(function, [*self.takes, *moving], list(filter(_has_tangents, self.gives)))
+            function = (
+                functools.partial(first_of, along) if steered else functools.partial(tangents_of, self.smooth, which)
+            )
+            computation = self._from_callable(function, [*self.takes, *moving], list(filter(has_tangents, self.gives)))
             computation.linear, computation.is_derivative = (False,) * len(which) + (True,) * len(moving), True
             computation.along = along if steered else None
             return computation
@@ -342,9 +347,9 @@ class Computation:
         """
 
         def make() -> Computation:
-            by_tangents = functools.partial(_cotangents_by_tangents, self.smooth, which, of)
-            going_back = functools.partial(_cotangents, _Traced(self), which, of, self.steered)
-            results = choose(list(filter(_has_tangents, self.gives)), of)
+            by_tangents = functools.partial(cotangents_by_tangents, self.smooth, which, of)
+            going_back = functools.partial(cotangents_of, _Traced(self), which, of, self.steered)
+            results = choose(list(filter(has_tangents, self.gives)), of)
             function = by_tangents if self.is_derivative else going_back
             computation = self._from_callable(function, [*self.takes, *results], choose(self.takes, which))
             computation.smooth = by_tangents
@@ -359,7 +364,7 @@ class Computation:
         """
 
         def make() -> Computation:
-            function, smooth = (functools.partial(_in_directions, f, mapped) for f in (_Traced(self), self.smooth))
+            function, smooth = (functools.partial(in_directions, f, mapped) for f in (_Traced(self), self.smooth))
             if self.along is not None:
                 function = functools.partial(self.along, mapped, count)
             takes = [in_rows(array, count) if many else array for array, many in zip(self.takes, mapped, strict=True)]
@@ -376,7 +381,7 @@ class Computation:
             takes = [
                 in_rows(array, ROWS_OF_BLOCK) if many else array for array, many in zip(self.takes, taken, strict=True)
             ]
-            function = functools.partial(_of_each_row, _Traced(self), taken)
+            function = functools.partial(of_each_row, _Traced(self), taken)
             computation = self._from_callable(function, takes, [in_rows(array, ROWS_OF_BLOCK) for array in self.gives])
             computation.rows, computation.large = native.Rows(ROWS_OF_BLOCK, taken), True
             return computation
@@ -414,106 +419,6 @@ class _OfCaptures:
         if self._constant:
             captured = without_captured_derivatives(captured)
         return evaluate(self._program, self._program.consts, [*captured, *arrays[self._passed :]])
-
-
-# The functions that computations follow from. They have names, by which a store finds their programs.
-
-
-def _arrays(result: list[Any] | Result) -> list[Any]:
-    return result.arrays if isinstance(result, Result) else result
-
-
-def _tangents(function: Callable, which: tuple[bool, ...], arrays: list[Any]) -> list[Any]:
-    primals, tangents = arrays[: len(which)], arrays[len(which) :]
-
-    def of_moving(*moving: Any) -> list[Any]:
-        return list(filter(_has_tangents, _arrays(function(replace_chosen(primals, which, moving)))))
-
-    with differentiate_forward():
-        return jax.jvp(of_moving, choose(primals, which), tangents)[1]
-
-
-def _first(along: Callable, arrays: list[Any]) -> list[Any]:
-    return [result[0] for result in along((False,) * len(arrays), 1, arrays)]
-
-
-def _tangents_and_probe(
-    function: Callable, which: tuple[bool, ...], mapped: tuple[bool, ...], count: int, arrays: list[Any]
-) -> list[Any]:
-    """Computes tangents in ``count`` directions, which the ``mapped`` ones among the arrays have as leading axis, in
-    steps that are chosen for a probe. Of a single number all are multiples of one, which is the probe.
-    """
-    primals, tangents = arrays[: len(which)], arrays[len(which) :]
-    each = [
-        tangent if many else jnp.broadcast_to(tangent, (count, *tangent.shape))
-        for tangent, many in zip(tangents, mapped[len(which) :], strict=True)
-    ]
-    probe = directions_of(choose(primals, which))
-    if len(probe) == 1 and probe[0].size == 1:
-        shares = jnp.ravel(each[0]) / jnp.ravel(probe[0])
-        rates = _tangents(function, which, [*primals, *probe])
-        return [shares.reshape(-1, *(1,) * rate.ndim).astype(rate.dtype) * rate[None] for rate in rates]
-    with steering_by_last_row():
-        rows = jax.vmap(lambda tangents: _tangents(function, which, [*primals, *tangents]), axis_name=DIRECTIONS)(
-            [jnp.concatenate([rows, direction[None]]) for rows, direction in zip(each, probe, strict=True)]
-        )
-    return [result[:count] for result in rows]
-
-
-def _cotangents(
-    function: Callable, which: tuple[bool, ...], of: tuple[bool, ...], steered: bool, arrays: list[Any]
-) -> list[Any]:
-    primals, cotangents = arrays[: len(which)], arrays[len(which) :]
-
-    def of_moving(*moving: Any) -> list[Any]:
-        results = _arrays(function(replace_chosen(primals, which, moving)))
-        return choose(list(filter(_has_tangents, results)), of)
-
-    def back(*moving: Any) -> Any:
-        return (), jax.vjp(of_moving, *moving)[1]
-
-    moving = choose(primals, which)
-    try:
-        if not steered:
-            pull = back(*moving)[1]
-        else:  # The way forward has the tangents of the probe, and the way back none.
-            with steered_from_outside():
-                pull = jax.jvp(back, moving, directions_of(moving), has_aux=True)[2]
-    except ValueError as error:  # where steps of a loop of forward mode alone depend on its tangents
-        if "Linearization failed" not in str(error):
-            raise
-        raise TypeError(NO_REVERSE) from error
-    return list(pull(cotangents))
-
-
-def _cotangents_by_tangents(
-    function: Callable, which: tuple[bool, ...], of: tuple[bool, ...], arrays: list[Any]
-) -> list[Any]:
-    primals, cotangents = arrays[: len(which)], arrays[len(which) :]
-
-    def results(primals: list[Any]) -> list[Any]:
-        return choose(list(filter(_has_tangents, _arrays(function(primals)))), of)
-
-    with differentiate_forward():
-        pull = pull_by_forward_mode(results)
-        return choose(pull((primals, None), cotangents, list(which)), which)
-
-
-def _in_directions(function: Callable, mapped: tuple[bool, ...], arrays: list[Any]) -> list[Any]:
-    return jax.vmap(lambda arrays: _arrays(function(arrays)), in_axes=([0 if many else None for many in mapped],))(
-        arrays
-    )
-
-
-def _of_each_row(function: Callable, mask: tuple[bool, ...], arrays: list[Any]) -> list[Any]:
-    def of_row(row: list[Any]) -> list[Any]:
-        return _arrays(function(replace_chosen(arrays, mask, row)))
-
-    return jax.lax.map(of_row, choose(arrays, mask))
-
-
-def _has_tangents(array: Any) -> bool:
-    return jnp.issubdtype(array.dtype, jnp.inexact)
 
 
 def in_rows(one: Any, rows: int) -> jax.ShapeDtypeStruct:

@@ -5,6 +5,7 @@
 
 import functools
 import math
+import warnings
 from collections.abc import Iterator, Mapping
 from typing import Any, SupportsFloat
 
@@ -16,7 +17,6 @@ from jaxtyping import Array
 
 from ..compat import is_traced
 from ..interface.arguments import describe, refusal, require, whole_number
-from ..interface.deprecation import warn_at_users_line
 from ..interface.wording import UserError, all_of
 from ..numerics.arrays import Numbers, default_dtype, has_shape, require_numbers, shapes_of_fields, to_array
 from ..physics.body import AbstractBody
@@ -96,11 +96,14 @@ def _warn_of_far_times(times: np.ndarray) -> None:
     """Warns of times such as 1.7e9, in seconds since 1970, of which few digits tell one moment from the next."""
     start, span, spacing = float(times[0]), float(times[-1] - times[0]), float(np.spacing(abs(times[0])))
     if abs(start) > FAR * span and spacing > FINE * float(np.min(np.diff(times))):
-        warn_at_users_line(
+        # At the line that calls `simulate`. A search for the user's own reads more than its arguments, and programs of a
+        # function that does are not kept.
+        warnings.warn(
             f"Argument `times` starts at {start:.12g} and lasts {span:.6g}: so far from 0, times are known to "
             f"{spacing:.1g} only, which costs accuracy and steps. Count the times of the run, and those of its logs, "
             "from the start: times - times[0].",
             UserWarning,
+            stacklevel=4,
         )
 
 

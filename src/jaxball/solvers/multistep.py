@@ -235,7 +235,7 @@ class AbstractMultistep(AbstractImplicit):
         rows = jnp.zeros(errors.shape[0], errors.dtype)
         tolerance = rows + jnp.maximum(rtol, atol).astype(rows.dtype)
         errors, _ = control_error(errors, ends, jnp.broadcast_to(weights, errors.shape), tolerance, rows)
-        shares = jax.lax.stop_gradient(errors) * (1 / weights)
+        shares = jax.lax.stop_gradient(errors) * (1 / weights)[None]
         return jax.vmap(lambda row: norm(problem.unravel(row)))(shares)
 
 

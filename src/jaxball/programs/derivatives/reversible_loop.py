@@ -225,13 +225,13 @@ class _Loop:
         if is_steered_from_outside() or not any(moving):
             return self.record(*operands)
 
-        def recorded(moving: tuple[list[Array], list[Array]]) -> Any:
+        def record(moving: tuple[list[Array], list[Array]]) -> Any:
             moved_arrays = replace_chosen(arrays, of_arrays, moving[0])
             moved_constants = [moved_arrays[self.shared[k]] if k in self.shared else x for k, x in enumerate(constants)]
             moved_leaves = replace_chosen(leaves, of_probe, moving[1])
             return (), self.record(moved_constants, moved_arrays, conditions, moved_leaves)
 
-        return jax.jvp(recorded, (moving,), (directions,), has_aux=True)[2]
+        return jax.jvp(record, (moving,), (directions,), has_aux=True)[2]
 
     def record(self, constants, arrays, conditions, leaves) -> tuple[list[Array], _Recording]:
         """Takes all steps, and records what each begins with."""
@@ -273,7 +273,7 @@ class _Loop:
         def note(equation: Any, operands: list[Any]) -> list[Array] | None:
             if is_control(equation):
                 if error is not None:
-                    return _judged_again(operands, error)
+                    return _judge_again(operands, error)
                 results, judged[0] = judge(operands)
                 return results
             if equation.primitive.name.startswith("custom_vjp_call"):  # a loop that writes rows, which no step reads
@@ -379,7 +379,7 @@ class _WayBack:
 
             def recall_part(equation: Any, operands: list[Any]) -> list[Array] | None:
                 if is_control(equation):
-                    return _judged_again(operands, error)
+                    return _judge_again(operands, error)
                 part, results = loop.recall(equation, known)
                 if part is None:
                     return None
@@ -449,7 +449,7 @@ class _Packing:
         return arrays
 
 
-def _judged_again(operands: list[Any], error: Array) -> list[Array]:
+def _judge_again(operands: list[Any], error: Array) -> list[Array]:
     """Returns the results of a ``control_error`` for the error of a step by which it was judged before."""
     estimate, _, _, weights, _, size = jax.lax.stop_gradient(operands)
     return [error_of_size(estimate, weights, error), size]

@@ -12,8 +12,8 @@ A run that is not differentiated has no tangents, and is the same as without the
 """
 
 import contextlib
-import threading
 from collections.abc import Iterator, Sequence
+from threading import get_ident
 from typing import Any
 
 import jax
@@ -32,7 +32,7 @@ LEAST_SIZE = 0.1
 # A probe smaller than this, where the states for which absolute tolerances are meant have the size 1, is resolved as if
 # it were that large: what has hardly any effect would ask for more steps than the state. So it is by roundings.
 LEAST_PROBE = 0.1
-ROUNDINGS = 64
+PROBE_ROUNDINGS = 64
 # The part of a probe's error that counts. With all of it a run that moves takes 10 to 20 % more steps than for itself,
 # with this 3 to 8 %, and its derivatives are still as exact as the states of such runs.
 SHARE = 0.25
@@ -43,26 +43,28 @@ def steering_by_last_row() -> contextlib.AbstractContextManager[Any]:
     return traces.steering(LAST_ROW)
 
 
-class _Outside(threading.local):
-    is_carried = False
-
-
-_outside = _Outside()
+_outside: set[int] = set()  # the threads in which runs that are recorded have their probe from outside
 
 
 @contextlib.contextmanager
-def steered_from_outside() -> Iterator[None]:
-    """Runs that are recorded for reverse mode within this block have a probe already: their tangents."""
-    before, _outside.is_carried = _outside.is_carried, True
+def steer_from_outside() -> Iterator[None]:
+    """Runs that are recorded for reverse mode within this block have a probe already: their tangents.
+
+    No setting of traces, for which JAX would trace the run anew: it is read only where a run is differentiated.
+    """
+    thread = get_ident()
+    nested = thread in _outside
+    _outside.add(thread)
     try:
         yield
     finally:
-        _outside.is_carried = before
+        if not nested:
+            _outside.discard(thread)
 
 
 def is_steered_from_outside() -> bool:
     """Returns whether a run that is recorded has a probe among its tangents."""
-    return _outside.is_carried
+    return get_ident() in _outside
 
 
 def direction_of(x: Array, number: int) -> Array:
@@ -131,7 +133,7 @@ def _differentiate_excess(primals: Sequence[Any], tangents: Sequence[Any]) -> An
     of_error, of_start, of_end, _, _, largest = moved
     unit = weights / tolerance[..., None]
     so_far = jnp.maximum(largest, jnp.max(jnp.abs(of_start) / unit, axis=-1))
-    least = LEAST_PROBE + ROUNDINGS * float(jnp.finfo(error.dtype).eps) / tolerance
+    least = LEAST_PROBE + PROBE_ROUNDINGS * float(jnp.finfo(error.dtype).eps) / tolerance
     reached = jnp.maximum(so_far, jnp.max(jnp.abs(of_end) / unit, axis=-1))
     excess = SHARE * _rms(of_error / weights) / jnp.maximum(reached, least)
     # What is singular has no derivative to be controlled.

@@ -22,7 +22,9 @@ from .code import IMPURE, Import, Use, Used, codes_in, imports, is_own, names_in
 from .names import OWN, NoNameError, is_known
 
 # Packages, besides those that are known, whose functions give the same in every process; a warning is no result.
-_PURE = frozenset(("concurrent", "difflib", "inspect", "json", "re", "threading", "warnings", "weakref", "zlib"))
+_PURE = frozenset(
+    ("concurrent", "difflib", "inspect", "json", "re", "thread", "threading", "warnings", "weakref", "zlib")
+)
 _PURE |= {"ml_dtypes", "scipy", "typing_extensions"}
 # What these read decides how a program is compiled, kept and interrupted, and what is said meanwhile; not its results.
 _PROGRAMS = "native", "store", "identity.names", "computation", "compiled", "operation", "program"
