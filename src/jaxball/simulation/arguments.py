@@ -96,8 +96,8 @@ def _warn_of_far_times(times: np.ndarray) -> None:
     """Warns of times such as 1.7e9, in seconds since 1970, of which few digits tell one moment from the next."""
     start, span, spacing = float(times[0]), float(times[-1] - times[0]), float(np.spacing(abs(times[0])))
     if abs(start) > FAR * span and spacing > FINE * float(np.min(np.diff(times))):
-        # At the line that calls `simulate`: a search for the user's own line reads more than its arguments, and programs
-        # of functions that do are not kept.
+        # At the line that calls `simulate`: a search for the user's own reads more than its arguments, and programs of
+        # functions that do are not kept.
         warnings.warn(
             f"Argument `times` starts at {start:.12g} and lasts {span:.6g}: so far from 0, times are known to "
             f"{spacing:.1g} only, which costs accuracy and steps. Count the times of the run, and those of its logs, "
