@@ -209,7 +209,7 @@ def simulate_ensemble(
     if dae:
         require_dae(simulated, state, solver)
     events = check_events(simulated, events)
-    method = Method.of(solver, adjoint, max_steps, max_step=max_step, **flags)
+    method = Method.of(solver, adjoint, max_steps, None, max_step, **flags)
     rtol, atol = check_tolerances(rtol, atol, of_many=True)
     instants = times if isinstance(times, jax.Array) else to_numpy(times, "times").astype(rtol.dtype)
     results = tuple(_check_reductions(reductions).items())

@@ -238,7 +238,7 @@ def sum_while(
         return replace_chosen([None] * len(constants), which, summed), nothing, cotangent
 
     operands = list(program.consts), carry, total
-    return with_rule(forward, lambda operands: (forward(operands), operands[:2]), pull)(operands)
+    return with_rule(forward, lambda operands, _: (forward(operands), operands[:2]), pull)(operands)
 
 
 def _weigh(weights: Array, rows: Array) -> Array:
