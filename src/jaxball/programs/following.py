@@ -86,6 +86,10 @@ def cotangents_of(
         else:  # The way forward has the tangents of the probe, and the way back none.
             with steer_from_outside():
                 pull = jax.jvp(back, moving, directions_of(moving), has_aux=True)[2]
+    except TypeError as error:  # of JAX 0.10, which fails at loops in such a derivative whose arguments have lost names
+        if "'NoneType' and 'tuple'" not in str(error):
+            raise
+        pull = back(*moving)[1]  # with a probe of the loop's own
     except ValueError as error:  # where steps of a loop of forward mode alone depend on its tangents
         if "Linearization failed" not in str(error):
             raise
