@@ -84,6 +84,7 @@ __all__ = [
     "stablehlo_passes",
     "trace_context",
     "unvmap_any",
+    "unvmap_max",
     "unwrap_jit",
     "without_locations",
     "zero_tangent",
@@ -105,6 +106,13 @@ def unvmap_any(x: Any) -> Any:
     from equinox.internal import unvmap_any  # here, because equinox takes far longer to import than all of the rest
 
     return unvmap_any(x)
+
+
+def unvmap_max(x: Any) -> Any:
+    """Returns the largest of ``x`` over axes of ``jax.vmap``."""
+    from equinox.internal import unvmap_max  # here, as above
+
+    return unvmap_max(x)
 
 
 def settings() -> Mapping[str, Any]:

@@ -12,7 +12,13 @@ import jax.numpy as jnp
 from .compiled import Rest
 from .derivatives.differentiation import NO_REVERSE, differentiate_forward
 from .derivatives.reverse_rules import choose, pull_by_forward_mode, replace_chosen
-from .derivatives.steering import DIRECTIONS, directions_of, steer_from_outside, steering_by_last_row
+from .derivatives.steering import (
+    DIRECTIONS,
+    directions_of,
+    steer_from_outside,
+    steering_by_itself,
+    steering_by_last_row,
+)
 
 
 class Result(NamedTuple):
@@ -57,7 +63,8 @@ def tangents_and_probe(
     probe = directions_of(choose(primals, which))
     if len(probe) == 1 and probe[0].size == 1:
         shares = jnp.ravel(each[0]) / jnp.ravel(probe[0])
-        rates = tangents_of(function, which, [*primals, *probe])
+        with steering_by_itself():
+            rates = tangents_of(function, which, [*primals, *probe])
         return [shares.reshape(-1, *(1,) * rate.ndim).astype(rate.dtype) * rate[None] for rate in rates]
     with steering_by_last_row():
         rows = jax.vmap(lambda tangents: tangents_of(function, which, [*primals, *tangents]), axis_name=DIRECTIONS)(

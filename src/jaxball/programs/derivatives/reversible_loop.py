@@ -21,7 +21,7 @@ from ...compat import Program, argument, evaluate, program_within, unvmap_any
 from ..native.emit.uninitialised import empty_array
 from .dependence import evaluate_chosen, varying_in_loop
 from .reverse_rules import add_arrays, choose, or_zeros, replace_chosen, with_rule
-from .steering import direction_of, error_of_size, is_control, is_steered_from_outside, judge
+from .steering import direction_of, error_of_size, is_control, is_steered_from_outside, judge, steer_from_outside
 
 Carry = TypeVar("Carry")
 BYTES_FOR_ALL = 2**18  # bytes in which all steps are recorded, if they fit
@@ -231,7 +231,8 @@ class _Loop:
             moved_leaves = replace_chosen(leaves, of_probe, moving[1])
             return (), self.record(moved_constants, moved_arrays, conditions, moved_leaves)
 
-        return jax.jvp(record, (moving,), (directions,), has_aux=True)[2]
+        with steer_from_outside():
+            return jax.jvp(record, (moving,), (directions,), has_aux=True)[2]
 
     def record(self, constants, arrays, conditions, leaves) -> tuple[list[Array], _Recording]:
         """Takes all steps, and records what each begins with."""

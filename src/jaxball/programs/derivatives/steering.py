@@ -21,10 +21,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...compat import Rules, new_primitive, no_tangent, zero_tangent
+from ...compat import Rules, new_primitive, no_tangent, unvmap_max, zero_tangent
 from .. import traces
 
-LAST_ROW = "last row"
+LAST_ROW, ALONE = "last row", "alone"
 DIRECTIONS = "directions"  # the axis of the tangents along which a run is differentiated; the last is the probe
 # A probe moves each array by the size of its largest number, and by 1 if that is smaller than this, as the numbers of a
 # state at rest are.
@@ -41,6 +41,11 @@ SHARE = 0.25
 def steering_by_last_row() -> contextlib.AbstractContextManager[Any]:
     """Returns the context of a derivative along several ``DIRECTIONS``, of which the last is the probe."""
     return traces.steering(LAST_ROW)
+
+
+def steering_by_itself() -> contextlib.AbstractContextManager[Any]:
+    """Returns the context of a derivative along one direction, which is the probe."""
+    return traces.steering(ALONE)
 
 
 _outside: set[int] = set()  # the threads in which runs that are recorded have their probe from outside
@@ -138,6 +143,8 @@ def _differentiate_excess(primals: Sequence[Any], tangents: Sequence[Any]) -> An
     excess = SHARE * _rms(of_error / weights) / jnp.maximum(reached, least)
     # What is singular has no derivative to be controlled.
     excess = jnp.where(jnp.isfinite(excess), excess, 0.0)
+    if traces.steering.value not in (LAST_ROW, ALONE) and not is_steered_from_outside():
+        excess = unvmap_max(excess)  # of all directions of a user's `jax.jacfwd`, which have the same steps
     so_far = jnp.where(jnp.isfinite(so_far), so_far, largest)
     return [excess, size], [zero_tangent(excess), so_far]
 
