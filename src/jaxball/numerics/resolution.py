@@ -17,9 +17,6 @@ INTERVALS = 256  # between samples
 CELLS = 32  # parts of the samples in each of which the longest step is the same; a number has a bit for each
 HIGHEST = 16  # order
 VISIBLE = 1e-3  # of a function's variation: what a step can tell from nothing
-# The same: what steps need not be shortened for beforehand. A log read along straight lines between a thousand times has
-# kinks of 1e-7, which a step's own error sees where they matter.
-FAINT = 1e-6
 LEAST_VARIATION = 64  # roundings of a function's size
 
 
@@ -115,7 +112,7 @@ def failing_windows(
       across one tells nothing.
     - ``extent``: of the functions, to which the ``tolerance`` is relative.
     """
-    small = extent.share(jnp.maximum(tolerance, FAINT))
+    small = extent.share(tolerance)
     failing = [window.failing(samples, breaks, small) for window in LONG]
 
     def look_closer(last: UInt32[Array, ""]) -> list[UInt32[Array, ""]]:

@@ -215,6 +215,8 @@ def _course(name: str, equation: Any, operands: list[int], courses: list[Course]
     whole = Course.join(courses)
     if name in LINEAR or name in LOGIC:
         return whole
+    if not any(jnp.issubdtype(of.aval.dtype, jnp.inexact) for of in (*equation.invars, *equation.outvars)):
+        return whole  # Integers change where what they follow from jumps, as in the bisection of a table.
     if name in COMPARISONS:
         return _join_compared(courses)
     if name in BY_INDEX:
