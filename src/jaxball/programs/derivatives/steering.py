@@ -144,7 +144,8 @@ def _differentiate_excess(primals: Sequence[Any], tangents: Sequence[Any]) -> An
     # What is singular has no derivative to be controlled.
     excess = jnp.where(jnp.isfinite(excess), excess, 0.0)
     if traces.steering.value not in (LAST_ROW, ALONE) and not is_steered_from_outside():
-        excess = unvmap_max(excess)  # of all directions of a user's `jax.jacfwd`, which have the same steps
+        # Of all directions of a user's `jax.jacfwd`, which have the same steps; each of several errors by itself.
+        excess = jnp.stack([unvmap_max(x) for x in jnp.ravel(excess)]).reshape(excess.shape)
     so_far = jnp.where(jnp.isfinite(so_far), so_far, largest)
     return [excess, size], [zero_tangent(excess), so_far]
 
