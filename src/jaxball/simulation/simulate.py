@@ -246,11 +246,8 @@ def solve(
     where_startable = functools.partial(differentiate_where, startable)
     system, times, state, events = change_with_captures(where_startable, (system, times, state, events))
     packing, initial = _pack(system, times[0], state)
-    if method.inside and packing.system.clearance(times[0], state) is not None:
-        events = events | {LEAVING: Leaving(system.leaving_status)}
-    if has_end(packing.system.shown):
-        events = events | {name: EndOfGround(status) for name, status in ENDS.items()}
-    events = dict(sorted(events.items()))  # as they are where they are taken apart as a PyTree
+    confined = method.inside and packing.system.clearance(times[0], state) is not None
+    events = _add_ends_of_run(events, packing.system, confined)
     functions = _Functions(method, system, packing, events)
     order = float(method.solver.error_order(diffrax.ODETerm(functions.field)) or 1)  # pyright: ignore
     accuracy = Accuracy(rtol, atol, order, approach_of(method.solver))
@@ -308,6 +305,17 @@ def solve(
         interpolant = Interpolant.of(solution, solver, packing, projects=functions.projects, pauses=switching.jumps)
     counts = (cast(Array, solution.stats[name]) for name in ("num_steps", "num_rejected_steps"))
     return saved, reached, status, *counts, interpolant, occurrences, record, solution.stats.get("found")
+
+
+def _add_ends_of_run(
+    events: dict[str, AbstractEvent], system: AbstractSystem, confined: bool
+) -> dict[str, AbstractEvent]:
+    """Returns the events with those that end a run: what leaves a ``confined`` system, and the end of its ground."""
+    if confined:
+        events = events | {LEAVING: Leaving(system.leaving_status)}
+    if has_end(system.shown):
+        events = events | {name: EndOfGround(status) for name, status in ENDS.items()}
+    return dict(sorted(events.items()))  # as they are where they are taken apart as a PyTree
 
 
 class _Functions:
