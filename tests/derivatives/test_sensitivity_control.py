@@ -209,7 +209,8 @@ def test_a_regulator_of_a_robot_at_rest():
         assert abs(slow[0] - slow[1]) < 1e-7, sample
 
 
-def test_in_float32(of_marble):
-    if jax.config.read("jax_enable_x64"):
-        pytest.skip("for runs in float32")
-    assert abs(of_marble[0](0.0, 1e-4) / np.cos(OMEGA * END) - 1) < 1e-2
+@pytest.mark.any_precision
+def test_at_a_loose_tolerance_in_any_precision(of_marble):
+    # Also in float32, where 1e-4 is a hundred roundings of a step.
+    for derivative in of_marble:
+        assert abs(derivative(0.0, 1e-4) / np.cos(OMEGA * END) - 1) < 2e-2

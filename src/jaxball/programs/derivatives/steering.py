@@ -33,8 +33,8 @@ LEAST_SIZE = 0.1
 # it were that large: what has hardly any effect would ask for more steps than the state. So it is by roundings.
 LEAST_PROBE = 0.1
 PROBE_ROUNDINGS = 64
-# The part of a probe's error that counts. With all of it a run that moves takes 10 to 20 % more steps than for itself,
-# with this 3 to 8 %, and its derivatives are still as exact as the states of such runs.
+# The part of a probe's error that counts. With all of it a run that moves takes up to a quarter more steps than for
+# itself, with this 3 to 8 %, and its derivatives are still as exact as the states of such runs.
 SHARE = 0.25
 
 
