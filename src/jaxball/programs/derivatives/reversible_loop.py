@@ -456,7 +456,7 @@ def _judge_again(operands: list[Any], error: Array) -> list[Array]:
     return [error_of_size(estimate, weights, error), size]
 
 
-def _without_rules(program: Program | None, operands: list[Any]) -> list[Array]:
+def _without_rules(program: Program | None, operands: list[Any]) -> list[Any]:
     """Computes the results of a program whose equations may have rules for reverse mode, without these."""
     assert program is not None
 
