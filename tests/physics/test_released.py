@@ -63,15 +63,17 @@ def all_of(ball, t, state, mu, R):
     flies = friction.flight(flying)
 
     def of(found, interaction):
-        return interaction, rates(ball, state, found, interaction.slip_acceleration, interaction.normal)
+        return interaction, rates(ball, state, found, interaction.amounts)
 
-    pushed = friction.Interaction(R, found.slip_acceleration(R, R[2]), R[2], jnp.ones(()))
+    without_slip = found.part("reaction", found.amounts(jnp.zeros(3), R[2]))
+    accelerated = found.delassus @ (R - without_slip)
+    pushed = friction.Interaction(found.amounts(accelerated, R[2]), R, R[2], jnp.ones(()))
     changes = of(found, slides)
     energy = jax.jvp(lambda t, x: energy_of_released(ball, t, x), (t, state), (jnp.ones_like(t), changes[1]))
     at_rest = release(ball, t, state.body)
     rolls = response(ball, t, at_rest)
     rolling = friction.rolling(rolls)
-    rolled = rates(ball, at_rest, rolls, rolling.slip_acceleration, rolling.normal)
+    rolled = rates(ball, at_rest, rolls, rolling.amounts)
     present = ball.field(t, state.body), accelerations(ball, t, state.body), jaxball.observe(ball, t, state.body)
     first = friction.first_slip(rolls, mu)
     return {

@@ -34,13 +34,13 @@ def sliding_rates(system, t, state, mu):
     """The force of the plane and the rates, where the body slips."""
     found = response(system, t, state)
     interaction = friction.sliding(found, mu, friction.slip_direction(slip_velocity(system, t, state), jnp.zeros(2)))
-    return interaction, rates(system, state, found, interaction.slip_acceleration, interaction.normal)
+    return interaction, rates(system, state, found, interaction.amounts)
 
 
 def flying_rates(system, t, state):
     found = response(system, t, state, jnp.asarray(False))
     interaction = friction.flight(found)
-    return interaction, rates(system, state, found, interaction.slip_acceleration, interaction.normal)
+    return interaction, rates(system, state, found, interaction.amounts)
 
 
 def momenta(system, t, state):
@@ -170,7 +170,7 @@ def test_ball_on_a_slope_rolls_if_friction_is_more_than_k_over_1_plus_k_of_the_t
         assert (first.growth > 0) == (share < 1)
         np.testing.assert_allclose(first.sigma, down[:2], atol=1e-14)
         slides = friction.sliding(found, jnp.asarray(share * brink), first.sigma)
-        changes = rates(ball, state, found, slides.slip_acceleration, slides.normal)
+        changes = rates(ball, state, found, slides.amounts)
         np.testing.assert_allclose(changes.V, G * (np.sin(a) - share * brink * np.cos(a)) * down, atol=1e-14)
 
 
@@ -198,7 +198,7 @@ def begun(S, R, mu):
     """The first slip at a contact with D⁻¹ = S and the reaction R of rolling; what it pulls across itself."""
     none = jnp.zeros(3)
     rows = Motion(jnp.zeros((3, 3)), jnp.zeros((3, 0)), S)
-    found = Response(Motion(none, jnp.zeros(0), R), rows, jnp.linalg.inv(S), None, none)
+    found = Response(Motion(none, jnp.zeros(0), R), rows, None, none)
     first = friction.first_slip(found, mu)
     pull = friction.sliding(found, mu, first.sigma).slip_acceleration
     return first, first.sigma[0] * pull[1] - first.sigma[1] * pull[0], friction.margin(R, mu)

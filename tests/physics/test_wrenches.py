@@ -120,9 +120,9 @@ def all_rates(ball, t, state):
     found, flying = response(ball, t, rolling), response(ball, t, state, jnp.asarray(False))
     held, free = friction.rolling(found), friction.flight(flying)
     return (
-        rates(ball, rolling, found, held.slip_acceleration, held.normal),
+        rates(ball, rolling, found, held.amounts),
         ball.field(t, state.body),
-        rates(ball, state, flying, free.slip_acceleration, free.normal),
+        rates(ball, state, flying, free.amounts),
         held.R,
     )
 

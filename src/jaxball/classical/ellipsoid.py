@@ -11,6 +11,7 @@ from ..numerics.arrays import numbers
 from ..numerics.vectors import apply, cross, dot, inverse, outer, sine_cosine
 from ..numerics.versor import derivative
 from ..physics.conditions import Condition, positive, positive_inertia, real_inertia
+from ..physics.dynamics.law import pressing_force
 from ..physics.forces.resistance import AbstractResistance
 from ..physics.rolling import AbstractRollingSystem, Reaction
 from .rigid_body import versor_squared
@@ -198,8 +199,7 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState], AbstractRollingS
     def _accelerations(self, state: EllipsoidState) -> "_Accelerations":
         """Solves Newton's and Euler's laws about the contact; dry friction is proportional to the normal force N.
 
-        With the friction N d, Ω̇ is Ω̇₀ + N a, a the acceleration by d, and N = N₀ + N m Γ·(s × a) is solved for N, which
-        is NaN where that has no solution, so that a run ends there. There is no friction where N₀ is negative.
+        With the friction N d, Ω̇ is Ω̇₀ + N a, a the acceleration by d, and N = N₀ + N m Γ·(s × a) is solved for N.
         """
         Omega, Gamma, J = state.Omega, state.Gamma, self.J
         s, rest = self._moving(state)
@@ -213,8 +213,7 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState], AbstractRollingS
             by_friction = apply(about_contact, dry)
             without = dot(Gamma, self.mass * (cross(s, Omegadot) + rest) - force)
             share = 1 - self.mass * dot(Gamma, cross(s, by_friction))
-            # Where the friction of N would itself press with N or more, no N fits.
-            N = jnp.maximum(without, 0.0) / jnp.where(share > 0, share, jnp.nan)
+            N = pressing_force(without, share)
             Omegadot, dry = Omegadot + N * by_friction, N * dry
         return _Accelerations(Omegadot, self.mass * (cross(s, Omegadot) + rest) - force, dry)
 

@@ -195,7 +195,7 @@ def _of_hybrid(plane: BodyOnPlane, t: Float[Array, ""], state: Any) -> Movement:
     system, body = plane.moving(state), state.body
     touching = ~state.is_in(Mode.FLIGHT)
     acting, slip = load_of_released(system, t, state.released, touching, response.footing)
-    Omegadot, thetaddot = response.accelerations(force.slip_acceleration, force.normal)
+    Omegadot, thetaddot = (response.part(name, force.amounts) for name in ("Omegadot", "thetaddot"))
     return Movement(
         body if isinstance(body, BallState) else body.in_space(),
         Omegadot,

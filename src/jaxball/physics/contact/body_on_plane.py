@@ -109,7 +109,8 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
     def field_of_packed(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
         state = self.from_packed(t, packed)
         response, rolls = self.response(t, state), state.is_in(Mode.ROLLING)
-        body, moved = state.body, self.field(t, state, response)
+        acting = self.interaction(t, state, response)
+        body, moved = state.body, self._move(t, state, response, acting)
         speeds = jnp.concatenate([body.Omega, body.thetadot])
         gains = jnp.concatenate([moved.body.Omega, moved.body.thetadot])
         g, r = self.body.gravity, self.body.radius
@@ -120,17 +121,20 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         # Rounding must not set in motion a body that friction holds; its derivatives are unchanged.
         moved = jax.tree.map(lambda x: x - jnp.where(rests, jax.lax.stop_gradient(x), 0.0), moved)
         # The rate of the slip velocity, without the rounding of a difference.
-        acting = self.interaction(t, state, response)
         slipping = jnp.where(rolls, 0.0, acting.slip_acceleration)
         V = jnp.where(packed.is_in(Mode.FLIGHT), moved.V, slipping)
         return over.with_rates_of_place(self.body, state, eqx.tree_at(lambda x: x.V, moved, V))
 
-    def field(self, t: Float[Array, ""], state: ContactState, response: Response | None = None) -> ContactState:
-        """Computes ẋ; ``response`` is the response, if it is known."""
-        response = self.response(t, state) if response is None else response
-        acting = self.interaction(t, state, response)
+    def field(self, t: Float[Array, ""], state: ContactState) -> ContactState:
+        response = self.response(t, state)
+        return self._move(t, state, response, self.interaction(t, state, response))
+
+    def _move(
+        self, t: Float[Array, ""], state: ContactState, response: Response, acting: friction.Interaction
+    ) -> ContactState:
+        """Computes ẋ, where the response and the reaction are known."""
         slip = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip_velocity(self.body, t, state.released))
-        moved = rates(self.body, state.released, response, acting.slip_acceleration, acting.normal)
+        moved = rates(self.body, state.released, response, acting.amounts)
         rates_of_all = jax.tree.map(jnp.zeros_like, state).move(moved)
         return eqx.tree_at(lambda x: x.friction_loss, rates_of_all, -jnp.sum(acting.R[:2] * slip[:2]))
 
@@ -185,13 +189,8 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
     def interaction(self, t: Float[Array, ""], state: ContactState, response: Response) -> friction.Interaction:
         """Computes the reaction of the plane in the mode that the state is in."""
         slip = slip_velocity(self.body, t, state.released)
-        sliding = friction.sliding(response, *self.coefficient_and_direction(t, state, slip))
-        rolling, flying = friction.rolling(response), friction.flight(response)
-
-        def choose(*each: Array) -> Array:
-            return jnp.where(state.is_in(Mode.ROLLING), each[0], jnp.where(state.is_in(Mode.SLIDING), *each[1:]))
-
-        return jax.tree.map(choose, rolling, sliding, flying)
+        contact = friction.SolvedContact.of(response, state.is_in(Mode.SLIDING), state.is_in(Mode.FLIGHT))
+        return contact.interaction(*self.coefficient_and_direction(t, state, slip))
 
     def plane_reaction(self, t: Float[Array, ""], state: Any) -> Reaction:
         """Computes the normal force and the friction, in the mode that the state is in."""

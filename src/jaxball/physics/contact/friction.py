@@ -9,63 +9,104 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ...numerics.directions import Direction, diverging
-from ...numerics.vectors import apply, root
+from ...numerics.vectors import root
+from ..dynamics.law import Law
+from ..dynamics.rest import TurningLaw
 from .released import Response
 
 
 class Interaction(NamedTuple):
-    """The reaction R of the ground, and the slip acceleration v̇_s that it leaves.
+    """What acts at a contact: the ``amounts`` of the response, and what comes with them in ``law``, ``w``.
 
-    ``normal`` is the normal force with which dry rolling friction is computed. ``solvability`` is the upward
-    acceleration by a unit of normal force with its friction, relative to that without friction: where it is not
-    positive, the normal force has no solution (Painlevé's paradox), and these numbers mean nothing.
+    ``normal`` is the normal force of dry rolling friction. ``solvability`` is the upward acceleration by a unit of
+    normal force with its friction, relative to that without friction: where it is not positive, the normal force has no
+    solution (Painlevé's paradox), and these numbers mean nothing.
     """
 
-    R: Float[Array, "3"]
-    slip_acceleration: Float[Array, "3"]
+    amounts: Float[Array, " amounts"]
+    w: Float[Array, " rows"]
     normal: Float[Array, ""]
     solvability: Float[Array, ""]
 
+    @property
+    def R(self) -> Float[Array, "*batch 3"]:
+        """The reaction of the ground, contact axes."""
+        return self.w[..., :3]
+
+    @property
+    def slip_acceleration(self) -> Float[Array, "*batch 3"]:
+        """v̇_s, contact axes."""
+        return self.amounts[..., :3]
+
+    @property
+    def torque(self) -> Float[Array, "*batch 3"]:
+        """The torque of exact dry resistance, contact axes."""
+        return self.amounts[..., 3:]
+
+    @property
+    def rate(self) -> Float[Array, "*batch 3"]:
+        """The rate of ω relative to the ground under exact dry resistance, contact axes."""
+        return self.w[..., 3:]
+
+
+class SolvedContact(NamedTuple):
+    """A body whose contact is in a mode, where σ of a slip need not be known: its response, with that mode's law."""
+
+    response: Response
+    law: Law
+    slides: Bool[Array, ""]
+
+    @classmethod
+    def of(cls, response: Response, slides: Bool[Array, ""], flies: Bool[Array, ""]) -> "SolvedContact":
+        """Solves for the mode of a body that rolls, ``slides`` or ``flies``."""
+        loose = slides | flies
+        law = response.law(jnp.stack([loose, loose, flies]))
+        # In flight N is exactly 0, not nearly.
+        normal, lift = (jnp.where(flies, 0.0, x) for x in (law.rows.normal, law.rows.lift))
+        return cls(response, law._replace(rows=law.rows._replace(normal=normal, lift=lift)), slides)
+
+    def turned_by(self, given: TurningLaw) -> "SolvedContact":
+        """Returns the contact of a body that turns in another direction, where the same is held."""
+        return self._replace(response=self.response.turned_by(given))
+
+    def interaction(self, mu: Float[Array, ""], direction: Float[Array, "2"]) -> Interaction:
+        """Computes R, which is N (e3 − μσ) where the body slides in the ``direction`` σ with the coefficient ``mu``.
+
+        What keeps v_s constant has whatever friction it needs. There is no dry rolling friction where N < 0.
+        """
+        along = jnp.where(self.slides, -mu * direction, 0.0)
+        acting = self.law.act(self.response.push(jnp.append(along, 0.0)), self.slides)
+        return Interaction(acting.amounts, acting.w, acting.pressing, acting.solvability)
+
+
+def sliding_contact(response: Response) -> SolvedContact:
+    """Solves for the mode of a body that slides."""
+    return SolvedContact.of(response, jnp.asarray(True), jnp.asarray(False))
+
 
 def rolling(response: Response) -> Interaction:
-    """Computes the reaction that keeps v_s constant, whatever friction it needs; without dry rolling friction where N <
-    0.
-    """
-    R, still = response.rolling.reaction, jnp.zeros_like(response.free)
-    if response.rubbing is None:
-        return Interaction(R, still, jnp.maximum(R[2], 0.0), jnp.ones_like(R[2]))
-    # Where a unit of N would add more than itself to N, there is no solution, and NaN ends the run. The ground does not
-    # pull, and dry friction would drive the body if N were negative.
-    solvability = 1 - response.rubbing.reaction[2]
-    N = jnp.maximum(R[2], 0.0) / jnp.where(solvability > 0, solvability, jnp.nan)
-    return Interaction(response.reaction(still, N), still, N, solvability)
+    """Computes the reaction that keeps v_s constant."""
+    no, none = jnp.asarray(False), jnp.zeros_like(response.rolling.reaction)
+    return SolvedContact.of(response, no, no).interaction(none[2], none[:2])
 
 
 @jax.jit
 def sliding(response: Response, mu: Float[Array, ""], direction: Float[Array, "2"]) -> Interaction:
     """Computes R = N (e3 − μσ), with N so that the body stays on the ground; ``direction`` is σ and ``mu`` the
     coefficient.
-
-    N = −v̇_free,3 / (D₃₃ − μ D₃·σ − D₃·ρ), where ρ is the reaction that the dry rolling torque of a unit of N has.
     """
-    pushed = push(mu, direction)
-    net = pushed if response.rubbing is None else pushed - response.rubbing.reaction
-    moved, D33 = apply(response.delassus, net), response.delassus[2, 2]
-    # Where the divisor is 0 the guard of solvability has fallen to 0, and N only has to be finite.
-    N = -response.free[2] / jnp.where(moved[2] == 0, D33, moved[2])
-    acceleration = (response.free + N * moved).at[2].set(0.0)  # without what rounding leaves
-    return Interaction(N * pushed, acceleration, N, moved[2] / D33)
+    return sliding_contact(response).interaction(mu, direction)
 
 
 def flight(response: Response) -> Interaction:
     """Returns the interaction without a reaction; ``response`` is the response of a body that does not touch the
     ground.
     """
-    none = jnp.zeros_like(response.free[2])
-    return Interaction(jnp.zeros_like(response.free), response.free, none, jnp.ones_like(none))
+    no, none = jnp.asarray(False), jnp.zeros_like(response.rolling.reaction)
+    return SolvedContact.of(response, no, ~no).interaction(none[2], none[:2])
 
 
 def margin(R: Float[Array, "3"], mu: Float[Array, ""]) -> Float[Array, ""]:
@@ -90,11 +131,14 @@ def first_slip(response: Response, mu: Float[Array, ""]) -> Direction:
     it is at the brink, |f| = μ N. Where the growth κ is not positive, friction holds the body, or nothing does.
     """
 
-    def pull(about: tuple[Response, Array], sigma: Float[Array, "2"]) -> tuple[Float[Array, "2"], Float[Array, ""]]:
-        along = sliding(*about, sigma)
+    def pull(
+        about: tuple[SolvedContact, Array], sigma: Float[Array, "2"]
+    ) -> tuple[Float[Array, "2"], Float[Array, ""]]:
+        contact, mu = about
+        along = contact.interaction(mu, sigma)
         return along.slip_acceleration[:2], along.solvability
 
-    return diverging(pull, (response, mu), -rolling(response).R[:2])
+    return diverging(pull, (sliding_contact(response), mu), -rolling(response).R[:2])
 
 
 def push(mu: Float[Array, ""], direction: Float[Array, "2"]) -> Float[Array, "3"]:

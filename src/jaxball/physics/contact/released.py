@@ -31,15 +31,18 @@ from jaxtyping import Array, Bool, Float
 from ...interface.arguments import require
 from ...interface.printing import Printed
 from ...numerics.arrays import numbers
+from ...numerics.linear import product
 from ...numerics.vectors import apply, cross, dot, inverse
 from ..body import AbstractBody
 from ..dynamics.coupling import Joints, join_coordinates
 from ..dynamics.energy import kinetic_energy, potential_energy
 from ..dynamics.equations import equations
 from ..dynamics.footing import footing_of_released, locate_surface
+from ..dynamics.law import Law, Rows
 from ..dynamics.load import Load, in_three, load, place, table_under
 from ..dynamics.moments import kinematics, point_mass_values, principal_inertia
 from ..dynamics.reaction import reaction_in_body
+from ..dynamics.rest import TurningLaw
 from ..dynamics.sticking import of_sticking
 from ..grounds import Footing
 from ..prescribed.motion import Kinematics
@@ -141,26 +144,39 @@ class Motion(NamedTuple):
     holding: Float[Array, "*rows sticking"] | None = None
 
 
+class Turned(NamedTuple):
+    """Exact dry friction against the turning of a released body: contact ``axes``, and the rows of ``law`` for ω.
+
+    ``carried`` is the rate of ω relative to the ground while Ω is constant, contact axes; None on a plane. ``given`` is
+    what the mode of turning gives.
+    """
+
+    axes: Float[Array, "3 3"]
+    carried: Float[Array, "3"] | None
+    given: TurningLaw
+
+
 class Response(NamedTuple):
     """The response of a released body to the reaction of the ground, in which all formulas of this module are linear.
 
     ``rolling`` is the motion with v̇_s = 0 and without dry rolling friction, and its reaction R₀. ``yielding`` is what a
-    unit of v̇_s along each contact axis adds, one row for each, so that its reactions are D⁻¹; ``delassus`` is
-    the Delassus operator D. ``rubbing`` is what the dry torque of a unit of normal force adds while v̇_s = 0, None
-    without dry friction. ``convected`` is V̇ without v̇_s and r ω̇ × n, space axes: that of the turntable, u̇, and on a
-    surface what it is by the ``footing``, which is None on a plane. ``rise`` is the rate of the height there. Where dry
-    friction is exact, ``twisting`` is what a unit of torque at the contact along each space axis adds while v̇_s = 0;
-    ``rubbing`` is None there, as long as no mode of turning is known.
+    unit of v̇_s along each contact axis adds, one row for each, so that its reactions are D⁻¹. ``rubbing`` is what the
+    dry torque of a unit of normal force adds while v̇_s = 0, None without dry friction or where it is exact. Then
+    ``twisting`` is what a unit of torque at the contact along each contact axis adds; it counts as soon as a mode of
+    turning is known, ``turned``. The amounts of all these are v̇_s, and N or the torque.
+
+    ``convected`` is V̇ without v̇_s and r ω̇ × n, space axes: that of the turntable, u̇, and on a surface what it is by
+    the ``footing``, which is None on a plane. ``rise`` is the rate of the height there.
     """
 
     rolling: Motion
     yielding: Motion
-    delassus: Float[Array, "3 3"]
     rubbing: Motion | None
     convected: Float[Array, "3"]
     footing: Footing | None = None
     rise: Float[Array, ""] | None = None
     twisting: Motion | None = None
+    turned: Turned | None = None
 
     @property
     def axes(self) -> Float[Array, "3 3"] | None:
@@ -168,35 +184,67 @@ class Response(NamedTuple):
         return None if self.footing is None else self.footing.axes
 
     @property
+    def delassus(self) -> Float[Array, "3 3"]:
+        """The Delassus operator D."""
+        return inverse(self.yielding.reaction)
+
+    @property
     def free(self) -> Float[Array, "3"]:
         """v̇_free, the slip acceleration without any force of the ground, contact axes: −D R₀."""
         return -apply(self.delassus, self.rolling.reaction)
 
-    def slip_acceleration(self, R: Float[Array, "3"], N: Float[Array, ""]) -> Float[Array, "3"]:
-        """Computes v̇_s under a reaction, contact axes; ``N`` is the normal force with which dry rolling friction is
-        computed.
+    def turned_by(self, given: TurningLaw) -> "Response":
+        """Returns the response in another mode of turning."""
+        assert self.turned is not None
+        return self._replace(turned=self.turned._replace(given=given))
+
+    def rows(self) -> Rows:
+        """Returns the rows of ``law``: of the reaction and v̇_s, and of a mode of turning."""
+        R, by = self.rolling.reaction, self.each("reaction")
+        if self.turned is None:
+            return Rows(R, by.T, R[2], by[:, 2])
+        axes, carried, _ = self.turned
+        rate, rates = apply(axes, self.rolling.Omegadot), product(self.each("Omegadot"), axes.T)
+        rest = jnp.concatenate([R, rate if carried is None else rate + carried])
+        return Rows(rest, jnp.concatenate([by, rates], axis=1).T, R[2], by[:, 2])
+
+    def law(self, slips: Bool[Array, "3"]) -> Law:
+        """Solves for what the mode does not give, where the reaction is given along some contact axes, v̇_s along the
+        others.
         """
-        rest = R - self.rolling.reaction
-        return apply(self.delassus, rest if self.rubbing is None else rest - N * self.rubbing.reaction)
+        solved, value = slips, jnp.zeros_like(self.rolling.reaction)
+        if self.turned is not None:
+            given = self.turned.given
+            solved, value = jnp.concatenate([solved, given.solved]), jnp.concatenate([value, given.value])
+        return Law.of(self.rows(), solved, value)
 
-    def reaction(self, slip_acceleration: Float[Array, "3"], N: Float[Array, ""]) -> Float[Array, "3"]:
-        """Computes R with a given v̇_s: the inverse of :meth:`slip_acceleration`."""
-        R = self.rolling.reaction + combine_rows(slip_acceleration, self.yielding.reaction)
-        return R if self.rubbing is None else R + N * self.rubbing.reaction
+    def push(self, force: Float[Array, "3"]) -> Float[Array, " rows"]:
+        """Returns what a unit of N gives: this force along the contact axes, and what the mode of turning has."""
+        return force if self.turned is None else jnp.concatenate([force, self.turned.given.push])
 
-    def accelerations(
-        self, slip_acceleration: Float[Array, "3"], N: Float[Array, ""]
-    ) -> tuple[Float[Array, "3"], Float[Array, " coordinates"]]:
-        """Computes Ω̇ in body axes and θ̈ of all that a state's ``theta`` holds."""
-        return self._part("Omegadot", slip_acceleration, N), self._part("thetaddot", slip_acceleration, N)
+    def amounts(self, slip_acceleration: Float[Array, "3"], N: Float[Array, ""]) -> Float[Array, " amounts"]:
+        """Computes the amounts where v̇_s and N are given."""
+        law = self.law(jnp.zeros(3, bool))
+        given = law._replace(value=law.value.at[:3].set(slip_acceleration))
+        base, unit = given.amounts(self.push(jnp.zeros_like(slip_acceleration)))
+        return base + N * unit
 
-    def holding(self, slip_acceleration: Float[Array, "3"], N: Float[Array, ""]) -> Float[Array, " sticking"]:
-        """Computes the friction in the joints that stick."""
-        return self._part("holding", slip_acceleration, N)
+    def jump(self, slip: Float[Array, "3"]) -> Float[Array, " amounts"]:
+        """Computes the amounts of an impulse that changes the slip velocity, where nothing else acts."""
+        law = self.law(jnp.zeros(3, bool))
+        rows = law.rows._replace(rest=jnp.zeros_like(law.value))
+        still = law._replace(rows=rows, value=jnp.zeros_like(law.value).at[:3].set(slip))
+        return still.amounts(jnp.zeros_like(law.value))[0]
 
-    def _part(self, name: str, slip_acceleration: Float[Array, "3"], N: Float[Array, ""]) -> Array:
-        value = getattr(self.rolling, name) + combine_rows(slip_acceleration, getattr(self.yielding, name))
-        return value if self.rubbing is None else value + N * getattr(self.rubbing, name)
+    def each(self, name: str) -> Float[Array, "amounts ..."]:
+        """Returns a part of what a unit of each amount adds."""
+        more = self.rubbing if self.turned is None else self.twisting
+        by_slip = getattr(self.yielding, name)
+        return by_slip if more is None else jnp.concatenate([by_slip, getattr(more, name)])
+
+    def part(self, name: str, amounts: Float[Array, " amounts"]) -> Array:
+        """Computes ``Omegadot``, ``thetaddot``, the ``reaction`` or ``holding``, friction in the joints that stick."""
+        return getattr(self.rolling, name) + combine_rows(amounts, self.each(name))
 
 
 @jax.jit
@@ -247,13 +295,16 @@ def response(
         efforts = [-jnp.sum(weights * axis[None, None], axis=-1) for weights in p]
         return change(cross(axis, lever), efforts, dynamics.body_moments.M * axis)
 
+    def twist(torques: Float[Array, "rows 3"]) -> Motion:
+        idle = [jnp.zeros(link.slots.shape, dtype=Lambda.dtype) for link in dynamics.free]
+        return jax.vmap(lambda torque: change(torque, idle, jnp.zeros_like(torque)))(torques)
+
     Omegadot, thetaddot = dynamics.solve(r, t, body, acting)
     R = reaction_in_body(dynamics.complete(thetaddot), r, acting, dynamics.Omega, Omegadot)
     resistance = system.resistance
-    # Exact resistance depends on a mode that is not known here: ``Resisting`` adds its torque by ``twisting``.
+    # Exact resistance depends on a mode that is not known here: it acts by ``twisting``.
     is_exact = resistance is not None and resistance.holds
     dry = None if resistance is None or is_exact else resistance.dry_torque(r, acting.resisted, dynamics.Gamma)
-    idle = [jnp.zeros(link.slots.shape, dtype=Lambda.dtype) for link in dynamics.free]
     of_slip = jax.vmap(yielding)(Lambda)
     # No force acts on a disk along e2: without an entry there, the matrix would have no inverse. Nothing moves along
     # it, so any mass will do.
@@ -266,12 +317,11 @@ def response(
     return Response(
         rolling=motion(Omegadot, coordinates, R, dynamics.holding(t, body, acting, Omegadot, thetaddot)),
         yielding=of_slip,
-        delassus=inverse(of_slip.reaction),
-        rubbing=None if dry is None else change(dry, idle, jnp.zeros_like(dry)),
+        rubbing=None if dry is None else twist(dry[None]),
         convected=convected,
         footing=under,
         rise=None if under is None else slip_velocity(system, t, state)[2],
-        twisting=jax.vmap(lambda axis: change(axis, idle, jnp.zeros_like(axis)))(Lambda) if is_exact else None,
+        twisting=twist(Lambda) if is_exact else None,
     )
 
 
@@ -291,22 +341,16 @@ def rates(
     system: AbstractBody,
     state: ReleasedState,
     body_response: Response,
-    slip_acceleration: Float[Array, "3"],
-    N: Float[Array, ""],
+    amounts: Float[Array, " amounts"],
 ) -> ReleasedState:
-    """Computes ẋ with the slip acceleration v̇_s in contact axes, where ``N`` is the normal force of dry rolling
-    friction.
+    """Computes ẋ with the amounts of the response, of which the first are the slip acceleration v̇_s in contact axes.
 
     V̇ = rω̇ × n + v̇_s + ``convected``.
     """
     body, r = state.body, system.radius
-    Omegadot, thetaddot = body_response.accelerations(slip_acceleration, N)
+    Omegadot, thetaddot = (body_response.part(name, amounts) for name in ("Omegadot", "thetaddot"))
     moved = body.rates(r, Omegadot, (body.theta, body.thetadot, thetaddot))
-    V = (
-        _turning(body, r, Omegadot, body_response)
-        + in_space(body_response.axes, slip_acceleration)
-        + body_response.convected
-    )
+    V = _turning(body, r, Omegadot, body_response) + in_space(body_response.axes, amounts[:3]) + body_response.convected
     rise = state.V[2] if body_response.rise is None else body_response.rise
     return ReleasedState(_place_centre(moved, state.V, body_response.footing), V, rise)
 
@@ -323,8 +367,8 @@ def with_slip(
     ``before`` is the slip velocity that it has, and ``body_response`` its response.
     """
     body, change = state.body, after - before
-    Omega = combine_rows(change, body_response.yielding.Omegadot)
-    thetadot = combine_rows(change, body_response.yielding.thetaddot)
+    amounts = body_response.jump(change)
+    Omega, thetadot = (combine_rows(amounts, body_response.each(name)) for name in ("Omegadot", "thetaddot"))
     V = state.V + _turning(body, system.radius, Omega, body_response) + in_space(body_response.axes, change)
     moved = eqx.tree_at(lambda x: x.thetadot, body.with_Omega(body.Omega + Omega), body.thetadot + thetadot)
     return ReleasedState(moved, V, state.height)
@@ -364,7 +408,7 @@ def _turning(body: PlacedState, r: Float[Array, ""], Omega: Float[Array, "3"], r
     return r * cross(apply(body.Lambda, Omega), response.footing.normal)
 
 
-def combine_rows(amounts: Float[Array, "3"], rows: Float[Array, "3 n"]) -> Float[Array, " n"]:
+def combine_rows(amounts: Float[Array, " amounts"], rows: Float[Array, "amounts n"]) -> Float[Array, " n"]:
     """Computes the sum of rows, each times its amount."""
     return jnp.sum(amounts[:, None] * rows, axis=0)
 

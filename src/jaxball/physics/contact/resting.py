@@ -24,14 +24,15 @@ from ...numerics.vectors import apply
 from ..body import AbstractBody
 from ..dynamics.footing import ContactAxes, footing_of_released, rate_of_carrier
 from ..dynamics.load import Load
+from ..dynamics.rest import TurningLaw, needs
+from ..forces.resistance import TurningMode
 from ..grounds import Footing
 from ..hybrid import NONE, SLOW_ROLLING, Accuracy, Assessment, GuardedStep, Transition
 from ..state import PlacedState
 from . import friction, over_surface as over
 from .body_on_plane import BodyOnPlane, ContactHistory
 from .modes import ContactState, Mode, SwitchCause
-from .released import ReleasedState, Response, response, slip_velocity
-from .resisted import DryTorque, Resisting
+from .released import ReleasedState, Response, Turned, slip_velocity
 from .resting_transition import Headings, transition
 from .slip import Beginning, Heading
 from .turning import AbstractTurning
@@ -155,26 +156,26 @@ class RestingOnPlane(AbstractTurning, BodyOnPlane):
         begins = t <= state.rolling.until
         return jnp.where(begins, state.rolling.direction(t), unit(omega[:2]))
 
-    def resisting(self, t: Float[Array, ""], state: RestingState) -> Resisting:
-        """Returns the body before its mode of turning is known."""
-        body_response = response(self.body, t, state.released, touching=~state.is_in(Mode.FLIGHT))
-        carried = self.compute_carried_rate(t, state, body_response.footing)
-        return Resisting.of(self.body, self.contact_axes(t, state).rows, body_response, carried)
-
     def response(self, t: Float[Array, ""], state: Any) -> Response:
-        resisting = self.resisting(t, state)
-        return resisting.resist_turning(resisting.torque(self.mode(t, state)))
+        return self.response_in(t, state, self.mode(t, state))
 
-    def torque(self, t: Float[Array, ""], state: RestingState) -> tuple[Resisting, DryTorque]:
-        """Returns the body and its dry torque."""
-        resisting = self.resisting(t, state)
-        return resisting, resisting.torque(self.mode(t, state))
+    def response_in(self, t: Float[Array, ""], state: Any, mode: TurningMode) -> Response:
+        """Computes how the body moves under each reaction in a mode of turning."""
+        body_response = super().response(t, state)
+        carried = self.compute_carried_rate(t, state, body_response.footing)
+        turned = Turned(self.contact_axes(t, state).rows, carried, self.law_of_turning(mode))
+        return body_response._replace(turned=turned)
+
+    def law_of_turning(self, mode: TurningMode) -> TurningLaw:
+        """Returns what exact dry resistance gives in a mode of turning."""
+        given = TurningLaw.of(self.resistance, self.body.radius, mode)
+        # A disk is held upright by other forces than friction.
+        return given._replace(solved=given.solved.at[0].set(False)) if self.body.planar else given
 
     def dry_torque(
         self, t: Float[Array, ""], state: Any, interaction: friction.Interaction, acting: Load
     ) -> Float[Array, "3"]:
-        resisting, torque = self.torque(t, state)
-        return apply(resisting.axes.T, torque(interaction.slip_acceleration, interaction.normal))
+        return apply(self.contact_axes(t, state).rows.T, interaction.torque)
 
     # The guards.
 
@@ -190,13 +191,12 @@ class RestingOnPlane(AbstractTurning, BodyOnPlane):
 
     def guards_in_step(self, t: Float[Array, ""], state: Any, reference: Any) -> Float[Array, "5"]:
         """Computes the guards of the contact, of rolling and of spinning."""
-        resisting, torque = self.torque(t, state)
-        response = resisting.resist_turning(torque)
+        response = self.response(t, state)
         acting = self.interaction(t, state, response)
         of_contact = self.guards_of_contact(t, state, reference.slip, response, acting)
-        spare, unit = resisting.spare(torque, acting), jnp.ones_like(state.height)
+        spare = needs(self.resistance, self.body.radius, acting.torque, acting.normal)
         of_turning = self.guards_of_turning(t, state, spare, reference.rolling)
-        return jnp.concatenate([of_contact, jnp.where(state.is_in(Mode.FLIGHT), unit, of_turning)])
+        return jnp.concatenate([of_contact, jnp.where(state.is_in(Mode.FLIGHT), 1.0, of_turning)])
 
     def time_event(self, t: Float[Array, ""], state: Any) -> Float[Array, ""]:
         """Returns the next end of a window in which the direction of a slip or of rolling is known beforehand."""

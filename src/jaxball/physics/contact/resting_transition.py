@@ -16,13 +16,12 @@ from ...numerics.arrays import select_tree
 from ...numerics.directions import diverging, unit
 from ...programs.derivatives.differentiation import without_derivatives
 from ..dynamics.load import in_three
-from ..dynamics.rest import candidates, resist
+from ..dynamics.rest import candidates, let_go, needs
 from ..forces.resistance import TurningMode
 from ..hybrid import START, Accuracy, Transition, at_zero
 from . import friction, slip as slips
 from .modes import CAUSES, Mode, SwitchCause
 from .released import ReleasedState, Response, rates, slip_velocity, with_rise, with_slip
-from .resisted import Resisting
 from .slip import Beginning, Heading
 from .transition import Progress, end_slip, only_if, strike
 
@@ -95,37 +94,34 @@ def _next_mode(
 
 
 class _Rolling(NamedTuple):
-    """A body that rolls: before its mode of turning is known, that mode, and the mode of its contact."""
+    """A body that rolls: how it is ``pulled`` and its response depend on a mode of turning."""
 
-    resisting: Resisting
+    plane: "RestingOnPlane"
     mode: TurningMode
-    slides: Bool[Array, ""]
+    contact: friction.SolvedContact
     mu: Float[Array, ""]
     sigma: Float[Array, "2"]
 
     @classmethod
-    def of(cls, plane: "RestingOnPlane", t: Float[Array, ""], state: "RestingState") -> "_Rolling":
-        """Describes the rolling of a body at a state."""
-        slip = slip_velocity(plane.body, t, state.released)
-        mu, sigma = plane.coefficient(slip), state.direction(t, slip)
-        mode = plane.mode(t, state)
-        return cls(plane.resisting(t, state), mode, state.is_in(Mode.SLIDING), mu, sigma)
+    def of(cls, plane: "RestingOnPlane", t: Float[Array, ""], state: "RestingState", mode: TurningMode) -> "_Rolling":
+        """Describes the rolling of a body at a state, in a mode of turning."""
+        slip, response = slip_velocity(plane.body, t, state.released), plane.response_in(t, state, mode)
+        contact = friction.SolvedContact.of(response, state.is_in(Mode.SLIDING), jnp.asarray(False))
+        return cls(plane, mode, contact, plane.coefficient(slip), state.direction(t, slip))
+
+    def act(self, sigma: Float[Array, "2"]) -> friction.Interaction:
+        """Computes what acts where it rolls in a direction."""
+        given = self.plane.law_of_turning(self.mode._replace(sigma=in_three(sigma)))
+        return self.contact.turned_by(given).interaction(self.mu, self.sigma)
 
     def pull(self, sigma: Float[Array, "2"]) -> slips.Pull:
         """Computes how ω_h changes in a direction of rolling."""
-        turning = self.resisting.turning(self.slides, self.mu, self.sigma)
-        acting = resist(self.resisting.resistance, turning, self.mode._replace(sigma=in_three(sigma)))
+        acting = self.act(sigma)
         return slips.Pull(acting.rate[:2], -jnp.sum(sigma * acting.torque[:2]), acting.normal)
 
-    def rates(self, body: Any, state: "RestingState", mode: TurningMode) -> ReleasedState:
-        """Computes ẋ in a mode of turning."""
-        response = self.resisting.resist_turning(self.resisting.torque(mode))
-        acting = self.interaction(response)
-        return rates(body, state.released, response, acting.slip_acceleration, acting.normal)
-
-    def interaction(self, response: Response) -> friction.Interaction:
-        """Computes the reaction of the plane."""
-        return select_tree(self.slides, friction.sliding(response, self.mu, self.sigma), friction.rolling(response))
+    def rates(self, state: "RestingState", sigma: Float[Array, "2"]) -> ReleasedState:
+        """Computes ẋ where it rolls in a direction, or is braked."""
+        return rates(self.plane.body, state.released, self.contact.response, self.act(sigma).amounts)
 
 
 def _end_rolling(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array, ""]) -> Progress:
@@ -134,25 +130,24 @@ def _end_rolling(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array
     if plane.body.planar:
         return done._replace(stands=jnp.asarray(True))
     t, omega = done.t, plane.over_ground(done.t, state)[:2]
+    rolling = plane.mode(t, state, unit(omega))
 
-    def end(about: _Rolling) -> slips.End:
-        about = about._replace(mode=plane.mode(t, state, unit(omega)))
-        return slips.end(_Rolling.pull, about, omega)
+    def end(t: Float[Array, ""], where: Any) -> slips.End:
+        return slips.end(_Rolling.pull, _Rolling.of(plane, t, where, rolling), omega)
 
-    def brake(about: _Rolling, time: Float[Array, ""], share: float, where: Any) -> Any:
+    def brake(t: Float[Array, ""], where: Any, time: Float[Array, ""], share: float) -> Any:
         rate = -omega / jnp.where(time > 0, time, 1.0)
         # The mean rate until the end, so that ω_h is then zero; the torque is whatever this needs.
-        held = about.mode._replace(rests=jnp.asarray(True), braking=in_three(rate))
-        moved = about.rates(plane.body, where, held)
+        held = rolling._replace(rests=jnp.asarray(True), braking=in_three(rate))
+        moved = _Rolling.of(plane, t, where, held).rates(where, held.sigma[:2])
         return state.move(jax.tree.map(lambda x, rate: x + share * time * rate, state.released, moved))
 
-    about = _Rolling.of(plane, t, state)
-    first = end(about)
-    halfway = brake(about, first.time, slips.HALFWAY, state)
-    about = _Rolling.of(plane, t + slips.HALFWAY * first.time, halfway)
-    second = end(about)
+    first = end(t, state)
+    halfway = brake(t, state, first.time, slips.HALFWAY)
+    middle = t + slips.HALFWAY * first.time
+    second = end(middle, halfway)
     ends = plane.comes_to_rest(first, second, omega, tolerance)
-    stopped = brake(about, second.time, 1.0, halfway).projected()
+    stopped = brake(middle, halfway, second.time, 1.0).projected()
     axes = plane.contact_axes(t + second.time, stopped)
     spin = axes.over_ground(stopped.body.Omega)[2]
     at_rest = stopped.body.with_Omega(axes.in_body(jnp.stack([0 * spin, 0 * spin, spin])))
@@ -178,38 +173,38 @@ class _Deciding(NamedTuple):
     ``still`` says that it does not slip, ``mu`` is the coefficient of sliding friction.
     """
 
-    resisting: Resisting
+    plane: Any
+    response: Response
     still: Bool[Array, ""]
     mu: Float[Array, ""]
-    static: Float[Array, ""]
     slack: Float[Array, ""]
 
-    def response(self, choice: _Choice) -> Response:
+    def respond(self, choice: _Choice) -> Response:
         """Computes the response where some things are held."""
-        return self.resisting.resist_turning(self.resisting.torque(choice.mode))
+        return self.response.turned_by(self.plane.law_of_turning(choice.mode))
 
     def first_slip(self, choice: _Choice) -> Float[Array, "2"]:
         """Finds the direction in which a slip begins."""
-        return friction.first_slip(self.response(choice), self.mu).sigma
+        return friction.first_slip(self.respond(choice), self.mu).sigma
 
     def first_rolling(self, choice: _Choice) -> Float[Array, "3"]:
         """Finds the direction in which rolling begins."""
-        sigma = diverging(_pull, (self, choice), jax.lax.stop_gradient(choice.mode.sigma[:2])).sigma
-        return in_three(sigma)
+        contact = friction.SolvedContact.of(self.respond(choice), ~choice.sticks, jnp.asarray(False))
+        rolling = _Rolling(self.plane, choice.mode, contact, self.mu, choice.sigma)
+        return in_three(diverging(_pull, rolling, jax.lax.stop_gradient(choice.mode.sigma[:2])).sigma)
 
     def with_one_less(self, choice: _Choice, at_once: Bool[Array, "3"]) -> _Choice:
         """Returns the choice in which the most overloaded of the contact, rolling and spinning has let go; or those
         that let go ``at_once``, if any do.
         """
         sigma = jax.lax.cond(self.still & ~choice.sticks, lambda: self.first_slip(choice), lambda: choice.sigma)
-        torque = self.resisting.torque(choice.mode)
-        response = self.resisting.resist_turning(torque)
-        acting = select_tree(choice.sticks, friction.rolling(response), friction.sliding(response, self.mu, sigma))
-        T, need = torque(acting.slip_acceleration, acting.normal), self.resisting.spare(torque, acting)
+        contact = friction.SolvedContact.of(self.respond(choice), ~choice.sticks, jnp.asarray(False))
+        acting, static = contact.interaction(self.mu, sigma), self.plane.contact.static_friction
+        need = needs(self.plane.resistance, self.plane.body.radius, acting.torque, acting.normal)
         N = acting.R[2]
-        spare = friction.margin(acting.R, self.static) + self.slack
+        spare = friction.margin(acting.R, static) + self.slack
         # A square of a share, as the loads of resistance are; the least divisor keeps it within the range of numbers.
-        load = jnp.sum(acting.R[:2] ** 2) / jnp.maximum(self.static * N, float(jnp.finfo(N.dtype).tiny) ** 0.25) ** 2
+        load = jnp.sum(acting.R[:2] ** 2) / jnp.maximum(static * N, float(jnp.finfo(N.dtype).tiny) ** 0.25) ** 2
         held = jnp.stack([choice.sticks, choice.mode.rests, choice.mode.still])
         fails = held & ~(jnp.stack([jnp.minimum(spare, N + self.slack), need.rolling, need.spinning]) > 0)
         loads = jnp.where(fails, jnp.concatenate([load[None], need.loads]), -jnp.inf)
@@ -217,45 +212,33 @@ class _Deciding(NamedTuple):
         # Of several that are equally overloaded the first alone lets go: that may relieve the others.
         most &= jnp.cumsum(most) == 1
         off = jnp.where(jnp.any(at_once), at_once & held, most)
-        against, spin = -unit(T[:2]), -jnp.sign(T[2])
-        # A disk only rolls about e2.
-        if self.resisting.axle is not None:
-            against = against.at[0].set(0.0)
-        mode = choice.mode._replace(
-            sigma=jnp.where(off[1], in_three(against), choice.mode.sigma),
-            spin=jnp.where(off[2], spin, choice.mode.spin),
-            rests=choice.mode.rests & ~off[1],
-            still=choice.mode.still & ~off[2],
-        )
-        return _Choice(choice.sticks & ~off[0], sigma, mode)
+        return _Choice(choice.sticks & ~off[0], sigma, let_go(choice.mode, acting.torque, off[1], off[2]))
 
 
-def _pull(about: tuple[_Deciding, _Choice], sigma: Float[Array, "2"]) -> tuple[Float[Array, "2"], Float[Array, ""]]:
-    deciding, choice = about
-    turning = deciding.resisting.turning(~choice.sticks, deciding.mu, choice.sigma)
-    acting = resist(deciding.resisting.resistance, turning, choice.mode._replace(sigma=in_three(sigma)))
+def _pull(rolling: _Rolling, sigma: Float[Array, "2"]) -> tuple[Float[Array, "2"], Float[Array, ""]]:
+    acting = rolling.act(sigma)
     return acting.rate[:2], acting.normal
 
 
 def _decide(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> Progress:
     """Decides the mode that follows: everything is held as far as friction and dry resistance can do it."""
-    t, body, contact = done.t, plane.body, plane.contact
+    t, body = done.t, plane.body
     assert done.stands is not None
     before, omega = _clean(plane, done, cause)
     # A body that lands still has the mode of flight here; any mode on the ground says that it touches.
     touching: Any = eqx.tree_at(lambda x: x.mode, before, jnp.full_like(before.mode, int(Mode.SLIDING)))
-    slip, resisting = slip_velocity(body, t, before.released), plane.resisting(t, touching)
+    slip, response = slip_velocity(body, t, before.released), plane.response(t, touching)
     still = done.still | plane.is_still(slip, before)
     mu = plane.coefficient(jnp.where(still, 0.0, slip))
-    slack = plane.rounding_of_force(before, resisting.response)
-    deciding = _Deciding(resisting, still, mu, contact.static_friction, slack)
-    moving = candidates(resisting.resistance, resisting.bare, omega)
+    slack = plane.rounding_of_force(before, response)
+    deciding = _Deciding(plane, response, still, mu, slack)
+    moving = candidates(plane.resistance, omega, body.planar)
     # A body that rolls comes to rest by an event that says so, and not because its rate is rounding, as just after it
     # broke loose.
     may_rest = (cause == START) | done.stands | done.lands | (before.rolls == 0)
     moving = moving._replace(rests=moving.rests & may_rest)
     gives_way = cause == int(SwitchCause.GIVES_WAY)
-    sticks = still & (contact.static_friction > 0) & ~gives_way
+    sticks = still & (plane.contact.static_friction > 0) & ~gives_way
     sigma = friction.slip_direction(slip, jnp.zeros_like(slip[:2]))
     at_once = jnp.stack(
         [jnp.asarray(False), cause == int(SwitchCause.BREAKS_LOOSE), cause == int(SwitchCause.BEGINS_TO_SPIN)]
@@ -263,7 +246,7 @@ def _decide(plane: "RestingOnPlane", done: Progress, cause: Int[Array, ""]) -> P
     choice = _choose(deciding, _Choice(sticks, sigma, moving), at_once)
     slips_now, turns = still & ~choice.sticks, moving.rests & ~choice.mode.rests
     choice = _direct(deciding, choice, slips_now, turns, plane.body.planar)
-    response = deciding.response(choice)
+    response = deciding.respond(choice)
     # A contact that sticks has been found to press, or it would have let go.
     flies = done.flies | ~choice.sticks & ~(friction.sliding(response, mu, choice.sigma).normal > -slack)
     # The rest of a slip that ends is dissipated by friction; one without an end continues.
@@ -336,18 +319,17 @@ class _Slipping(NamedTuple):
     plane: Any
     begins: Any
 
-    def prepare(self, t: Float[Array, ""], state: ReleasedState) -> tuple[Response, Float[Array, ""]]:
-        now = self.begins.move(state)
-        return self.plane.response(t, now), self.plane.coefficient(slip_velocity(self.plane.body, t, state))
+    def prepare(self, t: Float[Array, ""], state: ReleasedState) -> tuple[friction.SolvedContact, Float[Array, ""]]:
+        response = self.plane.response(t, self.begins.move(state))
+        return friction.sliding_contact(response), self.plane.coefficient(slip_velocity(self.plane.body, t, state))
 
     def pull(
-        self, t: Float[Array, ""], state: ReleasedState, prepare: tuple[Response, Float[Array, ""]], sigma: Array
+        self, t: Float[Array, ""], state: ReleasedState, prepare: tuple[friction.SolvedContact, Array], sigma: Array
     ) -> tuple[Float[Array, "2"], ReleasedState]:
         """Computes the slip acceleration along the plane, and ẋ."""
-        response, mu = prepare
-        acting = friction.sliding(response, mu, sigma)
-        moved = rates(self.plane.body, state, response, acting.slip_acceleration, acting.normal)
-        return acting.slip_acceleration[:2], moved
+        contact, mu = prepare
+        acting = contact.interaction(mu, sigma)
+        return acting.slip_acceleration[:2], rates(self.plane.body, state, contact.response, acting.amounts)
 
 
 class _Turning(NamedTuple):
@@ -357,15 +339,15 @@ class _Turning(NamedTuple):
     begins: Any
 
     def prepare(self, t: Float[Array, ""], state: ReleasedState) -> _Rolling:
-        return _Rolling.of(self.plane, t, self.begins.move(state))
+        now = self.begins.move(state)
+        return _Rolling.of(self.plane, t, now, self.plane.mode(t, now))
 
     def pull(
         self, t: Float[Array, ""], state: ReleasedState, prepare: _Rolling, sigma: Float[Array, "2"]
     ) -> tuple[Float[Array, "2"], ReleasedState]:
         """Computes the rate of ω_h over the ground, in contact axes, and ẋ."""
-        now = self.begins.move(state)
-        moved = prepare.rates(self.plane.body, now, self.plane.mode(t, now, sigma))
-        return self.plane.rate_over_ground(t, now, moved.body.Omega)[:2], moved
+        acting = prepare.act(sigma)
+        return acting.rate[:2], rates(self.plane.body, state, prepare.contact.response, acting.amounts)
 
 
 def _begin(plane: "RestingOnPlane", done: Progress) -> "RestingState":

@@ -35,8 +35,8 @@ from ...numerics.vectors import root
 from ...programs.derivatives.differentiation import without_derivatives
 from ..body import AbstractBody
 from ..hybrid import Accuracy
-from .friction import sliding
-from .released import ReleasedState, Response, rates, response, slip_velocity
+from .friction import SolvedContact, sliding_contact
+from .released import ReleasedState, rates, response, slip_velocity
 
 DEGREE = 6  # of the polynomial through the directions of a slip that begins
 SHORTER_WINDOW = 0.4  # a window that is too long, when it is tried again
@@ -150,30 +150,31 @@ class OnPlane(NamedTuple):
     body: AbstractBody
     coefficient: Callable[[Float[Array, "3"]], Float[Array, ""]]
 
-    def prepare(self, t: Float[Array, ""], state: ReleasedState) -> tuple[Response, Float[Array, ""]]:
-        """Computes the response of the body, and μ."""
+    def prepare(self, t: Float[Array, ""], state: ReleasedState) -> tuple[SolvedContact, Float[Array, ""]]:
+        """Solves for the contact that slides, and computes μ."""
         body_response = response(
             self.body, t, state, touching=jnp.asarray(True)
         )  # as elsewhere, so that it is traced once
-        return body_response, self.coefficient(slip_velocity(self.body, t, state))
+        return sliding_contact(body_response), self.coefficient(slip_velocity(self.body, t, state))
 
     def pull(
         self,
         t: Float[Array, ""],
         state: ReleasedState,
-        prepare: tuple[Response, Float[Array, ""]],
+        prepare: tuple[SolvedContact, Float[Array, ""]],
         sigma: Float[Array, "2"],
     ) -> tuple[Float[Array, "2"], ReleasedState]:
         """Computes the slip acceleration along the ground, and ẋ."""
-        body_response, mu = prepare
-        acting = sliding(body_response, mu, sigma)
-        moved = rates(self.body, state, body_response, acting.slip_acceleration, acting.normal)
+        contact, mu = prepare
+        acting = contact.interaction(mu, sigma)
+        moved = rates(self.body, state, contact.response, acting.amounts)
         return acting.slip_acceleration[:2], moved
 
 
-def pull_of_friction(about: tuple[Response, Float[Array, ""]], sigma: Float[Array, "2"]) -> Pull:
-    """Computes how a body with some response slips, at a coefficient μ."""
-    acting = sliding(*about, sigma)
+def pull_of_friction(about: tuple[SolvedContact, Float[Array, ""]], sigma: Float[Array, "2"]) -> Pull:
+    """Computes how a body slips, at a coefficient μ."""
+    contact, mu = about
+    acting = contact.interaction(mu, sigma)
     return Pull(acting.slip_acceleration[:2], -jnp.sum(sigma * acting.R[:2]), acting.normal)
 
 

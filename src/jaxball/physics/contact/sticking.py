@@ -105,7 +105,7 @@ class StickingOnPlane(BodyOnPlane):
         response = self.response(t, state)
         acting = self.interaction(t, state, response)
         of_contact = self.guards_of_contact(t, state, reference, response, acting)
-        holding = response.holding(acting.slip_acceleration, acting.normal)
+        holding = response.part("holding", acting.amounts)
         return jnp.concatenate([of_contact, sticking_guards(self.body, state.slips, state.body.thetadot, holding)])
 
     def assess(self, step: GuardedStep, accuracy: Accuracy) -> Assessment:
@@ -246,14 +246,8 @@ class _Deciding(NamedTuple):
         body_response, contact = self.response(choice), self.plane.contact
         choice = self.direct(choice, body_response)
         slides, slack = ~choice.sticks & ~choice.flies, self.plane.rounding_of_force(self.state, body_response)
-        on_ground = select_tree(
-            choice.sticks, friction.rolling(body_response), friction.sliding(body_response, self.mu, choice.sigma)
-        )
-        acting = select_tree(choice.flies, friction.flight(body_response), on_ground)
-        holding, largest = (
-            body_response.holding(acting.slip_acceleration, acting.normal),
-            largest_frictions(self.plane.body),
-        )
+        acting = friction.SolvedContact.of(body_response, slides, choice.flies).interaction(self.mu, choice.sigma)
+        holding, largest = body_response.part("holding", acting.amounts), largest_frictions(self.plane.body)
         N, static = acting.R[2], contact.static_friction
         holds = (friction.margin(acting.R, static) > -slack) & (-slack < N)
         # As squares of shares of the largest friction, loads of the contact and of joints compare. The least divisor

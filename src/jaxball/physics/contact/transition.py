@@ -93,7 +93,8 @@ def _end(
     # The speed falls nearly in proportion to the time that is left, so that the mean coefficient is that of half the
     # speed.
     response, slip = response_on_plane(plane, t, where), slip_velocity(plane.body, done.t, done.state.released)
-    return slips.end(slips.pull_of_friction, (response, plane.coefficient(slip, slips.HALFWAY)), slip[:2]), response
+    about = friction.sliding_contact(response), plane.coefficient(slip, slips.HALFWAY)
+    return slips.end(slips.pull_of_friction, about, slip[:2]), response
 
 
 def _slow(
@@ -105,7 +106,7 @@ def _slow(
     time, slip = share * end.time, slip_velocity(plane.body, done.t, done.state.released)
     # The mean slip acceleration until the end, not that of the response, so that v_s is then exactly zero.
     braking = jnp.where(end.time > 0, slip / jnp.where(end.time > 0, end.time, 1.0), 0.0).at[2].set(0.0)
-    moved = rates(plane.body, where.released, response, -braking, end.normal)
+    moved = rates(plane.body, where.released, response, response.amounts(-braking, end.normal))
     return done.state.move(jax.tree.map(lambda x, rate: x + time * rate, done.state.released, moved))
 
 

@@ -73,7 +73,8 @@ class AbstractTurning(AbstractBodyWithModes[Any]):
         direction = self.direction(t, state) if sigma is None else sigma
         rests = state.rolls == 0
         sigma3 = jnp.where(rests, 0.0, in_three(direction))
-        return TurningMode(sigma3, state.spin, rests, self.is_held_still(state), jnp.zeros_like(sigma3))
+        spin = state.spin if self.resists_spinning else jnp.zeros_like(state.spin)
+        return TurningMode(sigma3, spin, rests, self.is_held_still(state), jnp.zeros_like(sigma3))
 
     def heading_of_rolling(self, t: Float[Array, ""], state: Any, accuracy: Accuracy) -> Heading:
         """Returns the direction of rolling as a step begins; a disk may roll however slowly."""

@@ -14,13 +14,15 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ...interface.arguments import require_value
-from ...numerics.vectors import apply, cross, dot, outer
+from ...numerics.linear import product
+from ...numerics.vectors import apply, cross, dot, outer, root
 from ...programs.derivatives.differentiation import without_derivatives
 from ..conditions import Condition
 from ..forces.resistance import Resistance
-from ..state import Rates, State
+from ..state import Rates, ReducedState, State
 from .coupling import FactoredInertia, Inertia, Joints, inertia, join_coordinates, joint_forces, with_free_joints
-from .footing import contact_normal, rate_of_carrier
+from .footing import ContactAxes, contact_normal, rate_of_carrier
+from .law import Rows, pressing_force
 from .linkage import Linkage, along, linkages
 from .load import Load, load
 from .moments import AbstractMoments, Moments, moments, velocity_moments
@@ -159,20 +161,18 @@ def accelerations(
     Omegadot, thetaddot = motion_equations.solve(r, t, state, acting)
     dry = None if system.resistance is None else system.resistance.dry_torque(r, acting.resisted, Gamma)
     if isinstance(system.resistance, Resistance) and system.resistance.holds:
-        turns = _turning(system, motion_equations, acting, Omegadot, thetaddot, rate_of_carrier(system, t, state))
+        axes = _contact_axes(system, t, state)
+        turns = _turning(system, motion_equations, acting, Omegadot, thetaddot, axes, rate_of_carrier(system, t, state))
         # A solve has put in the mode; from a state alone it is found here.
-        mode = mode_of(system.resistance, turns, acting.resisted)
-        dry = resist(system.resistance, turns, mode).torque
+        mode = mode_of(system.resistance, turns, apply(axes, acting.resisted), system.planar)
+        dry = apply(axes.T, resist(system.resistance, turns, mode).amounts)
         change, joint_changes, _ = _dry_friction(body_moments, Gamma, free, motion_equations.matrix, dry)
         Omegadot = Omegadot + change
         thetaddot = [x + y for x, y in zip(thetaddot, joint_changes, strict=True)]
     elif dry is not None:
         change, joint_changes, slope = _dry_friction(body_moments, Gamma, free, motion_equations.matrix, dry)
-        # N = N(without dry friction) + N times what a unit of N changes; nothing where N would be negative.
-        without = dot(Gamma, motion_equations.reaction_without_motion(acting)) + _normal(
-            body_moments, Gamma, free, Omegadot, thetaddot
-        )
-        N = jnp.maximum(without, 0.0) / jnp.where(slope < 1, 1 - slope, jnp.nan)
+        # N = N(without dry friction) + N times what a unit of N changes.
+        N = pressing_force(_normal_force(motion_equations, acting, Omegadot, thetaddot), 1 - slope)
         Omegadot = Omegadot + N * change
         thetaddot = [x + N * y for x, y in zip(thetaddot, joint_changes, strict=True)]
         dry = N * dry
@@ -187,13 +187,12 @@ def accelerations(
 @jax.jit
 def turning(system: BodyParameters, t: Float[Array, ""], state: State) -> Turning:
     """Computes how a body would turn over its ground without dry friction, and how a torque at its contact changes
-    that.
-
-    In body axes. On a surface, rates are those of the components along the axes of the contact.
+    that, along the axes of the contact.
     """
     motion_equations, acting = equations(system, t, state), load(system, t, state)
     solved = motion_equations.solve(system.radius, t, state, acting)
-    return _turning(system, motion_equations, acting, *solved, rate_of_carrier(system, t, state))
+    axes = _contact_axes(system, t, state)
+    return _turning(system, motion_equations, acting, *solved, axes, rate_of_carrier(system, t, state))
 
 
 def _turning(
@@ -202,19 +201,35 @@ def _turning(
     acting: Load,
     Omegadot: Float[Array, "3"],
     thetaddot: Joints,
+    axes: Float[Array, "3 3"],
     carried: Float[Array, "3"] | None,
 ) -> Turning:
     body_moments, Gamma, free = motion_equations.body_moments, motion_equations.Gamma, motion_equations.free
-    torques = np.eye(3, dtype=Gamma.dtype)
-    changes = jax.vmap(lambda torque: _dry_friction(body_moments, Gamma, free, motion_equations.matrix, torque))(
-        jnp.asarray(torques)
-    )
-    normal = dot(Gamma, motion_equations.reaction_without_motion(acting)) + _normal(
-        body_moments, Gamma, free, Omegadot, thetaddot
-    )
-    ahead = jnp.asarray(torques[1]) if system.planar else None
-    rate = Omegadot if carried is None else Omegadot + carried
-    return Turning(Gamma, ahead, rate, changes[0].T, normal, changes[2], system.radius)
+    changes = jax.vmap(lambda torque: _dry_friction(body_moments, Gamma, free, motion_equations.matrix, torque))(axes)
+    normal = _normal_force(motion_equations, acting, Omegadot, thetaddot)
+    rate = apply(axes, Omegadot if carried is None else Omegadot + carried)
+    return Turning(Rows(rate, product(axes, changes[0].T), normal, changes[2]), system.radius)
+
+
+def _contact_axes(system: BodyParameters, t: Float[Array, ""], state: State) -> Float[Array, "3 3"]:
+    """Returns the axes of the contact in body axes, as rows; any of a body that has no direction in space."""
+    if not isinstance(state, ReducedState):
+        return ContactAxes.of(system, t, state).rows
+    up = state.Gamma
+    # The axis that is most nearly along the plane, so that its projection on it is not short.
+    axis = jnp.where(jnp.arange(3) == jnp.argmin(jnp.abs(up)), 1.0, 0.0).astype(up.dtype)
+    along = axis - dot(axis, up) * up
+    first = along / root(dot(along, along))
+    return jnp.stack([first, cross(up, first), up])
+
+
+def _normal_force(
+    motion_equations: Equations, acting: Load, Omegadot: Float[Array, "3"], thetaddot: Joints
+) -> Float[Array, ""]:
+    """Computes the normal force without dry friction."""
+    body_moments, Gamma, free = motion_equations.body_moments, motion_equations.Gamma, motion_equations.free
+    resting = dot(Gamma, motion_equations.reaction_without_motion(acting))
+    return resting + _normal(body_moments, Gamma, free, Omegadot, thetaddot)
 
 
 def holding_friction(

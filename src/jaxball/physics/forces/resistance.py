@@ -18,12 +18,12 @@ SMOOTHING = 1e-3  # of dry friction by default, rad/time
 
 
 class TurningMode(NamedTuple):
-    """How a body turns over its plane where dry friction is exact, as a solve knows it.
+    """How a body turns over its ground where dry friction is exact, as a solve knows it, along the axes of the contact.
 
-    - ``sigma``: the direction of ω_h, body axes, shape (3,); 0 where the body rests.
+    - ``sigma``: the direction of ω_h, shape (3,); 0 where the body rests.
     - ``spin``: 1 or −1, the sign of ω₃; 0 where the body does not spin.
     - ``rests``: whether friction holds ω_h. ``still``: whether friction holds ω₃.
-    - ``braking``: the rate that ω_h has where friction holds it, body axes, shape (3,): 0 but at the end of rolling.
+    - ``braking``: the rate that ω_h has where friction holds it, shape (3,): 0 but at the end of rolling.
     """
 
     sigma: Float[Array, "3"]

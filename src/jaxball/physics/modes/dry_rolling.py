@@ -23,7 +23,6 @@ from jaxtyping import Array, Bool, Float, Int
 from ...interface.status import Status
 from ...numerics.arrays import select_tree
 from ...numerics.directions import unit
-from ...numerics.vectors import apply
 from ...programs.derivatives.differentiation import without_derivatives
 from ..body import AbstractBody
 from ..conditions import Condition
@@ -183,8 +182,8 @@ class DryRolling(AbstractTurning):
         return eqx.tree_at(lambda x: x.body, jax.tree.map(jnp.zeros_like, state), moved)
 
     def turning(self, t: Float[Array, ""], state: DryRollingState) -> Turning:
-        """Computes how the body turns without dry friction, and how torques change that, in space axes."""
-        return turning(self.moving(state), t, state.body).in_space(ContactAxes.of(self.body, t, state.body).rows)
+        """Computes how the body turns without dry friction, and how torques change that."""
+        return turning(self.moving(state), t, state.body)
 
     def moving(self, state: DryRollingState) -> AbstractBody:
         """Returns the body, with all that a state says of how its parts move."""
@@ -208,7 +207,8 @@ class DryRolling(AbstractTurning):
         where it holds it.
         """
         turns = self.turning(t, state)
-        spare = needs(self.resistance, turns, resist(self.resistance, turns, self.mode(t, state)))
+        acting = resist(self.resistance, turns, self.mode(t, state))
+        spare = needs(self.resistance, turns.radius, acting.amounts, acting.normal)
         return self.guards_of_turning(t, state, spare, reference)
 
     def time_event(self, t: Float[Array, ""], state: DryRollingState) -> Float[Array, ""]:
@@ -321,7 +321,8 @@ class DryRolling(AbstractTurning):
     def decide(self, t: Float[Array, ""], state: DryRollingState, given: "Happened") -> DryRollingState:
         """Returns the state in the mode that follows: at rest as far as friction can hold it."""
         moving, omega, turns = self.all_held(t, state, given)
-        mode = begin(self.resistance, turns, moving, given.loosens, given.spinning & self.is_held_still(state))
+        loose = given.loosens, given.spinning & self.is_held_still(state)
+        mode = begin(self.resistance, turns, moving, self.body.planar, *loose)
         return self.with_mode(t, state, omega, mode, moving.rests & ~mode.rests)
 
     def all_held(
@@ -333,7 +334,7 @@ class DryRolling(AbstractTurning):
         held = jnp.stack([given.stops, given.stops, given.spinning])
         omega = jnp.where(held, 0.0, omega)
         turns = self.turning(t, state)
-        moving = candidates(self.resistance, turns, omega)
+        moving = candidates(self.resistance, omega, self.body.planar)
         # A body that rolls comes to rest by an event that says so, and not because its rate is rounding, as just after
         # it broke loose.
         may_rest = given.starts | given.stops | (state.rolls == 0)
@@ -412,20 +413,18 @@ class _FromRest(NamedTuple):
 
 @jax.jit
 def rates(body: AbstractBody, t: Float[Array, ""], state: PlacedState, mode: TurningMode) -> PlacedState:
-    """Computes ẋ of a body in a mode that is given along the axes of the contact."""
-    return in_mode(body, t, state, mode).field(t, state)
+    """Computes ẋ of a body in a mode."""
+    return in_mode(body, mode).field(t, state)
 
 
-def in_mode(body: AbstractBody, t: Float[Array, ""], state: PlacedState, mode: TurningMode) -> AbstractBody:
-    """Returns the body in a mode that is given along the axes of the contact."""
-    into_body = ContactAxes.of(body, t, state).rows.T
-    body_mode = mode._replace(sigma=apply(into_body, mode.sigma), braking=apply(into_body, mode.braking))
-    return eqx.tree_at(lambda body: body.resistance.mode, body, body_mode, is_leaf=lambda x: x is None)
+def in_mode(body: AbstractBody, mode: TurningMode) -> AbstractBody:
+    """Returns the body in a mode."""
+    return eqx.tree_at(lambda body: body.resistance.mode, body, mode, is_leaf=lambda x: x is None)
 
 
 def _pull(about: tuple[Resistance, Turning, TurningMode], sigma: Float[Array, "2"]) -> slips.Pull:
-    """Computes how a ball rolls in a direction, with what acts at a time and a state; space axes."""
+    """Computes how a ball rolls in a direction, with what acts at a time and a state."""
     resistance, turns, mode = about
     acting = resist(resistance, turns, mode._replace(sigma=in_three(sigma)))
-    power = -jnp.sum(sigma * acting.torque[:2])
-    return slips.Pull(acting.rate[:2], power, acting.normal)
+    power = -jnp.sum(sigma * acting.amounts[:2])
+    return slips.Pull(acting.w[:2], power, acting.normal)

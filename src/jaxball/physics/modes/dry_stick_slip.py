@@ -16,12 +16,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ...numerics.arrays import select_tree
-from ...numerics.vectors import apply
 from ...programs.derivatives.differentiation import without_derivatives
 from ..body import AbstractBody
 from ..dynamics.equations import holding_friction
 from ..dynamics.footing import ContactAxes
-from ..dynamics.rest import begin, needs, resist
+from ..dynamics.rest import begin, let_go, needs, resist
 from ..dynamics.sticking import (
     JointHistory,
     JointSwitches,
@@ -86,7 +85,7 @@ class DryStickSlip(DryRolling):
         self, t: Float[Array, ""], state: PlacedState, directions: Float[Array, " sticking"], mode: TurningMode
     ) -> Float[Array, " sticking"]:
         """Computes the friction in joints that stick, where the body turns in a mode that is given in space axes."""
-        return holding_friction(in_mode(with_directions(self.body, directions), t, state, mode), t, state)
+        return holding_friction(in_mode(with_directions(self.body, directions), mode), t, state)
 
     # How modes follow each other.
 
@@ -106,7 +105,7 @@ class DryStickSlip(DryRolling):
         # What has let go was decided without derivatives, and is let go again here, where the direction of rolling has
         # them.
         rolls, loose = moving.rests & ~last.mode.rests, moving.still & ~last.mode.still
-        mode = begin(self.resistance, self.turning(t, state), moving, rolls, loose)
+        mode = begin(self.resistance, self.turning(t, state), moving, self.body.planar, rolls, loose)
         return self.with_mode(t, state, omega, mode, moving.rests & ~mode.rests)
 
     def _joints_changed(self, state: DryStickSlipState, occurrence: Happened) -> DryStickSlipState:
@@ -134,7 +133,7 @@ class DryStickSlip(DryRolling):
             now = eqx.tree_at(lambda x: x.slips, state, held.slips)
             turns = system.turning(t, now)
             acting = resist(system.resistance, turns, held.mode)
-            need = needs(system.resistance, turns, acting)
+            need = needs(system.resistance, turns.radius, acting.amounts, acting.normal)
             friction = system.holding(t, state.body, held.slips, held.mode)
             fails = jnp.stack([held.mode.rests & ~(need.rolling > 0), held.mode.still & ~(need.spinning > 0)])
             excess = (held.slips == 0) & (jnp.abs(friction) > largest)
@@ -144,15 +143,7 @@ class DryStickSlip(DryRolling):
             # Of several that are equally overloaded the first alone lets go: that may relieve the others.
             most &= jnp.cumsum(most) == 1
             off = jnp.where(jnp.any(at_once), jnp.concatenate([at_once, jnp.zeros(count, bool)]), most)
-            against = -apply(turns.plane, acting.torque)
-            # Nothing here is differentiated, so that the root of 0 does no harm.
-            size = jnp.sqrt(jnp.sum(against**2))
-            mode = held.mode._replace(
-                sigma=jnp.where(off[0], against / jnp.where(size > 0, size, 1.0), held.mode.sigma),
-                spin=jnp.where(off[1], -jnp.sign(acting.torque[2]), held.mode.spin),
-                rests=held.mode.rests & ~off[0],
-                still=held.mode.still & ~off[1],
-            )
+            mode = let_go(held.mode, acting.amounts, held.mode.rests & off[0], held.mode.still & off[1])
             return _Held(mode, jnp.where(off[OF_TURNING:], -jnp.sign(friction), held.slips))
 
         now, none = jnp.stack([rolls, spins]), jnp.zeros(OF_TURNING, bool)
