@@ -80,22 +80,6 @@ SENTENCES = {
         "Argument `dae` must be False for a body with a law of contact, whose modes are differential equations, but it "
         "is True.",
     ),
-    "joints that stick and exact resistance": (
-        lambda: simulate(
-            Disk(
-                mass=1.0,
-                inertia=0.5,
-                resistance=jaxball.Resistance(dry=0.01, exact=True),
-                mechanisms=[jaxball.planar_pendulum(0.5, 0.2, drive=jaxball.JointFriction(0.1))],
-            ),
-            TIMES,
-            DiskState(theta=[0.0], thetadot=[0.0]),
-            contact=LAW,
-        ),
-        "Argument `contact` must be None for a body with joints that stick and exact dry resistance, because the modes "
-        "of all three are not combined, but mechanisms[0].joints[0] has a JointFriction; give that `smoothing`, or the "
-        "resistance.",
-    ),
     "a rotor": (
         lambda: simulate(
             jaxball.classical.FreeRigidBody(inertia=(1.0, 2.0, 3.0)),

@@ -144,7 +144,7 @@ def test_the_disk_in_its_own_frame_over_time(disk_trajectory):
         np.testing.assert_allclose(z, radius * np.sin(theta), atol=1e-13)
 
 
-def test_the_disk_in_space_is_turned_by_phi(disk_trajectory):
+def test_the_disk_in_space_is_with_turning_phi(disk_trajectory):
     inside = plot.body_paths(disk_trajectory, plane())
     outside = plot.space_paths(disk_trajectory, plane())
     phi = np.asarray(disk_trajectory.state.phi)

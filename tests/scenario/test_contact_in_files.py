@@ -150,7 +150,7 @@ def test_a_classical_system_has_no_contact():
         read_scenario(f'format = 1\nkind = "nonholonomic-particle"\n{LAW}\n{TIMES}')
 
 
-def test_joints_that_stick_and_exact_resistance_have_no_law_of_contact_beside_them():
+def test_joints_that_stick_and_exact_resistance_have_a_law_of_contact_beside_them():
     text = """
         [[mechanisms]]
         masses = [{ mass = 0.2, place = [0.0, 0.0, -0.5], joint = 0 }]
@@ -159,11 +159,10 @@ def test_joints_that_stick_and_exact_resistance_have_no_law_of_contact_beside_th
         axis = [0.0, 1.0, 0.0]
         force = { kind = "joint-friction", kinetic = 0.2 }
     """
-    assert read_scenario(with_contact(LAW) + text).system.sticking == ("mechanisms[0].joints[0]",)
     exact = "[resistance]\ndry = 0.01\nexact = true\n"
-    match = r"^Key `contact` must be left out where joints stick and .* `smoothing`, or the resistance\.$"
-    with pytest.raises(ScenarioError, match=match):
-        read_scenario(with_contact(LAW) + exact + text)
+    scenario = read_scenario(with_contact(LAW) + exact + text)
+    assert scenario.system.sticking == ("mechanisms[0].joints[0]",)
+    assert scenario.system.is_held
 
 
 def test_traced_numbers_make_the_law_and_the_start():

@@ -16,6 +16,7 @@ from ..physics.contact.law import COEFFICIENTS, AbstractFriction, Contact
 from ..physics.contact.modes import ContactSwitches, Mode, SwitchCause
 from ..physics.contact.released import ReleasedState
 from ..physics.contact.resting import RestingHistory
+from ..physics.contact.resting_and_sticking import HeldHistory
 from ..physics.contact.sticking import StickingHistory
 from ..physics.grounds import AbstractSurface
 from ..physics.hybrid import NO_HISTORY, AbstractHistory, History, Switches
@@ -334,15 +335,19 @@ def _read_contact(
         for name, variable in HISTORY.items()
     }
     switches = _read_switches(arrays, attribute("contact_switches", int), law.capacity, vars(states), type(states))
-    if all(name in arrays for name in HISTORY_OF_JOINTS):
-        directions = to_array(arrays["directions"])
-        return StickingHistory(law=law, **over_time, switches=switches, directions=directions)
-    if not all(name in arrays for name in HISTORY_OF_REST):
-        return ContactHistory(law=law, **over_time, switches=switches)
-    rests, spin, rolling = (jnp.asarray(arrays[name]) for name in HISTORY_OF_REST)
-    return RestingHistory(
-        law=law, **over_time, switches=switches, rests=rests != 0, spin=to_array(spin), rolling=to_array(rolling)
-    )
+    rests, sticks = (all(name in arrays for name in names) for names in (HISTORY_OF_REST, HISTORY_OF_JOINTS))
+    kinds: dict[tuple[bool, bool], Any] = {
+        (False, False): ContactHistory,
+        (True, False): RestingHistory,
+        (False, True): StickingHistory,
+        (True, True): HeldHistory,
+    }
+    if rests:
+        over_time |= {name: to_array(arrays[name]) for name in HISTORY_OF_REST}
+        over_time["rests"] = over_time["rests"] != 0
+    if sticks:
+        over_time["directions"] = to_array(arrays["directions"])
+    return kinds[rests, sticks](law=law, **over_time, switches=switches)
 
 
 def _read_switches(

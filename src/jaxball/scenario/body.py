@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import equinox as eqx
 import jax.numpy as jnp
 
-from ..interface.wording import all_of
 from ..numerics.arrays import to_array
 from ..physics.body import AbstractBody, Ball, Disk, System
 from ..physics.contact.law import (
@@ -178,17 +177,6 @@ def read_contact(values: Any, path: str) -> Contact:
     contact = CONTACT.read(values, path)
     require_conditions(contact)
     return contact
-
-
-def check_modes(system: AbstractBody, contact: Contact | None) -> None:
-    """Raises a :class:`ScenarioError` for joints that stick with a law of contact and exact dry resistance."""
-    if contact is not None and system.sticking and system.is_held:
-        have = "has" if len(system.sticking) == 1 else "have"
-        raise ScenarioError(
-            "Key `contact` must be left out where joints stick and dry resistance is exact, because the modes of all "
-            f"three are not combined, but {all_of(system.sticking)} {have} a force of the kind joint-friction; give "
-            "that `smoothing`, or the resistance."
-        )
 
 
 def rolling_state(scenario: "Scenario", what: str, error: type[ScenarioError] = ScenarioError) -> AbstractState:

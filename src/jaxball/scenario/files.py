@@ -23,7 +23,6 @@ from .body import (
     CONTACT,
     KEYS as BODY_KEYS,
     check_force,
-    check_modes,
     check_sensors,
     kind_of,
     read_contact,
@@ -281,7 +280,6 @@ def _join_tables(kind: str, document: Mapping[str, Any], of_body: _OfBody, table
     feedback, estimator, held = tables.feedback, tables.estimator, HeldRun(system, times, solve)
     _, first_state, _ = each_of(
         lambda: each_of(
-            lambda: check_modes(system, contact),
             lambda: solve and check_dae(system, contact, solve["solver"], solve["dae"]),
             lambda: check_run(system, span),
             lambda: check_confinement(system, span, state),

@@ -17,13 +17,14 @@ from jaxtyping import Array
 
 from ..compat import is_traced
 from ..interface.arguments import describe, refusal, require, whole_number
-from ..interface.wording import UserError, all_of
+from ..interface.wording import UserError
 from ..numerics.arrays import Numbers, default_dtype, has_shape, require_numbers, shapes_of_fields, to_array
 from ..physics.body import AbstractBody
 from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.law import COEFFICIENTS, Contact
 from ..physics.contact.released import ReleasedState
 from ..physics.contact.resting import RestingOnPlane
+from ..physics.contact.resting_and_sticking import HeldOnPlane
 from ..physics.contact.sticking import StickingOnPlane
 from ..physics.dae import WITH_UNIT
 from ..physics.dynamics.parameters import shapes_of_body
@@ -355,7 +356,7 @@ def system_to_solve(system: AbstractSystem, contact: Contact | None) -> Abstract
 
     Everything else asks it, and not whether there is a law.
 
-    **Raises:** ``TypeError`` for a law that the system has no equations for, and for modes that are not combined.
+    **Raises:** ``TypeError`` for a law that the system has no equations for.
     """
     if contact is None:
         if not isinstance(system, AbstractBody):
@@ -369,13 +370,6 @@ def system_to_solve(system: AbstractSystem, contact: Contact | None) -> Abstract
             f"Argument `contact` must be None for a {type(system).__name__}, which is neither a Ball nor a Disk, but "
             f"it is {describe(contact)}."
         )
-    if system.sticking and system.is_held:
-        have = "has" if len(system.sticking) == 1 else "have"
-        raise TypeError(
-            "Argument `contact` must be None for a body with joints that stick and exact dry resistance, because the "
-            f"modes of all three are not combined, but {all_of(system.sticking)} {have} a JointFriction; give that "
-            "`smoothing`, or the resistance."
-        )
-    if system.sticking:
-        return StickingOnPlane(system, contact)
-    return RestingOnPlane(system, contact) if system.is_held else BodyOnPlane(system, contact)
+    if system.is_held:
+        return HeldOnPlane(system, contact) if system.sticking else RestingOnPlane(system, contact)
+    return StickingOnPlane(system, contact) if system.sticking else BodyOnPlane(system, contact)

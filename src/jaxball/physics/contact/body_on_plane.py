@@ -31,13 +31,14 @@ from ...numerics.vectors import root
 from ..body import AbstractBody, AbstractBodyWithModes
 from ..conditions import Condition, ExplainedCondition
 from ..dynamics.load import Load
+from ..forces.resistance import TurningMode
 from ..grounds import AbstractSurface
 from ..hybrid import NONE, STIFF, WINDOW, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
 from ..rolling import Reaction
 from ..state import PlacedState, ReducedState
 from . import friction, over_surface as over, slip as slips
 from .law import Contact
-from .modes import ContactState, ContactSwitches, Mode, SwitchCause, cause_of
+from .modes import CAUSES, ContactState, ContactSwitches, Mode, SwitchCause, cause_of
 from .released import (
     ReleasedState,
     Response,
@@ -48,7 +49,7 @@ from .released import (
     rolling_contact,
     slip_velocity,
 )
-from .transition import response_on_plane, transition
+from .transition import Progress, begin_slip, decide, response_on_plane, strike, transition
 
 ROUNDING_OF_VELOCITY = 8  # in units of rounding: velocities and accelerations that are smaller count as zero
 FORCES = 32  # in units of rounding of the forces whose sum a reaction is: one that is smaller counts as zero
@@ -85,8 +86,8 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
             holds = state.V[1] == 0
             yield Condition(holds, "state.V", state.V, "in the plane of the disk, with 0 for its second entry")
 
-    def prepare(self) -> "BodyOnPlane":
-        return BodyOnPlane(self.body.prepare(), self.contact)
+    def prepare(self) -> Any:
+        return type(self)(self.body.prepare(), self.contact)
 
     # What a solve advances. A body is evaluated with a versor of length 1: near the end of a slip small errors turn it
     # far, and where a mode ends, the forces in it and in the next one must be those of the same attitude.
@@ -218,22 +219,20 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         sigma, zero = state.direction(t, slip_velocity(self.body, t, state.released)), jnp.zeros_like(state.height)
         return self.guards_in_step(t, state, slips.Heading(sigma, zero, zero))
 
-    def guards_in_step(self, t: Float[Array, ""], state: ContactState, reference: slips.Heading) -> Float[Array, "3"]:
-        """Computes the three guards; ``CAUSES`` gives the meaning of each. A slip lasts while it goes along its
-        heading.
-        """
+    def guards_in_step(self, t: Float[Array, ""], state: ContactState, reference: Any) -> Float[Array, " guards"]:
+        """Computes the guards, for ``CAUSES``. A slip lasts while it goes along its heading."""
         response = self.response(t, state)
-        return self.guards_of_contact(t, state, reference, response, self.interaction(t, state, response))
+        return self.guards_where(t, state, reference, response, self.interaction(t, state, response))
 
-    def guards_of_contact(
+    def guards_where(
         self,
         t: Float[Array, ""],
         state: ContactState,
-        reference: slips.Heading,
+        reference: Any,
         response: Response,
         acting: friction.Interaction,
-    ) -> Float[Array, "3"]:
-        """Computes the three guards where the response and the reaction are known."""
+    ) -> Float[Array, " guards"]:
+        """Computes the guards where the response and the reaction are known."""
         slack = self.rounding_of_force(state, response)
         slip, unit = slip_velocity(self.body, t, state.released), jnp.ones_like(state.height)
         spare = friction.margin(acting.R, self.contact.static_friction) + slack
@@ -344,6 +343,42 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         self, t: Float[Array, ""], state: ContactState, event: Int[Array, ""], accuracy: Accuracy
     ) -> Transition:
         return transition(self, t, state, event, accuracy)
+
+    # The parts of a transition.
+
+    def guard_of(self, state: ContactState, event: Int[Array, ""]) -> Int[Array, ""]:
+        """Returns the guard of an event, a :class:`SwitchCause` here; 0 where no guard has it."""
+        return jnp.argmax(jnp.asarray(CAUSES)[state.mode.astype(int)] == event)
+
+    def with_fixed_speeds(self, heading: Any) -> Any:
+        """Returns the heading for which the guard of a slip that ends is exactly zero: the speed counts as fixed."""
+        return heading._replace(least=heading.speed)
+
+    def progress(self, t: Float[Array, ""], state: Any, event: Int[Array, ""]) -> Progress:
+        """Begins a transition."""
+        return Progress.of(self, t, state, event)
+
+    def end_rolling(self, done: Progress, event: Int[Array, ""], tolerance: Float[Array, ""]) -> Progress:
+        """Moves the state to the end of rolling, if it has one soon."""
+        return done
+
+    strike, decide, begin = strike, decide, begin_slip
+
+    def all_held(self, done: Progress, event: Int[Array, ""]) -> tuple[Any, TurningMode | None, Bool[Array, " loads"]]:
+        """Returns the state and the mode of turning where all is held that stands, and what the event has loosened."""
+        return done.state, None, jnp.zeros(0, bool)
+
+    def as_chosen(self, state: Any, choice: Any, t: Float[Array, ""]) -> Any:
+        """Returns the state in the modes of a ``Choice`` of what is held, besides that of the contact."""
+        return state
+
+    def cause_of_event(self, state: ContactState, event: Int[Array, ""]) -> Int[Array, ""]:
+        """Returns the :class:`SwitchCause` of an event in a state."""
+        return event
+
+    def slows(self, event: Int[Array, ""]) -> Bool[Array, ""]:
+        """Returns whether an event comes in ever shorter steps."""
+        return event == int(SwitchCause.STOPS)
 
     # What a run shows.
 

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float
 
 from ...numerics.directions import Direction, diverging
 from ...numerics.vectors import root
-from ..dynamics.law import Law
+from ..dynamics.law import Law, load
 from ..dynamics.rest import TurningLaw
 from .released import Response
 
@@ -68,9 +68,9 @@ class SolvedContact(NamedTuple):
         normal, lift = (jnp.where(flies, 0.0, x) for x in (law.rows.normal, law.rows.lift))
         return cls(response, law._replace(rows=law.rows._replace(normal=normal, lift=lift)), slides)
 
-    def turned_by(self, given: TurningLaw) -> "SolvedContact":
+    def with_turning(self, given: TurningLaw) -> "SolvedContact":
         """Returns the contact of a body that turns in another direction, where the same is held."""
-        return self._replace(response=self.response.turned_by(given))
+        return self._replace(response=self.response.with_turning(given))
 
     def interaction(self, mu: Float[Array, ""], direction: Float[Array, "2"]) -> Interaction:
         """Computes R, which is N (e3 − μσ) where the body slides in the ``direction`` σ with the coefficient ``mu``.
@@ -114,6 +114,14 @@ def margin(R: Float[Array, "3"], mu: Float[Array, ""]) -> Float[Array, ""]:
     where f is 0.
     """
     return mu * R[2] - root(jnp.sum(R[:2] ** 2))
+
+
+def overload(
+    R: Float[Array, "3"], mu: Float[Array, ""], slack: Float[Array, ""], sticks: Bool[Array, ""]
+) -> Float[Array, ""]:
+    """Returns the load of a contact that sticks although friction cannot hold it; −∞ of another."""
+    holds = (margin(R, mu) > -slack) & (-slack < R[2])
+    return jnp.where(sticks & ~holds, load(jnp.sum(R[:2] ** 2), mu * R[2]), -jnp.inf)
 
 
 def slip_direction(slip: Float[Array, "3"], otherwise: Float[Array, "2"]) -> Float[Array, "2"]:

@@ -193,7 +193,7 @@ class Response(NamedTuple):
         """v̇_free, the slip acceleration without any force of the ground, contact axes: −D R₀."""
         return -apply(self.delassus, self.rolling.reaction)
 
-    def turned_by(self, given: TurningLaw) -> "Response":
+    def with_turning(self, given: TurningLaw) -> "Response":
         """Returns the response in another mode of turning."""
         assert self.turned is not None
         return self._replace(turned=self.turned._replace(given=given))

@@ -19,22 +19,24 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ...numerics.arrays import select_tree
 from ...numerics.directions import unit
 from ...numerics.vectors import apply
 from ..body import AbstractBody
 from ..dynamics.footing import ContactAxes, footing_of_released, rate_of_carrier
 from ..dynamics.load import Load
-from ..dynamics.rest import TurningLaw, needs
+from ..dynamics.rest import TurningLaw, candidates, needs
 from ..forces.resistance import TurningMode
 from ..grounds import Footing
-from ..hybrid import NONE, SLOW_ROLLING, Accuracy, Assessment, GuardedStep, Transition
+from ..hybrid import NONE, SLOW_ROLLING, START, Accuracy, Assessment, GuardedStep
 from ..state import PlacedState
 from . import friction, over_surface as over
 from .body_on_plane import BodyOnPlane, ContactHistory
+from .holding import Choice, Headings, begin, decide_held, end_rolling
 from .modes import ContactState, Mode, SwitchCause
 from .released import ReleasedState, Response, Turned, slip_velocity
-from .resting_transition import Headings, transition
 from .slip import Beginning, Heading
+from .transition import Progress, only_if
 from .turning import AbstractTurning
 
 TURNING_GUARD, SPINNING_GUARD = 3, 4  # after the three of a contact
@@ -93,9 +95,6 @@ class RestingOnPlane(AbstractTurning, BodyOnPlane):
 
     title: ClassVar[str] = "body with a law of contact and exact dry resistance"
     state_type: ClassVar[Any] = RestingState
-
-    def prepare(self) -> "RestingOnPlane":
-        return RestingOnPlane(self.body.prepare(), self.contact)
 
     # What a solve advances.
 
@@ -189,11 +188,11 @@ class RestingOnPlane(AbstractTurning, BodyOnPlane):
         headings = Heading(sigma, zero, zero), Heading(self.direction(t, state), zero, zero)
         return self.guards_in_step(t, state, Headings(*headings))
 
-    def guards_in_step(self, t: Float[Array, ""], state: Any, reference: Any) -> Float[Array, "5"]:
+    def guards_where(
+        self, t: Float[Array, ""], state: Any, reference: Any, response: Response, acting: friction.Interaction
+    ) -> Float[Array, "5"]:
         """Computes the guards of the contact, of rolling and of spinning."""
-        response = self.response(t, state)
-        acting = self.interaction(t, state, response)
-        of_contact = self.guards_of_contact(t, state, reference.slip, response, acting)
+        of_contact = super().guards_where(t, state, reference.slip, response, acting)
         spare = needs(self.resistance, self.body.radius, acting.torque, acting.normal)
         of_turning = self.guards_of_turning(t, state, spare, reference.rolling)
         return jnp.concatenate([of_contact, jnp.where(state.is_in(Mode.FLIGHT), 1.0, of_turning)])
@@ -236,17 +235,75 @@ class RestingOnPlane(AbstractTurning, BodyOnPlane):
 
     # How modes begin.
 
-    def start(self, t: Float[Array, ""], state: ReleasedState | PlacedState) -> RestingState:
+    def start(self, t: Float[Array, ""], state: ReleasedState | PlacedState) -> Any:
         contact_state = super().start(t, state)
         unit = jnp.ones_like(contact_state.height)  # nothing is held before the first transition
         return RestingState(**vars(contact_state), rolls=unit, spin=unit, rolling=Beginning.none(unit))
 
-    def transition(self, t: Float[Array, ""], state: Any, event: Int[Array, ""], accuracy: Accuracy) -> Transition:
-        return transition(self, t, state, event, accuracy)
+    # The parts of a transition.
+
+    def guard_of(self, state: Any, event: Int[Array, ""]) -> Int[Array, ""]:
+        of_contact = super().guard_of(state, event)
+        turns, spins = (_is_one_of(event, *causes) for causes in (_ROLLING, _SPINNING))
+        return jnp.where(turns, TURNING_GUARD, jnp.where(spins, SPINNING_GUARD, of_contact))
+
+    def with_fixed_speeds(self, heading: Headings) -> Headings:
+        slip, rolling = heading
+        # A ball's rolling is given to ``end_rolling`` while it still has this speed, which counts as fixed. That of a
+        # disk does not turn, and is followed to exactly zero.
+        least = jnp.zeros_like(rolling.speed) if self.body.planar else rolling.speed
+        return Headings(super().with_fixed_speeds(slip), rolling._replace(least=least))
+
+    def progress(self, t: Float[Array, ""], state: Any, event: Int[Array, ""]) -> Progress:
+        done, none, no = super().progress(t, state, event), Beginning.none(state.height), jnp.asarray(False)
+        # The end of one window leaves the other in force; a new mode leaves neither.
+        begun, rolling = (select_tree(done.decides | (x.until <= t), none, x) for x in (state.begun, state.rolling))
+        if self.body.planar:
+            rolling = state.rolling  # that of a disk does not turn
+        now = eqx.tree_at(lambda x: (x.begun, x.rolling), done.state, (begun, rolling))
+        return done._replace(state=now, stands=no, turns=no)
+
+    def end_rolling(self, done: Progress, event: Int[Array, ""], tolerance: Float[Array, ""]) -> Progress:
+        return only_if(event == int(SwitchCause.ROLLING_ENDS), end_rolling, self, done, tolerance)
+
+    def decide(self, done: Progress, event: Int[Array, ""]) -> Progress:
+        return decide_held(self, done, event)
+
+    def all_held(self, done: Progress, event: Int[Array, ""]) -> tuple[Any, TurningMode | None, Bool[Array, " loads"]]:
+        state: Any = eqx.tree_at(lambda x: x.mode, done.state, jnp.full_like(done.state.mode, int(Mode.SLIDING)))
+        assert done.stands is not None
+        axes, before = self.contact_axes(done.t, state), done.state
+        omega = self.unless_held(before, axes.over_ground(before.body.Omega))
+        spin_ends = event == int(SwitchCause.SPINNING_ENDS)
+        omega = jnp.where(jnp.stack([done.stands, done.stands, spin_ends]), 0.0, omega)
+        before = eqx.tree_at(lambda x: x.body, before, before.body.with_Omega(axes.in_body(omega)))
+        moving = candidates(self.resistance, omega, self.body.planar)
+        # A body that rolls comes to rest by an event that says so, and not because its rate is rounding, as just after
+        # it broke loose. In flight the ground holds nothing.
+        may_rest = (event == START) | done.stands | done.lands | (before.rolls == 0)
+        moving = moving._replace(rests=moving.rests & may_rest & ~done.flies, still=moving.still & ~done.flies)
+        breaks, spins = event == int(SwitchCause.BREAKS_LOOSE), event == int(SwitchCause.BEGINS_TO_SPIN)
+        return before, moving, jnp.stack([moving.rests & breaks, moving.still & spins])
+
+    def as_chosen(self, state: Any, choice: Choice, t: Float[Array, ""]) -> Any:
+        """Returns the state in the modes of a choice."""
+        assert choice.mode is not None
+        mode, dtype = choice.mode, state.V.dtype
+        spin = mode.spin if self.resists_spinning else jnp.zeros_like(mode.spin)
+        # In flight the ground holds nothing, and 0 would say that it does.
+        spin = jnp.where(choice.flies & (spin == 0), 1.0, spin).astype(dtype)
+        turning = jnp.where(mode.rests, 0.0, 1.0).astype(dtype), spin, Beginning.along(t, mode.sigma[:2])
+        return eqx.tree_at(lambda x: (x.rolls, x.spin, x.rolling), state, turning)
+
+    def begin(self, done: Progress) -> RestingState:
+        return begin(self, done)
+
+    def slows(self, event: Int[Array, ""]) -> Bool[Array, ""]:
+        return super().slows(event) | (event == int(SwitchCause.ROLLING_ENDS)) & (not self.body.planar)
 
     # What a run shows.
 
-    def history(self, times: Float[Array, " T"], states: Any, record: Any) -> RestingHistory:
+    def history(self, times: Float[Array, " T"], states: Any, record: Any) -> Any:
         of_contact = super().history(times, states, record)
         rests = states.rolls == 0
         plane = self.prepare()
@@ -263,6 +320,14 @@ class RestingOnPlane(AbstractTurning, BodyOnPlane):
             spin=states.spin,
             rolling=jnp.where(rests[..., None], 0.0, rolling),
         )
+
+
+_ROLLING = SwitchCause.ROLLING_ENDS, SwitchCause.BREAKS_LOOSE
+_SPINNING = SwitchCause.SPINNING_ENDS, SwitchCause.BEGINS_TO_SPIN
+
+
+def _is_one_of(cause: Int[Array, ""], *causes: SwitchCause) -> Bool[Array, ""]:
+    return jnp.any(jnp.stack([cause == int(each) for each in causes]))
 
 
 def _with_rest(mode: Int[Array, "*rows"], rolls: Float[Array, "*rows"]) -> Int[Array, "*rows"]:

@@ -1,6 +1,6 @@
 """Finds the next mode of a body on its ground where a mode ends, and the state with which it begins.
 
-``body_on_plane`` calls it; ``sticking`` and ``resting_transition`` use its parts.
+``body_on_plane`` calls it; ``holding`` decides what is held where dry friction may hold more than the contact.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from ...programs.derivatives.differentiation import without_derivatives
 from ..hybrid import START, WINDOW, Accuracy, Transition, at_zero
 from . import friction, slip as slips
 from .impact import impact
-from .modes import CAUSES, ContactState, Mode, SwitchCause
+from .modes import ContactState, Mode, SwitchCause
 from .released import ReleasedState, Response, rates, slip_velocity, with_rise, with_slip
 
 if TYPE_CHECKING:
@@ -25,39 +25,24 @@ if TYPE_CHECKING:
 
 
 def transition(
-    plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState, cause: Int[Array, ""], accuracy: Accuracy
+    plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState, event: Int[Array, ""], accuracy: Accuracy
 ) -> Transition:
-    """Finds what follows a :class:`SwitchCause` for which a mode ends, the end of a window, or the start of a run."""
-    heading = without_derivatives(plane).step_reference(*without_derivatives((t, state, accuracy)))
-    # The speed of a slip that ends here counts as fixed, so that its guard is exactly zero at this state, and the
-    # derivative of the time of the event is that of the time at which this speed is reached.
-    heading = heading._replace(least=heading.speed)
-    # Back from a cause to its guard; 0 where no guard has the cause, as at a start, where ``at_zero`` does not apply.
-    which = jnp.argmax(jnp.asarray(CAUSES)[state.mode.astype(int)] == cause)
-    guards = type(plane).guards_in_step
-    t, before, slope = at_zero(guards, plane, t, state, which, cause >= 0, (heading,))
-    done = _next_mode(plane, t, before, cause, accuracy.tolerance)
-    return done.finish(cause, slope, pauses=cause == int(SwitchCause.STOPS))
+    """Finds what follows an event that ends a mode, the end of a window, or the start of a run.
 
-
-def _next_mode(
-    plane: "BodyOnPlane",
-    t: Float[Array, ""],
-    state: ContactState,
-    cause: Int[Array, ""],
-    tolerance: Float[Array, ""],
-) -> "Progress":
-    """Finds the state that follows the end of a mode, in a solve with this tolerance.
-
-    First, a slip that ends is followed to its end. Next comes an impact, if the body lands, then the mode for the
-    velocities after it, and then the direction in which a slip begins. A negative cause means none, and the mode
-    continues, with the direction of its velocity.
+    First, a slip that ends is followed to its end, and so is rolling. Next comes an impact, if the body lands, then the
+    mode for the velocities after it, and then the direction in which a slip or rolling begins. A negative event means
+    none, and the mode continues, with the direction of its velocity.
     """
-    done = Progress.of(plane, t, state, cause)
-    done = only_if(cause == int(SwitchCause.STOPS), end_slip, plane, done, tolerance)
-    done = only_if(done.lands, strike, plane, done)
-    done = only_if(done.decides, _decide, plane, done, cause)
-    return done._replace(state=begin_slip(plane, done))
+    heading = without_derivatives(plane).step_reference(*without_derivatives((t, state, accuracy)))
+    guards, which = type(plane).guards_in_step, plane.guard_of(state, event)
+    t, before, slope = at_zero(guards, plane, t, state, which, event >= 0, (plane.with_fixed_speeds(heading),))
+    done, kind = plane.progress(t, before, event), type(plane)
+    done = only_if(event == int(SwitchCause.STOPS), end_slip, plane, done, accuracy.tolerance)
+    done = kind.end_rolling(plane, done, event, accuracy.tolerance)
+    done = only_if(done.lands, kind.strike, plane, done)
+    done = only_if(done.decides, kind.decide, plane, done, event)
+    done = done._replace(state=kind.begin(plane, done))
+    return done.finish(plane.cause_of_event(state, event), slope, pauses=plane.slows(event))
 
 
 def only_if(happens: Bool[Array, ""], stage: Callable[..., "Progress"], plane: Any, done: "Progress", *others: Any):
@@ -126,7 +111,7 @@ def strike(plane: "BodyOnPlane", done: "Progress") -> "Progress":
     return done._replace(state=bounced, still=done.still | after.collision.sticks, flies=flies)
 
 
-def _decide(plane: "BodyOnPlane", done: "Progress", cause: Int[Array, ""]) -> "Progress":
+def decide(plane: "BodyOnPlane", done: "Progress", cause: Int[Array, ""]) -> "Progress":
     """Decides the mode that follows, by the forces that each mode would need."""
     t, state, body, contact = done.t, done.state, plane.body, plane.contact
     response, released_state, flies = response_on_plane(plane, t, state), state.released, done.flies

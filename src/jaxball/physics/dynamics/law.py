@@ -11,12 +11,16 @@ normal force N:
 N is linear in z as well, and so it is the solution of one equation, N = N₀ + slope N.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ...numerics import linear, vectors
+
+AnyHeld = TypeVar("AnyHeld")
 
 
 class Rows(NamedTuple):
@@ -84,6 +88,35 @@ class Law(NamedTuple):
         amounts = base + N * unit
         w = jnp.where(self.solved, self.value + N * push, self.rows.rest + _product(self.rows.matrix, amounts))
         return Acting(amounts, w, jnp.where((without > 0) | slides, N, without), N, share)
+
+
+def release(
+    held: AnyHeld,
+    weigh: Callable[[AnyHeld], tuple[Float[Array, " loads"], Any]],
+    let_go: Callable[[AnyHeld, Any, Bool[Array, " loads"]], AnyHeld],
+    at_once: Bool[Array, " loads"],
+) -> AnyHeld:
+    """Lets go of all that dry friction cannot hold, the most overloaded first: as one goes, all other loads jump.
+
+    - ``weigh``: the load of everything in what is held, with what acts; −∞ of what friction holds and of what is loose.
+    - ``let_go``: what is held after some of it has let go, under what acts.
+    - ``at_once``: what an event has loosened, which lets go before all else.
+    """
+
+    def with_one_less(k: Array, held: AnyHeld) -> AnyHeld:
+        loads, acting = weigh(held)
+        most = (loads == jnp.max(loads)) & (loads > -jnp.inf)
+        # Of several that are equally overloaded the first alone lets go: that may relieve the others.
+        most &= jnp.cumsum(most) == 1
+        return let_go(held, acting, jnp.where((k == 0) & jnp.any(at_once), at_once, most))
+
+    return jax.lax.fori_loop(0, at_once.size + 1, with_one_less, held)
+
+
+def load(square: Float[Array, "*forces"], largest: Float[Array, "*forces"]) -> Float[Array, "*forces"]:
+    """Computes the load of what friction holds, from the square of what that bears and the largest that it can."""
+    # As the square of a share loads of all kinds compare. The least divisor keeps it within the range of numbers.
+    return square / jnp.maximum(largest, float(jnp.finfo(largest.dtype).tiny) ** 0.25) ** 2
 
 
 def pressing_force(without: Float[Array, ""], share: Float[Array, ""]) -> Float[Array, ""]:

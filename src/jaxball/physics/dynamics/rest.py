@@ -19,7 +19,7 @@ from ...numerics.directions import diverging, unit
 from ...numerics.vectors import root
 from ...programs.derivatives.differentiation import without_derivatives
 from ..forces.resistance import Resistance, TurningMode
-from .law import Acting, Law, Rows
+from .law import Acting, Law, Rows, load, release
 from .load import in_three
 
 ROUNDING_OF_RATE = 64  # of a rate, in units of rounding: what is smaller is none
@@ -71,6 +71,11 @@ class Needs(NamedTuple):
     spinning: Float[Array, ""]
     loads: Float[Array, "2"]
 
+    def overloads(self, mode: TurningMode) -> Float[Array, "2"]:
+        """Returns the loads of what is held although it cannot be; −∞ of the rest."""
+        fails = jnp.stack([mode.rests & ~(self.rolling > 0), mode.still & ~(self.spinning > 0)])
+        return jnp.where(fails, self.loads, -jnp.inf)
+
 
 def needs(resistance: Resistance, r: Float[Array, ""], torque: Float[Array, "3"], normal: Float[Array, ""]) -> Needs:
     """Returns whether friction can hold the body as it does: what it has to spare is positive as long as it can."""
@@ -86,7 +91,7 @@ def needs(resistance: Resistance, r: Float[Array, ""], torque: Float[Array, "3"]
         # |T| ≤ largest with both sides squared, because |T| has no derivative where it is 0; a negative largest torque,
         # where the plane would have to pull, keeps its sign.
         spare.append(largest * jnp.abs(largest) - square + slack**2 + 2 * slack * size)
-        loads.append(square / jnp.maximum(largest, float(limits.tiny) ** 0.25) ** 2)
+        loads.append(load(square, largest))
     return Needs(spare[0], spare[1], jnp.stack(loads))
 
 
@@ -126,22 +131,22 @@ def begin(
     ``rolls`` and ``spins`` say that it lets go at once of rolling and of spinning, if they are held. What is let go
     turns against the torque that held it; and a ball rolls in the direction in which ω_h grows.
     """
-    first = mode.rests
-    mode = let_go(mode, resist(resistance, turning, mode).amounts, mode.rests & rolls, mode.still & spins)
-    # Letting go of one changes the load of the other.
-    for _ in range(2):
+
+    def weigh(mode: TurningMode) -> tuple[Float[Array, "2"], Float[Array, "3"]]:
         acting = resist(resistance, turning, mode)
         need = needs(resistance, turning.radius, acting.amounts, acting.normal)
-        falls, slips = mode.rests & ~(need.rolling > 0), mode.still & ~(need.spinning > 0)
-        more = need.loads[0] >= need.loads[1]
-        mode = let_go(mode, acting.amounts, falls & (more | ~slips), slips & (~more | ~falls))
+        return need.overloads(mode), acting.amounts
+
+    first, at_once = mode.rests, jnp.stack([mode.rests & rolls, mode.still & spins])
+    mode = release(mode, weigh, let_go, at_once)
     if planar or resistance.dry is None:
         return mode
     return jax.lax.cond(first & ~mode.rests, _along_growth, lambda _, __, mode: mode, resistance, turning, mode)
 
 
-def let_go(mode: TurningMode, torque: Float[Array, "3"], rolls: Bool[Array, ""], spins: Bool[Array, ""]) -> TurningMode:
-    """Returns the mode in which what was held turns against the torque that held it."""
+def let_go(mode: TurningMode, torque: Float[Array, "3"], off: Bool[Array, "2"]) -> TurningMode:
+    """Returns the mode in which what was held turns against the torque that held it: in rolling, in spinning."""
+    rolls, spins = off[0], off[1]
     return mode._replace(
         sigma=jnp.where(rolls, in_three(-unit(torque[:2])), mode.sigma),
         spin=jnp.where(spins, -jnp.sign(torque[2]), mode.spin),

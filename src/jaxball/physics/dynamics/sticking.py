@@ -10,7 +10,6 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
@@ -18,6 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..hybrid import AbstractHistory, Switches
 from ..mechanisms import AbstractMechanism
 from .coupling import Joints
+from .law import load, release
 from .parameters import BodyParameters
 
 AnyParameters = TypeVar("AnyParameters", bound=BodyParameters)
@@ -94,18 +94,27 @@ def release_joints(
 
     ``holding`` gives the friction that would hold the joints that stick, in a body with directions.
     """
-    largest, order = largest_frictions(system), np.arange(directions.size)
 
-    def with_one_less(directions: Float[Array, " sticking"]) -> Float[Array, " sticking"]:
+    def weigh(directions: Float[Array, " sticking"]) -> tuple[Array, Array]:
         friction = holding(with_directions(system, directions))
-        excess = jnp.where(directions == 0, jnp.abs(friction) / largest - 1, -jnp.inf)
-        goes = (order == jnp.argmax(excess)) & (excess > 0)
-        return jnp.where(goes, -jnp.sign(friction), directions)
+        return overloads(system, directions, friction), friction
 
-    # Nothing else can become overloaded, so a loop is not needed.
-    if directions.size == 1:
-        return with_one_less(directions)
-    return jax.lax.fori_loop(0, directions.size, lambda _, directions: with_one_less(directions), directions)
+    return release(directions, weigh, loosen, jnp.zeros(directions.size, bool))
+
+
+def overloads(
+    system: BodyParameters, directions: Float[Array, " sticking"], friction: Float[Array, " sticking"]
+) -> Float[Array, " sticking"]:
+    """Returns the loads of joints that stick although friction cannot hold them; −∞ of others."""
+    largest = largest_frictions(system)
+    return jnp.where((directions == 0) & (jnp.abs(friction) > largest), load(friction**2, largest), -jnp.inf)
+
+
+def loosen(
+    directions: Float[Array, " sticking"], friction: Float[Array, " sticking"], off: Bool[Array, " sticking"]
+) -> Float[Array, " sticking"]:
+    """Returns the directions after some joints have broken loose, against the friction that held them."""
+    return jnp.where(off, -jnp.sign(friction), directions)
 
 
 def sticking_guards(
@@ -131,17 +140,21 @@ def change_joint(
     which: Int[Array, ""],
 ) -> tuple[Float[Array, " sticking"], Float[Array, " rates"]]:
     """Returns directions and θ̇ after one of :func:`sticking_guards`: a joint that slipped is held, and one that was
-    held slips.
+    held slips. One that has turned back, as while the end of a slip was followed, is held, too.
 
     - ``which``: the index of the guard; negative where it is none of these, and nothing changes.
     """
     joints = np.arange(directions.size)
-    changes = (joints == which % joints.size) & (which >= 0)
+    changes, sticks = (joints == which % joints.size) & (which >= 0), directions == 0
+    # The first guard of a held joint is what friction has to spare against positive forces, the second against negative
+    # ones.
     loose = jnp.where(which < joints.size, -1.0, 1.0)
-    stopped = np.zeros((thetadot.size, joints.size), dtype=bool)
-    stopped[sticking_slots(system), joints] = True
-    rests = jnp.any(jnp.asarray(stopped) & changes[None], axis=1)
-    return jnp.where(changes, jnp.where(directions == 0, loose, 0.0), directions), jnp.where(rests, 0.0, thetadot)
+    stops = ~sticks & (changes | (directions * thetadot[sticking_slots(system)] < 0))
+    after = jnp.where(stops, 0.0, jnp.where(changes & sticks, loose, directions))
+    slots = np.zeros((thetadot.size, joints.size), dtype=bool)
+    slots[sticking_slots(system), joints] = True
+    rests = jnp.any(jnp.asarray(slots) & (after == 0)[None], axis=1)
+    return after, jnp.where(rests, 0.0, thetadot)
 
 
 class JointSwitches(Switches):

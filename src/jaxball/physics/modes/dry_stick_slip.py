@@ -11,21 +11,21 @@ first.
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ...numerics.arrays import select_tree
 from ...programs.derivatives.differentiation import without_derivatives
 from ..body import AbstractBody
 from ..dynamics.equations import holding_friction
 from ..dynamics.footing import ContactAxes
+from ..dynamics.law import release
 from ..dynamics.rest import begin, let_go, needs, resist
 from ..dynamics.sticking import (
     JointHistory,
     JointSwitches,
     change_joint,
-    largest_frictions,
+    loosen,
+    overloads,
     sticking_guards,
     sticking_slots,
     with_directions,
@@ -127,29 +127,22 @@ class DryStickSlip(DryRolling):
         ``rolls`` and ``spins`` say that it lets go at once of rolling and of spinning.
         """
         system, t, state, moving = without_derivatives((self, t, state, moving))
-        largest, count = largest_frictions(system.body), state.slips.size
 
-        def with_one_less(held: _Held, at_once: Bool[Array, "2"]) -> _Held:
-            now = eqx.tree_at(lambda x: x.slips, state, held.slips)
-            turns = system.turning(t, now)
+        def weigh(held: _Held) -> tuple[Array, tuple[Array, Array]]:
+            turns = system.turning(t, eqx.tree_at(lambda x: x.slips, state, held.slips))
             acting = resist(system.resistance, turns, held.mode)
             need = needs(system.resistance, turns.radius, acting.amounts, acting.normal)
             friction = system.holding(t, state.body, held.slips, held.mode)
-            fails = jnp.stack([held.mode.rests & ~(need.rolling > 0), held.mode.still & ~(need.spinning > 0)])
-            excess = (held.slips == 0) & (jnp.abs(friction) > largest)
-            loads = jnp.concatenate([need.loads, (friction / largest) ** 2])
-            loads = jnp.where(jnp.concatenate([fails, excess]), loads, -jnp.inf)
-            most = (loads == jnp.max(loads)) & (loads > -jnp.inf)
-            # Of several that are equally overloaded the first alone lets go: that may relieve the others.
-            most &= jnp.cumsum(most) == 1
-            off = jnp.where(jnp.any(at_once), jnp.concatenate([at_once, jnp.zeros(count, bool)]), most)
-            mode = let_go(held.mode, acting.amounts, held.mode.rests & off[0], held.mode.still & off[1])
-            return _Held(mode, jnp.where(off[OF_TURNING:], -jnp.sign(friction), held.slips))
+            of_joints = overloads(system.body, held.slips, friction)
+            return jnp.concatenate([need.overloads(held.mode), of_joints]), (acting.amounts, friction)
 
-        now, none = jnp.stack([rolls, spins]), jnp.zeros(OF_TURNING, bool)
-        first = with_one_less(_Held(moving, state.slips), now)
-        first = select_tree(jnp.any(now), first, _Held(moving, state.slips))
-        return jax.lax.fori_loop(0, count + OF_TURNING, lambda _, held: with_one_less(held, none), first)
+        def without(held: _Held, acting: tuple[Array, Array], off: Bool[Array, " loads"]) -> _Held:
+            torque, friction = acting
+            mode = let_go(held.mode, torque, off[:OF_TURNING])
+            return _Held(mode, loosen(held.slips, friction, off[OF_TURNING:]))
+
+        at_once = jnp.concatenate([jnp.stack([rolls, spins]), jnp.zeros(state.slips.size, bool)])
+        return release(_Held(moving, state.slips), weigh, without, at_once)
 
     # What a run shows.
 

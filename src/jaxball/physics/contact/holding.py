@@ -1,0 +1,332 @@
+"""Decides what dry friction holds where a mode of a body on its ground ends, and finds how the rest begins to move.
+
+For bodies that exact dry resistance may hold, or joints: ``resting``, ``sticking``, and both at once. Everything that
+does not move is held, as far as friction can do it: the most overloaded of the contact, of rolling, of spinning and of
+the joints lets go first. A slip and rolling that begin at the same time each depend on the direction of the other, and
+their windows are computed in turn.
+"""
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ...numerics.arrays import select_tree
+from ...numerics.directions import diverging, unit
+from ...programs.derivatives.differentiation import without_derivatives
+from ..dynamics.law import release
+from ..dynamics.load import in_three
+from ..dynamics.rest import let_go, needs
+from ..dynamics.sticking import loosen, overloads, with_directions
+from ..forces.resistance import TurningMode
+from . import friction, slip as slips
+from .modes import Mode, SwitchCause
+from .released import ReleasedState, Response, rates, response, slip_velocity, with_rise, with_slip
+from .slip import Beginning, Heading
+from .transition import Progress
+
+if TYPE_CHECKING:
+    from .resting import RestingOnPlane, RestingState
+
+
+class Headings(NamedTuple):
+    """The headings of a slip and of rolling as a step begins."""
+
+    slip: Heading
+    rolling: Heading
+
+
+TURNS_TAKEN = 6  # by the windows of a slip and of rolling that begin together
+
+
+# The end of rolling.
+
+
+class _Rolling(NamedTuple):
+    """A body that rolls: how it is ``pulled`` and its response depend on a mode of turning."""
+
+    plane: "RestingOnPlane"
+    mode: TurningMode
+    contact: friction.SolvedContact
+    mu: Float[Array, ""]
+    sigma: Float[Array, "2"]
+
+    @classmethod
+    def of(cls, plane: "RestingOnPlane", t: Float[Array, ""], state: "RestingState", mode: TurningMode) -> "_Rolling":
+        """Describes the rolling of a body at a state, in a mode of turning."""
+        slip, response = slip_velocity(plane.body, t, state.released), plane.response_in(t, state, mode)
+        contact = friction.SolvedContact.of(response, state.is_in(Mode.SLIDING), jnp.asarray(False))
+        return cls(plane, mode, contact, plane.coefficient(slip), state.direction(t, slip))
+
+    def act(self, sigma: Float[Array, "2"]) -> friction.Interaction:
+        """Computes what acts where it rolls in a direction."""
+        given = self.plane.law_of_turning(self.mode._replace(sigma=in_three(sigma)))
+        return self.contact.with_turning(given).interaction(self.mu, self.sigma)
+
+    def pull(self, sigma: Float[Array, "2"]) -> slips.Pull:
+        """Computes how ω_h changes in a direction of rolling."""
+        acting = self.act(sigma)
+        return slips.Pull(acting.rate[:2], -jnp.sum(sigma * acting.torque[:2]), acting.normal)
+
+    def rates(self, state: "RestingState", sigma: Float[Array, "2"]) -> ReleasedState:
+        """Computes ẋ where it rolls in a direction, or is braked."""
+        return rates(self.plane.body, state.released, self.contact.response, self.act(sigma).amounts)
+
+
+def end_rolling(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array, ""]) -> Progress:
+    """Moves the state to the end of rolling, if it has one soon, with what acts halfway."""
+    state: Any = done.state
+    if plane.body.planar:
+        return done._replace(stands=jnp.asarray(True))
+    t, omega = done.t, plane.over_ground(done.t, state)[:2]
+    rolling = plane.mode(t, state, unit(omega))
+
+    def end(t: Float[Array, ""], where: Any) -> slips.End:
+        return slips.end(_Rolling.pull, _Rolling.of(plane, t, where, rolling), omega)
+
+    def brake(t: Float[Array, ""], where: Any, time: Float[Array, ""], share: float) -> Any:
+        rate = -omega / jnp.where(time > 0, time, 1.0)
+        # The mean rate until the end, so that ω_h is then zero; the torque is whatever this needs.
+        held = rolling._replace(rests=jnp.asarray(True), braking=in_three(rate))
+        moved = _Rolling.of(plane, t, where, held).rates(where, held.sigma[:2])
+        return state.move(jax.tree.map(lambda x, rate: x + share * time * rate, state.released, moved))
+
+    first = end(t, state)
+    halfway = brake(t, state, first.time, slips.HALFWAY)
+    middle = t + slips.HALFWAY * first.time
+    second = end(middle, halfway)
+    ends = plane.comes_to_rest(first, second, omega, tolerance)
+    stopped = brake(middle, halfway, second.time, 1.0).projected()
+    axes = plane.contact_axes(t + second.time, stopped)
+    spin = axes.over_ground(stopped.body.Omega)[2]
+    at_rest = stopped.body.with_Omega(axes.in_body(jnp.stack([0 * spin, 0 * spin, spin])))
+    stopped = eqx.tree_at(lambda x: x.body, stopped, at_rest)
+    after = done._replace(t=t + second.time, before=stopped, state=stopped, stands=jnp.asarray(True))
+    return select_tree(ends, after, done._replace(decides=jnp.asarray(False)))
+
+
+# The next mode.
+
+
+class Choice(NamedTuple):
+    """What is held: whether the contact ``sticks``, or the body ``flies``, with the direction of a slip.
+
+    ``mode`` says it of rolling and spinning, and the directions ``slips`` of joints, 0 where they stick; each is None
+    where nothing of the kind may be held.
+    """
+
+    sticks: Bool[Array, ""]
+    flies: Bool[Array, ""]
+    sigma: Float[Array, "2"]
+    mode: TurningMode | None
+    slips: Float[Array, " sticking"] | None
+
+
+class Deciding(NamedTuple):
+    """A body of which it is decided what is held.
+
+    ``at`` is its state, ``response`` its response where all joints are as they are there. ``still`` says that it does
+    not slip, ``mu`` is the coefficient of sliding friction.
+    """
+
+    plane: Any
+    t: Float[Array, ""]
+    at: ReleasedState
+    response: Response
+    still: Bool[Array, ""]
+    mu: Float[Array, ""]
+
+    def respond(self, choice: Choice) -> Response:
+        """Computes the response where some things are held."""
+        responds = self.response
+        if choice.slips is not None:
+            # Joints that stick are in the matrix of the equations.
+            body = with_directions(self.plane.body, choice.slips)
+            responds = response(body, self.t, self.at, touching=~choice.flies)
+            responds = responds._replace(turned=self.response.turned)
+        return responds if choice.mode is None else responds.with_turning(self.plane.law_of_turning(choice.mode))
+
+    def first_slip(self, choice: Choice, responds: Response) -> Float[Array, "2"]:
+        """Finds the direction in which a slip begins, if one does."""
+        begins = self.still & ~choice.sticks & ~choice.flies
+        return jax.lax.cond(begins, lambda: friction.first_slip(responds, self.mu).sigma, lambda: choice.sigma)
+
+    def first_rolling(self, choice: Choice) -> Float[Array, "3"]:
+        """Finds the direction in which rolling begins."""
+        assert choice.mode is not None
+        contact = friction.SolvedContact.of(self.respond(choice), ~choice.sticks & ~choice.flies, choice.flies)
+        rolling = _Rolling(self.plane, choice.mode, contact, self.mu, choice.sigma)
+        return in_three(diverging(_pull, rolling, jax.lax.stop_gradient(choice.mode.sigma[:2])).sigma)
+
+    def weigh(self, choice: Choice) -> tuple[Float[Array, " loads"], tuple[Choice, Any, Any]]:
+        """Computes the loads of all that may be held, with the choice, and the torque and friction that hold it."""
+        responds = self.respond(choice)
+        choice = choice._replace(sigma=self.first_slip(choice, responds))
+        slides, slack = ~choice.sticks & ~choice.flies, self.plane.rounding_of_force(self.at, responds)
+        acting = friction.SolvedContact.of(responds, slides, choice.flies).interaction(self.mu, choice.sigma)
+        of_friction = friction.overload(acting.R, self.plane.contact.static_friction, slack, choice.sticks)
+        # A body that nothing presses on its ground leaves it before anything else lets go.
+        loads = [jnp.where(slides & ~(-slack < acting.R[2]), jnp.inf, of_friction)[None]]
+        torque = holding = None
+        if choice.mode is not None:
+            torque = acting.torque
+            need = needs(self.plane.resistance, self.plane.body.radius, torque, acting.normal)
+            loads.append(need.overloads(choice.mode))
+        if choice.slips is not None:
+            holding = responds.part("holding", acting.amounts)
+            loads.append(overloads(self.plane.body, choice.slips, holding))
+        return jnp.concatenate(loads), (choice, torque, holding)
+
+    def let_go(self, _: Choice, acting: tuple[Choice, Any, Any], off: Bool[Array, " loads"]) -> Choice:
+        """Returns the choice after some things have let go; in flight the ground holds nothing."""
+        choice, torque, holding = acting
+        leaves, mode, slips = off[0] & ~choice.sticks, choice.mode, choice.slips
+        if mode is not None:
+            mode = let_go(mode, torque, off[1:3])
+            mode = mode._replace(rests=mode.rests & ~leaves, still=mode.still & ~leaves)
+        if slips is not None:
+            slips = loosen(slips, holding, off[-slips.size :])
+        return Choice(choice.sticks & ~off[0], choice.flies | leaves, choice.sigma, mode, slips)
+
+    def choose(self, choice: Choice, at_once: Bool[Array, " loads"]) -> Choice:
+        """Finds the choice when nothing is overloaded; it has no derivatives but those from the given one."""
+        still, held = without_derivatives((self, choice))
+        last = release(held, still.weigh, still.let_go, at_once)
+        # What slipped and rolled before does so on, in its own direction, with its derivatives.
+        last = last._replace(sigma=jnp.where(self.still, last.sigma, choice.sigma))
+        if choice.mode is None or last.mode is None:
+            return last
+        turned = choice.mode.rests & ~last.mode.rests
+        return last._replace(mode=last.mode._replace(sigma=jnp.where(turned, last.mode.sigma, choice.mode.sigma)))
+
+    def direct(self, choice: Choice, turns: Bool[Array, ""] | None) -> Choice:
+        """Returns the choice with the directions in which a slip and rolling that begin grow."""
+
+        def next_choice(choice: Choice, _: None) -> tuple[Choice, None]:
+            # The direction of each depends on that of the other, so they are found in turn until neither changes.
+            choice = choice._replace(sigma=self.first_slip(choice, self.respond(choice)))
+            if choice.mode is None or turns is None or self.plane.body.planar:
+                return choice, None
+            sigma = choice.mode.sigma
+            rolling = jax.lax.cond(turns, lambda: self.first_rolling(choice), lambda: sigma)
+            return choice._replace(mode=choice.mode._replace(sigma=rolling)), None
+
+        if choice.mode is None:
+            return next_choice(choice, None)[0]
+        return jax.lax.scan(next_choice, choice, None, length=TURNS_TAKEN)[0]
+
+
+def _pull(rolling: _Rolling, sigma: Float[Array, "2"]) -> tuple[Float[Array, "2"], Float[Array, ""]]:
+    acting = rolling.act(sigma)
+    return acting.rate[:2], acting.normal
+
+
+def decide_held(plane: Any, done: Progress, event: Int[Array, ""]) -> Progress:
+    """Decides the mode that follows: everything is held as far as friction can do it."""
+    t, body = done.t, plane.body
+    before, moving, loose = plane.all_held(done, event)
+    # A body that lands still has the mode of flight here; any mode on the ground says that it touches.
+    touching: Any = eqx.tree_at(lambda x: x.mode, before, jnp.full_like(before.mode, int(Mode.SLIDING)))
+    slip, responds = slip_velocity(body, t, before.released), plane.response(t, touching)
+    still = done.still | plane.is_still(slip, before)
+    deciding = Deciding(plane, t, before.released, responds, still, plane.coefficient(jnp.where(still, 0.0, slip)))
+    sticks = still & (plane.contact.static_friction > 0) & (event != int(SwitchCause.GIVES_WAY)) & ~done.flies
+    sigma = friction.slip_direction(slip, jnp.zeros_like(slip[:2]))
+    choice = Choice(sticks, done.flies, sigma, moving, getattr(before, "slips", None))
+    choice = deciding.choose(choice, jnp.concatenate([jnp.zeros(1, bool), loose]))
+    turns = None
+    if moving is not None and choice.mode is not None:
+        turns = moving.rests & ~choice.mode.rests & ~choice.flies
+    choice = deciding.direct(choice, turns)
+    # The rest of a slip that ends is dissipated by friction; one without an end continues.
+    stopped = with_slip(body, before.released, deciding.respond(choice), slip, jnp.zeros_like(slip))
+    state: Any = select_tree(still & ~choice.flies & (choice.sticks | plane.slips_end), before.move(stopped), before)
+    rise = slip_velocity(body, t, state.released)[2]
+    rise = jnp.where(choice.flies & (event != int(SwitchCause.LIFTS)), rise, 0.0)
+    V = with_rise(body, t, state.released, rise)
+    mode = jnp.where(choice.flies, int(Mode.FLIGHT), jnp.where(choice.sticks, int(Mode.ROLLING), int(Mode.SLIDING)))
+    begun = Beginning.along(t, choice.sigma)
+    after = eqx.tree_at(lambda x: (x.V, x.mode, x.begun), state, (V, mode.astype(V.dtype), begun))
+    begins = still & ~choice.sticks & ~choice.flies
+    return done._replace(state=plane.as_chosen(after, choice, t), begins=begins, turns=turns)
+
+
+# The windows in which directions are known beforehand.
+
+
+class _Slipping(NamedTuple):
+    """A body that begins to slip, in the modes of ``begins``."""
+
+    plane: Any
+    begins: Any
+
+    def prepare(self, t: Float[Array, ""], state: ReleasedState) -> tuple[friction.SolvedContact, Float[Array, ""]]:
+        response = self.plane.response(t, self.begins.move(state))
+        return friction.sliding_contact(response), self.plane.coefficient(slip_velocity(self.plane.body, t, state))
+
+    def pull(
+        self, t: Float[Array, ""], state: ReleasedState, prepare: tuple[friction.SolvedContact, Array], sigma: Array
+    ) -> tuple[Float[Array, "2"], ReleasedState]:
+        """Computes the slip acceleration along the plane, and ẋ."""
+        contact, mu = prepare
+        acting = contact.interaction(mu, sigma)
+        return acting.slip_acceleration[:2], rates(self.plane.body, state, contact.response, acting.amounts)
+
+
+class _Turning(NamedTuple):
+    """A ball that begins to roll, in the modes of ``begins``."""
+
+    plane: Any
+    begins: Any
+
+    def prepare(self, t: Float[Array, ""], state: ReleasedState) -> _Rolling:
+        now = self.begins.move(state)
+        return _Rolling.of(self.plane, t, now, self.plane.mode(t, now))
+
+    def pull(
+        self, t: Float[Array, ""], state: ReleasedState, prepare: _Rolling, sigma: Float[Array, "2"]
+    ) -> tuple[Float[Array, "2"], ReleasedState]:
+        """Computes the rate of ω_h over the ground, in contact axes, and ẋ."""
+        acting = prepare.act(sigma)
+        return acting.rate[:2], rates(self.plane.body, state, prepare.contact.response, acting.amounts)
+
+
+def begin(plane: "RestingOnPlane", done: Progress) -> "RestingState":
+    """Returns the state with the directions of a slip and of rolling that begin, for as long as they are computed in
+    advance.
+    """
+    t, state = done.t, done.state
+    assert done.turns is not None
+    longest = slips.longest_window(t, plane.driving_kinks(), slips.unit_of_time(plane.body))
+    begins, turns, none = done.begins & plane.slips_end, done.turns, Beginning.none(t)
+    start: Any = state
+    sigma, rolling = start.begun.sigma, start.rolling.sigma
+    if plane.body.planar:
+        begun = select_tree(done.decides, select_tree(begins, Beginning.along(t + longest, sigma), none), start.begun)
+        ever = Beginning.along(jnp.full_like(t, float(jnp.finfo(t.dtype).max)), rolling)
+        return eqx.tree_at(lambda x: (x.begun, x.rolling), state, (begun, ever))
+
+    def windows(start: Any, first: Bool[Array, ""]) -> tuple[Any, None]:
+        # One window alone is final after the first pass; only two that depend on each other are computed again.
+        needed = first | begins & turns
+        begun = jax.lax.cond(
+            needed & begins,
+            lambda: slips.beginning(_Slipping(plane, start), t, state.released, sigma, longest),
+            lambda: start.begun,
+        )
+        start = eqx.tree_at(lambda x: x.begun, start, begun)
+        turning = jax.lax.cond(
+            needed & turns,
+            lambda: slips.beginning(_Turning(plane, start), t, state.released, rolling, longest),
+            lambda: start.rolling,
+        )
+        return eqx.tree_at(lambda x: x.rolling, start, turning), None
+
+    # The first guess of a direction that is found in turn with the other: the one in which it begins.
+    ahead = Beginning.along(t + longest, sigma), Beginning.along(t + longest, rolling)
+    previous = select_tree(done.decides, none, start.begun), select_tree(done.decides, none, start.rolling)
+    first = select_tree(begins, ahead[0], previous[0]), select_tree(turns, ahead[1], previous[1])
+    start = eqx.tree_at(lambda x: (x.begun, x.rolling), start, first)
+    return jax.lax.scan(windows, start, jnp.arange(TURNS_TAKEN) == 0)[0]
