@@ -2,10 +2,10 @@
 
 ``format`` and ``version`` say what the dictionary is. ``bodies`` are those of the runs, all of one kind and on one
 clock; each has its ``name``, its kind ``body``, which is ball, disk, rigid, particle or drawn, what else it is made of,
-and where its ``arrays`` are in the list ``arrays`` of the dictionary. Equal arrays are there once, each with its ``type``,
-float32 or float64, its ``shape`` and its ``data``: the bytes, the least significant first, in base64. They have numbers
-at each saved time that the solve reached; where these are too many for the file, only evenly spaced ones are kept, as
-``note`` says, and ``saved`` is the number of all. A ball or a disk has
+and where its ``arrays`` are in the list ``arrays`` of the dictionary. Equal arrays are there once, each with its
+``type``, float32 or float64, its ``shape`` and its ``data``: the bytes, the least significant first, in base64. They
+have numbers at each saved time that the solve reached; where these are too many for the file, only evenly spaced ones
+are kept, as ``note`` says, and ``saved`` is the number of all. A ball or a disk has
 
 - ``time`` (T,); ``centre`` (T, 3), of the shell, and ``quaternion`` (T, 4), the scalar last: from body axes to those of
   the page; ``moved`` (T, 3) and ``turned`` (T,), of a ground that moves and of a turntable;

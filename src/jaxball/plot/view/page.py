@@ -133,9 +133,9 @@ def write_view(
 
     **Raises:** ``ValueError`` for a system that is neither a ball, a disk, a rigid body, a particle nor one with a
     Lagrangian and a ``picture``, runs of more than one of these kinds, a reduced trajectory, a batch, one without a
-    finite state, bodies that do not roll on the same ground, no run or more than 24, a ``scale`` with another number of values, a ``friction`` that is not positive,
-    and ``friction``, ``wanted`` or ``discs`` for systems without a ground; :class:`~jaxball.results.OutputError` as
-    :meth:`View.save`.
+    finite state, bodies that do not roll on the same ground, no run or more than 24, a ``scale`` with another number of
+    values, a ``friction`` that is not positive, and ``friction``, ``wanted`` or ``discs`` for systems without a ground;
+    :class:`~jaxball.results.OutputError` as :meth:`View.save`.
     """
     check_view(Path(path))
     shown = {"friction": friction, "wanted": wanted, "discs": discs, "scale": scale, "picture": picture}
