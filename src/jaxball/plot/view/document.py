@@ -69,7 +69,7 @@ from ...simulation.trajectory import Trajectory
 from ..lagrangian import Picture
 from ..palette import ARROWS, COMPONENTS, MODES, TRAIL, mass_colour
 from ..style import COLOURS, ColourScale, describe, describe_units, dimensionless, norm_of
-from .drawn import drawn_scene
+from .drawn import picture_scene
 from .free import particle_scene, rigid_scene
 from .rolling import rolling_scene
 from .scene import PAIR, Discs, Pool, Scene, choose_rows
@@ -190,7 +190,7 @@ def _scene(
                 f"Argument `picture` must be given for a {DRAWN}: a function of (t, q) that returns a list of points "
                 "and lines; its method plot() draws its coordinates without."
             )
-        return drawn_scene(trajectories, picture)
+        return picture_scene(trajectories, picture)
     return rigid_scene(trajectories) if kind == RIGID else particle_scene(trajectories)
 
 

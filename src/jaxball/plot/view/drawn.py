@@ -17,7 +17,7 @@ FROM_THE_SIDE = {"elevation": 0.0, "azimuth": -90.0}  # degrees; of pictures of 
 FROM_ABOVE = {"elevation": 20.0, "azimuth": -60.0}
 
 
-def drawn_scene(trajectories: Sequence[Trajectory[Any, Any]], picture: Picture) -> Scene:
+def picture_scene(trajectories: Sequence[Trajectory[Any, Any]], picture: Picture) -> Scene:
     """Builds the scene of systems with a Lagrangian, which a user's function draws.
 
     **Raises:** ``TypeError`` and ``ValueError`` as :func:`~jaxball.plot.lagrangian.read_picture`.
