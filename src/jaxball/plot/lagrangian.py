@@ -3,7 +3,7 @@
 import functools
 import re
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -48,18 +48,9 @@ def lagrangian_motion(trajectory: Trajectory[Any, Any]) -> Figure:
     """
     rows, state = require_finite_rows(trajectory), require_lagrangian(trajectory)
     times, names = np.asarray(trajectory.times)[rows], trajectory.system.coordinates
-    angles = [k for k, name in enumerate(names) if ANGLES.fullmatch(name)]
-    positions = [k for k in range(len(names)) if k not in angles]
-    of_names = {
-        ("positions", "q"): (positions, ""),
-        ("angles", "q"): (angles, ""),
-        ("rates", "qdot"): (positions, "dot"),
-        ("angular rates", "qdot"): (angles, "dot"),
-    }
     panels = {
         title: [_series(np.asarray(getattr(state, field))[rows, k], f"{names[k]}{dot}", k) for k in chosen]
-        for (title, field), (chosen, dot) in of_names.items()
-        if chosen
+        for title, field, dot, chosen in motion_panels(names)
     }
     forces = np.asarray(trajectory.multipliers)[rows]
     if forces.shape[1]:
@@ -76,6 +67,18 @@ def lagrangian_motion(trajectory: Trajectory[Any, Any]) -> Figure:
         ax.label_outer()
     share_bands(figure)
     return figure
+
+
+def motion_panels(names: Sequence[str]) -> list[tuple[str, str, str, list[int]]]:
+    """Lists the panels of coordinates with these names and of their rates: title, the state's field, what a rate's
+    name ends in, and which coordinates it has.
+    """
+    angles = [k for k, name in enumerate(names) if ANGLES.fullmatch(name)]
+    positions = [k for k in range(len(names)) if k not in angles]
+    kinds = (("positions", "rates", positions), ("angles", "angular rates", angles))
+    panels = [(kind, "q", "", chosen) for kind, _, chosen in kinds]
+    panels += [(rates, "qdot", "dot", chosen) for _, rates, chosen in kinds]
+    return [panel for panel in panels if panel[3]]
 
 
 def _series(values: Float[np.ndarray, " T"], name: str, k: int) -> Series:
@@ -97,20 +100,42 @@ def require_lagrangian(trajectory: Trajectory[Any, Any]) -> LagrangianState:
     return trajectory.state
 
 
-def picture_scene(trajectory: Trajectory[Any, Any], picture: Picture) -> Scene:
-    """Returns the scene of a system with a Lagrangian: the points and lines that a user's function draws.
+class Drawn(NamedTuple):
+    """What a user's function draws at the saved times that a run reached."""
 
-    **Raises:** ``TypeError`` and ``ValueError`` for a function that does not draw them.
+    times: Float[np.ndarray, " T"]
+    lines_at: Callable[[int], list[Float[np.ndarray, "points d"]]]  # of the k-th of these times
+    points: Float[np.ndarray, "all d"]  # of all times
+
+
+def read_picture(trajectory: Trajectory[Any, Any], picture: Picture) -> Drawn:
+    """Reads the points and lines that a user's function draws of a system with a Lagrangian.
+
+    **Raises:** ``TypeError`` and ``ValueError`` for a function that does not draw them, or not always as many.
     """
     rows, state = require_finite_rows(trajectory), require_lagrangian(trajectory)
     require_callable("picture", picture, "t", "q")
     times, q = np.asarray(trajectory.times)[rows], np.asarray(state.q)[rows]
+    count = None
 
     @functools.cache
     def lines_at(k: int) -> list[np.ndarray]:
         return _lines(picture(float(times[k]), q[k]))
 
-    everything = np.concatenate([points for k in range(len(times)) for points in lines_at(k)])
+    for k, t in enumerate(times):
+        count = len(lines_at(k)) if count is None else count
+        if len(lines_at(k)) != count:
+            must = f"a list of as many points and lines at every time, {count} as at t = {times[0]:g}"
+            raise ValueError(f"Argument `picture` must return {must}, but at t = {t:g} it has {len(lines_at(k))}.")
+    return Drawn(times, lines_at, np.concatenate([points for k in range(len(times)) for points in lines_at(k)]))
+
+
+def picture_scene(trajectory: Trajectory[Any, Any], picture: Picture) -> Scene:
+    """Returns the scene of a system with a Lagrangian: the points and lines that a user's function draws.
+
+    **Raises:** ``TypeError`` and ``ValueError`` as :func:`read_picture`.
+    """
+    times, lines_at, everything = read_picture(trajectory, picture)
     figure, ax = stage(everything, AZIMUTH_3D) if everything.shape[1] == 3 else _plane(everything)
     artists = []
     for k, points in enumerate(lines_at(0)):
