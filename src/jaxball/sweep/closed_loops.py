@@ -22,6 +22,7 @@ from ..ensemble import AbstractReduction
 from ..ensemble.reductions import Observed, values
 from ..interface.status import Status
 from ..programs.operation import in_threads
+from ..numerics.arrays import arrays_of
 from ..scenario import RegulatorSettings, Scenario
 from ..scenario.closed_loop import LoopNumbers, build_sampled_system
 from ..scenario.feedback import sample_of
@@ -142,7 +143,7 @@ def _row(sought: Sought, common: Common, shared: Any, row: Any) -> dict[str, Arr
         "steps": jnp.asarray(sought.samples),
         "rejected": jnp.asarray(0),
         "reached": loop.times[reached],
-        **vars(loop.states),
+        **arrays_of(loop.states),
         **_of_loop(loop, common),
         **_of_estimate(loop, common),
         **_reduce(loop, sought.reductions),
