@@ -3,12 +3,15 @@
 from typing import Any
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..interface.arguments import call_with, refusal, require_callable_with, require_value, traceable
 from ..interface.wording import all_of
+from ..numerics.arrays import Numbers, to_array
 from ..numerics.functions import OfKinkedFunctionOfState
 from ..numerics.kinks import kinks_of_function
+from ..numerics.vectors import cross, dot, root
 from .state import State
 
 
@@ -69,6 +72,34 @@ class OwnStates(OfKinkedFunctionOfState):
     def kinks_with(self, state: State) -> Float[Array, " kinks"]:
         """Returns the kinks for such a state, those in ``kink_times`` and those seen in the trace of the function."""
         return kinks_of_function(self, state)
+
+
+def odometer(t: Float[Array, ""], state: State, axis: Numbers = (0.0, 1.0, 0.0)) -> Float[Array, "2"]:
+    """Computes the rates of two angles of a rolling body, a function for :class:`~jaxball.OwnStates`.
+
+    The first, Ω·``axis``, is that of the angle by which the body has turned about an axis of its own, as a counter on
+    it would read: φ of a disk has the opposite sign. It is not limited to a whole turn. The second, |Ω × Γ|, is that of
+    the angle by which it has rolled, forwards or backwards: the radius times this is the length of the contact point's
+    path over the body and, on a level plane at rest without slip, over the plane. Spinning about the vertical does not
+    count.
+
+    **Arguments:**
+
+    - ``t``, ``state``: time, and the state of the body.
+    - ``axis``: body axes, of length 1, shape (3,); E2 if not given, about which a body rolls along e1 from its default
+      state. These are the ``parameters`` of the :class:`~jaxball.OwnStates`.
+
+    **Example:**
+
+    >>> from jaxball import Ball, BallState, OwnStates, odometer, simulate
+    >>> counted = OwnStates(odometer, names=("turned", "rolled"))
+    >>> ball = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), radius=0.5, own_states=counted)
+    >>> run = simulate(ball, [0.0, 10.0], BallState(Omega=(0.0, -3.0, 0.0), own=(0.0, 0.0)))
+    >>> print(run.state.own[-1].round(9), run.state.z[-1, 0].round(9))
+    [-30.  30.] -15.0
+    """
+    across = cross(state.Omega, state.Gamma)
+    return jnp.stack([dot(state.Omega, to_array(axis, "axis")), root(jnp.sum(across**2))])
 
 
 def require_own(states: OwnStates | None, state: State) -> None:

@@ -145,8 +145,8 @@ def labels(system: Any, sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
         coordinates["driven"] = np.asarray(
             system.driven if len(system.driven) == len(system.coordinates) else system.coordinates
         )
-    if "own" in sizes:
-        coordinates["own"] = np.asarray(system.own_states.names)
+    if "own_state" in sizes:
+        coordinates["own_state"] = np.asarray(system.own_states.names)
     if "sticking" in sizes:
         coordinates["sticking"] = np.asarray(system.sticking)
     if "rail" in sizes:

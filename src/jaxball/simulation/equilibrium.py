@@ -4,7 +4,7 @@ It rests where its centre of mass is on the vertical through the contact point, 
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax

@@ -21,8 +21,8 @@ from ..control.weights import weight_matrix
 from ..ensemble import AbstractReduction
 from ..ensemble.reductions import Observed, values
 from ..interface.status import Status
-from ..programs.operation import in_threads
 from ..numerics.arrays import arrays_of
+from ..programs.operation import in_threads
 from ..scenario import RegulatorSettings, Scenario
 from ..scenario.closed_loop import LoopNumbers, build_sampled_system
 from ..scenario.feedback import sample_of
