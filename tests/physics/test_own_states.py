@@ -31,10 +31,13 @@ from jaxball import (
     Resistance,
     RotationState,
     Tube,
+    design,
+    mjcf,
     odometer,
     planar_pendulum,
     ring_rotor,
     simulate,
+    stability,
 )
 from jaxball.ensemble import simulate_ensemble
 from jaxball.solvers import RadauIIA
@@ -211,6 +214,8 @@ CLOCK = OwnStates(clock, names=("time", "square"))
 STICKY = {"mechanisms": [planar_pendulum(0.5, 0.6, drive=JointFriction(0.05, static=0.06))]}
 SHELL_OF_BALL = {"mass": M, "inertia": (D, D, D), "radius": R, "gravity": G, "own_states": CLOCK}
 BOUNCE = Contact(friction=0.2, restitution=0.5)
+EXACT = {"resistance": Resistance(dry=0.2, exact=True)}
+IN_BOWL = {"ground": Bowl(3.0)}, BallState(z=(0.5, 0.1), own=(0.0, 0.0))
 
 
 def thrown(**others):
@@ -221,12 +226,12 @@ def thrown(**others):
     ("more", "state", "settings"),
     [
         ({}, thrown(), {"contact": BOUNCE}),
-        (STICKY, thrown(theta=[0.5], thetadot=[0.1]), {"contact": BOUNCE}),
-        ({"resistance": Resistance(dry=0.2, exact=True)}, thrown(), {"contact": BOUNCE}),
-        ({"resistance": Resistance(dry=0.2, exact=True)}, BallState(Omega=(0.2, 0.5, 0.1), own=(0.0, 0.0)), {}),
+        pytest.param(STICKY, thrown(theta=[0.5], thetadot=[0.1]), {"contact": BOUNCE}, marks=pytest.mark.thorough),
+        pytest.param(EXACT, thrown(), {"contact": BOUNCE}, marks=pytest.mark.thorough),
+        (EXACT, BallState(Omega=(0.2, 0.5, 0.1), own=(0.0, 0.0)), {}),
         (STICKY, BallState(theta=[0.5], thetadot=[0.1], own=(0.0, 0.0)), {}),
-        ({"ground": Bowl(3.0)}, BallState(z=(0.3, 0.1), own=(0.0, 0.0)), {}),
-        ({"ground": Bowl(3.0)}, BallState(z=(0.5, 0.1), own=(0.0, 0.0)), {"contact": Contact(friction=0.05)}),
+        (*IN_BOWL, {}),
+        pytest.param(*IN_BOWL, {"contact": Contact(friction=0.05)}, marks=pytest.mark.thorough),
         ({}, BallState(Omega=(0.2, 0.5, 0.1), own=(0.0, 0.0)), {"dae": True, "solver": RadauIIA(3)}),
         ({}, BallState(Omega=(0.2, 0.5, 0.1), own=(0.0, 0.0)), {"project": True}),
     ],
@@ -304,6 +309,21 @@ def test_a_state_that_does_not_fit_is_refused():
         simulate(ball, TIMES, BallState(own=[1.0]))
     with pytest.raises(ValueError, match=r"`state.own` must be None, because the body has no `own_states`"):
         simulate(plain, TIMES, BallState(own=[1.0]))
+
+
+def test_the_stability_of_a_steady_motion_counts_own_states():
+    ball = Ball(mass=M, inertia=(D, D, D), radius=R, gravity=G, own_states=OwnStates(leak, names="charge"))
+    assert -1 / TAU in stability.stability(ball, ReducedState(own=[0.0])).eigenvalues.real.round(12)
+
+
+def test_what_cannot_have_own_states_says_so():
+    disk, ball = lagging_disk(), Ball(**SHELL_OF_BALL)
+    with pytest.raises(ValueError, match="Argument `ball` must have no `own_states`, but it has time and square"):
+        stability.permanent_rotations(ball, 1.0)
+    with pytest.raises(mjcf.MJCFError, match="Key `own_states` must be left out to be written as MJCF"):
+        mjcf.to_mjcf(disk)
+    with pytest.raises(design.DesignError, match="Argument `system` must have no states of its own, .* it has current"):
+        design.optimal_control.Rolling(disk, (0.0, 1.0), {}, rotor_state())
 
 
 def test_what_is_wrong_with_own_states_is_said():

@@ -245,8 +245,6 @@ FORCES = Open(
 )
 
 
-
-
 def _check_names(values: dict[str, Any], path: str) -> None:
     names = values["names"]
     if not all(names) or len(set(names)) < len(names):
