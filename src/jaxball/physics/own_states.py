@@ -109,14 +109,9 @@ def require_own(states: OwnStates | None, state: State) -> None:
     """
     if states is None and state.own is None:
         return
-    given = None if state.own is None else state.own.shape
-    needed = None if states is None else (*state.theta.shape[:-1], len(states.names))
-    if given != needed:
-        must = (
-            "None, because the body has no `own_states`"
-            if states is None
-            else f"of shape {needed}, with {all_of(states.names)} of `own_states`"
-        )
-        raise ValueError(
-            f"Argument `state.own` must be {must}, but it is {'None' if given is None else f'of shape {given}'}."
-        )
+    count = None if state.own is None else state.own.shape[-1]
+    names = () if states is None else states.names
+    if count != len(names):
+        must = f"have {len(names)} entries, {all_of(names)}" if names else "be None, because there are no `own_states`"
+        got = "it is None" if count is None else f"it has {count}"
+        raise ValueError(f"Argument `state.own` must {must}, but {got}.")

@@ -116,12 +116,12 @@ def standard_figures(trajectory: Trajectory[Any, Any]) -> list[Callable[[Traject
         motion = lagrangian_motion if isinstance(trajectory.state, LagrangianState) else classical_motion
         return [motion, *([law_errors] if trajectory.laws else [])]
     joints = OF_JOINTS if system.mechanisms else ()
-    own = () if system.own_states is None else (own_states,)
+    of_users = () if system.own_states is None else (own_states,)
     empty = {acceleration: not accelerations(trajectory), mass_angles: not mass_units(trajectory.system)}
     if not (system.n_masses or system.mechanisms):
         central = _is_central(system)
         empty |= {configuration: central, body_paths: True, space_paths: central}
-    return [draw for draw in (*STANDARD, *of_contact(trajectory), *joints, *own) if not empty.get(draw, False)]
+    return [draw for draw in (*STANDARD, *of_contact(trajectory), *joints, *of_users) if not empty.get(draw, False)]
 
 
 def _is_central(system: AbstractBody) -> bool:

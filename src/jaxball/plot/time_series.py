@@ -257,11 +257,11 @@ def own_states(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     ``trajectory``, ``ax`` and what is raised: as for :func:`angular_velocity`, and for a body without such states.
     """
     require_one_of_body(trajectory)
-    own = trajectory.system.own_states
-    if own is None:
+    states = trajectory.system.own_states
+    if states is None:
         raise ValueError("Argument `trajectory` must be of a body with `own_states`, but it has none.")
     run = with_jumps(trajectory)
-    values, names = np.asarray(cast(Any, run.state).own)[finite_rows(run)], own.names
+    values, names = np.asarray(cast(Any, run.state).own)[finite_rows(run)], states.names
     colours = itertools.cycle(COMPONENTS)
     if len(names) == 1:
         return over_run(run, [Series(values[:, 0], "", next(colours))], names[0], ax)

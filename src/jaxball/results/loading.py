@@ -154,6 +154,6 @@ def _state(arrays: Mapping[str, np.ndarray], system: AbstractSystem, path: Path)
     fields = {type_: [field.name for field in dataclasses.fields(type_)] for type_ in types}
     for type_, names in fields.items():
         if all(name in arrays or name in (*DRIVEN_FIELDS, "own") for name in names):
-            given = dict.fromkeys(DRIVEN_FIELDS, np.zeros((len(arrays["time"]), 0))) | dict(arrays)
-            return type_(**{name: to_array(given[name]) for name in names if name in given})
+            filled = dict.fromkeys(DRIVEN_FIELDS, np.zeros((len(arrays["time"]), 0))) | dict(arrays)
+            return type_(**{name: to_array(filled[name]) for name in names if name in filled})
     raise no_run(path, f"it has no states of a {type(system).__name__}")

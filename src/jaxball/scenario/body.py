@@ -321,8 +321,8 @@ def read_surroundings(document: dict[str, Any], kind: str) -> dict[str, Any]:
 
 
 def check_force(force: AbstractWrench | None, path: str, coordinates: int, own: int) -> None:
-    """Raises unless a user's function or class returns a force on a body with so many ``coordinates`` and states
-    of its ``own``.
+    """Raises unless a user's function or class returns a force on a body with this number of ``coordinates``,
+    and of states of its ``own``.
     """
     if isinstance(force, FunctionWrench):
         with trying(join(path, "function")):

@@ -227,8 +227,8 @@ def require_wrench(name: str, force: AbstractWrench, coordinates: int, own: int 
 
 
 def shapes_of_motion(coordinates: int, own: int) -> BodyMotion:
-    """Returns the shapes of the motion of a body with so many ``coordinates`` and ``own`` states, for tracing a
-    force.
+    """Returns the shapes of the motion of a body with this number of ``coordinates``, and of states of its ``own``,
+    for tracing a force.
     """
     shapes = ((3,), (3,), (3, 3), (3,), (coordinates,), (coordinates,), *([(own,)] if own else []))
     unknown: list[Any] = [jax.ShapeDtypeStruct(shape, default_dtype()) for shape in shapes]
