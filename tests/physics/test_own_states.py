@@ -132,6 +132,7 @@ def test_the_work_of_a_motor_is_what_the_energy_gains():
     np.testing.assert_allclose(run.state.own[:, 0] - 3.0, gained, rtol=0, atol=1e-11)
 
 
+@pytest.mark.thorough
 def test_the_work_of_a_motor_is_what_the_energy_gains_and_friction_takes_while_the_ball_slips():
     start = ReleasedState(rotor_state(BallState, Omega=(0.3, -2.0, -0.2)), V=(1.0, 0.2, 0.0), height=0.05)
     run = simulate(Ball(**SWUNG), TIMES, start, contact=Contact(friction=0.1, restitution=0.3), **FINE)
@@ -165,7 +166,9 @@ def last_speed(tau, **settings):
     return simulate(lagging_disk(tau), [0.0, 1.5], rotor_state(), **settings).state.thetadot[-1, 0]
 
 
-@pytest.mark.parametrize("derivative", [jax.grad, jax.jacfwd, lambda f: jax.grad(jax.grad(f))])
+@pytest.mark.parametrize(
+    "derivative", [jax.grad, jax.jacfwd, pytest.param(lambda f: jax.grad(jax.grad(f)), marks=pytest.mark.thorough)]
+)
 def test_derivatives_by_a_parameter_of_the_filter_are_those_of_the_closed_form(derivative):
     def closed_form(tau):
         return K * U * (1.5 + tau * jnp.expm1(-1.5 / tau)) * (1 / ROTOR + 1 / SHELL)
@@ -226,25 +229,30 @@ def thrown(**others):
     ("more", "state", "settings"),
     [
         ({}, thrown(), {"contact": BOUNCE}),
-        pytest.param(STICKY, thrown(theta=[0.5], thetadot=[0.1]), {"contact": BOUNCE}, marks=pytest.mark.thorough),
-        pytest.param(EXACT, thrown(), {"contact": BOUNCE}, marks=pytest.mark.thorough),
-        (EXACT, BallState(Omega=(0.2, 0.5, 0.1), own=(0.0, 0.0)), {}),
-        (STICKY, BallState(theta=[0.5], thetadot=[0.1], own=(0.0, 0.0)), {}),
-        (*IN_BOWL, {}),
-        pytest.param(*IN_BOWL, {"contact": Contact(friction=0.05)}, marks=pytest.mark.thorough),
         ({}, BallState(Omega=(0.2, 0.5, 0.1), own=(0.0, 0.0)), {"dae": True, "solver": RadauIIA(3)}),
         ({}, BallState(Omega=(0.2, 0.5, 0.1), own=(0.0, 0.0)), {"project": True}),
+        *(
+            pytest.param(*case, marks=pytest.mark.thorough)
+            for case in (
+                (STICKY, thrown(theta=[0.5], thetadot=[0.1]), {"contact": BOUNCE}),
+                (EXACT, thrown(), {"contact": BOUNCE}),
+                (EXACT, BallState(Omega=(0.2, 0.5, 0.1), own=(0.0, 0.0)), {}),
+                (STICKY, BallState(theta=[0.5], thetadot=[0.1], own=(0.0, 0.0)), {}),
+                (*IN_BOWL, {}),
+                (*IN_BOWL, {"contact": Contact(friction=0.05)}),
+            )
+        ),
     ],
     ids=[
         "bounces",
+        "dae",
+        "q",
         "bounces and sticks",
         "bounces and rests",
         "rests",
         "sticks",
         "bowl",
         "slides in a bowl",
-        "dae",
-        "q",
     ],
 )
 def test_a_clock_keeps_the_time_in_every_mode(more, state, settings):
@@ -352,7 +360,7 @@ def test_an_odometer_counts_what_a_disk_turns_and_rolls_to_and_fro():
     # A disk that rocks about rest with its centre of mass below the geometric centre turns back where φ̇ = 0.
     disk = Disk(mass=M, inertia=D, radius=R, gravity=G, offset=(0.0, 0.0, -0.3), own_states=COUNTED)
     back = {"back": Event("phidot")}
-    run = simulate(disk, np.linspace(0.0, 9.0, 5), DiskState(phidot=1.0, own=(0.0, 0.0)), events=back, **FINE)
+    run = simulate(disk, np.linspace(0.0, 15.0, 5), DiskState(phidot=1.0, own=(0.0, 0.0)), events=back, **FINE)
     np.testing.assert_allclose(run.state.own[:, 0], -run.state.phi, rtol=0, atol=1e-10)
     count = int(run.events["back"].count)
     ends = np.concatenate([[0.0], run.events["back"].state.phi[:count], run.state.phi[-1:]])
@@ -391,6 +399,7 @@ def test_a_saved_run_has_its_own_states_by_name(tmp_path):
     assert {"own[0]", "own[1]"} <= set(header)
 
 
+@pytest.mark.thorough
 def test_figures_show_own_states_by_their_names():
     from jaxball import plot
 
