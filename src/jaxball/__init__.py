@@ -136,6 +136,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         turning_rail as turning_rail,
     )
     from .physics.observables import Observables as Observables, observe as observe
+    from .physics.own_states import OwnStates as OwnStates, odometer as odometer
     from .physics.prescribed.frames import (
         AbstractFrame as AbstractFrame,
         MatrixFrame as MatrixFrame,
