@@ -78,6 +78,7 @@ __all__ = [
     "program_within",
     "put",
     "same_mesh",
+    "HAS_SETTINGS_OF_TRACES",
     "setting_of_traces",
     "settings",
     "stablehlo_bindings",
@@ -118,6 +119,9 @@ def unvmap_max(x: Any) -> Any:
 def settings() -> Mapping[str, Any]:
     """Returns JAX's settings by name, with their values at this point of the program."""
     return jax.config.values
+
+
+HAS_SETTINGS_OF_TRACES = hasattr(jax, "make_user_context")
 
 
 def setting_of_traces(default: Any) -> Any:
