@@ -49,6 +49,7 @@ ClosedJaxpr, Jaxpr, Literal, Primitive = _core.ClosedJaxpr, _core.Jaxpr, _core.L
 Program = Any  # a jaxpr with its constants
 
 __all__ = [
+    "HAS_SETTINGS_OF_TRACES",
     "Literal",
     "Loop",
     "Primitive",
@@ -78,7 +79,6 @@ __all__ = [
     "program_within",
     "put",
     "same_mesh",
-    "HAS_SETTINGS_OF_TRACES",
     "setting_of_traces",
     "settings",
     "stablehlo_bindings",

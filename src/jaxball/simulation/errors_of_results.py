@@ -7,7 +7,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
 from .. import programs
 from ..compat import HAS_SETTINGS_OF_TRACES, is_traced
@@ -18,9 +17,9 @@ from ..programs import traces
 TIGHTER = 1e-2  # the factor of the tolerances of finer runs, whose errors are about as much smaller
 MORE_STEPS = 16  # times as many: at a hundredth of the tolerance a method of order 2 takes five to ten times the steps
 OUT_OF_STEPS = (
-    "The result of `function` has NaN that are numbers where its runs may take 16 times as many steps: a run in it took "
-    "`max_steps` steps, or, if its status is SUCCESS, its derivative did, which needs as many steps at rest as in motion; "
-    "raise `max_steps`, loosen the tolerances, or shorten the run."
+    "The result of `function` has NaN that are numbers where its runs may take 16 times as many steps: a run in it "
+    "took `max_steps` steps, or, if its status is SUCCESS, its derivative did, which needs as many steps at rest as in "
+    "motion; raise `max_steps`, loosen the tolerances, or shorten the run."
 )
 OUT_OF_STEPS_WHEN_FINER = (
     "The error cannot be estimated, because at a hundredth of the tolerances the result of `function` has NaN, even "
@@ -86,7 +85,8 @@ def estimate_error_of(function: Callable[..., Any], *arguments: Any) -> Any:
         if _is_unknown(finer, value):
             raise SolveError(OUT_OF_STEPS_WHEN_FINER)
     errors = jax.tree.map(lambda x, y: x - y, value, finer)
-    if not tighter.met and not any(map(np.any, jax.tree.leaves(errors))) and any(map(np.any, jax.tree.leaves(value))):
+    changes, counts = (any(map(np.any, jax.tree.leaves(result))) for result in (errors, value))
+    if counts and not changes and not tighter.met:
         raise ValueError(
             "Argument `function` must simulate when it is called, because the error is that of its runs, but there was "
             "no run and its result stays the same; write a function that calls simulate."

@@ -195,8 +195,8 @@ def _solve_between(
     tolerances: tuple[Float[ArrayLike, ""], Float[ArrayLike, ""]],
     deviation: Float[Array, " size"],
 ) -> tuple[tuple[Float[Array, " size"], Float[Array, " size"]], Int[Array, ""]]:
-    """Solves over ``times`` from a saved state, by Dopri8; returns its end as a vector, the deviation carried there, and
-    the status.
+    """Solves over ``times`` from a saved state, by Dopri8; returns its end as a vector, the deviation carried there,
+    and the status.
     """
     vector, unravel = ravel_state(state)
 
