@@ -69,7 +69,7 @@ def _refine(rtol: Array | np.ndarray, atol: Array | np.ndarray) -> tuple[Any, An
             f"The error at the tolerances {rtol[()]!s} and {atol[()]!s} is measured by a run at tighter ones, but "
             f"{_finest(rtol.dtype):.1e} is the least in {rtol.dtype}; choose tolerances of three times that or more."
         )
-    return (factor * rtol).astype(rtol.dtype), (factor * atol).astype(atol.dtype)
+    return xp.asarray(factor * rtol, rtol.dtype), xp.asarray(factor * atol, atol.dtype)
 
 
 def _as_array(name: str, x: Numbers) -> Array | np.ndarray:
