@@ -2,14 +2,14 @@
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, cast
 
 import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float, Int
+from jaxtyping import Array, Float, Int
 
 from .. import programs
 from ..compat import is_traced
@@ -28,7 +28,7 @@ from .trajectory import Trajectory
 Part = TypeVar("Part")
 
 TOLERANCE_BETWEEN_TIMES = 1e-14  # of the solves from one saved time to the next
-TIGHT = (np.asarray(TOLERANCE_BETWEEN_TIMES),) * 2  # arrays, because other numbers would distinguish programs
+TIGHT = np.full(2, TOLERANCE_BETWEEN_TIMES)  # an array, because numbers would distinguish programs
 STEPS_BETWEEN_TIMES = 2**18
 
 
@@ -145,15 +145,16 @@ def slope_of_end(
     ``width`` and twice that to both sides, in Richardson's combination. NaN where one of them fails. For runs without
     modes.
     """
-    times, start = np.asarray(run.times)[[0, -1]], _row(jax.tree.map(np.asarray, run.state), 0)
+    times: Any = np.asarray(run.times)[[0, -1]]
+    start = _row(jax.tree.map(np.asarray, run.state), 0)
     vector, unravel = ravel_state(start)
 
-    def solve(distance: float, tolerances: tuple[Any, Any]) -> list[np.ndarray]:
+    def solve(distance: float, tolerances: np.ndarray) -> list[np.ndarray]:
         moved = jax.tree.map(np.asarray, unravel(vector + distance * direction))
-        ends, status = _solve_between(run.system, None, times, moved, None, tolerances, direction)
+        ends, status = _solve_between(run.system, None, times, moved, None, tolerances, cast(Any, direction))
         return [np.where(int(status) in SUCCESSES, end, np.nan) for end in ends]
 
-    _, derivative = solve(0.0, tuple(map(np.asarray, tolerances)))
+    _, derivative = solve(0.0, np.asarray(tolerances))
     ends = [solve(side * distance, TIGHT)[0] for distance in (width, 2 * width) for side in (-1, 1)]
     narrow, wide = (ends[1] - ends[0]) / (2 * width), (ends[3] - ends[2]) / (4 * width)
     return SlopeOfEnd(derivative, narrow + (narrow - wide) / 3, np.abs(narrow - wide))
@@ -192,7 +193,7 @@ def _solve_between(
     times: Float[Array, "2"],
     state: Any,
     mode: Int[Array, ""] | None,
-    tolerances: tuple[Float[ArrayLike, ""], Float[ArrayLike, ""]],
+    tolerances: Float[Array | np.ndarray, "2"],
     deviation: Float[Array, " size"],
 ) -> tuple[tuple[Float[Array, " size"], Float[Array, " size"]], Int[Array, ""]]:
     """Solves over ``times`` from a saved state, by Dopri8; returns its end as a vector, the deviation carried there,
