@@ -113,6 +113,9 @@ class Program:
         _made.add(self)
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        if self._how["steered"] and traces.finer.value is not None:
+            with traces.finer(None):  # Its tolerances are arguments, so that the program is the same.
+                return self(*args, **kwargs)
         leaves, structure = jax.tree.flatten((args, kwargs))
         rest, arrays = take_arrays(leaves, structure, self._is_dynamic)
         if self._how["opaque"] and not traces.within_a_computation.value and not self._is_closed(rest):

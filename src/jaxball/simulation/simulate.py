@@ -115,7 +115,8 @@ def simulate(
     - ``adjoint``: the mode of differentiation: ``diffrax.RecursiveCheckpointAdjoint()`` for reverse mode alone,
       ``diffrax.ForwardMode()`` for forward mode alone; both in any order if not given, and up to second derivatives of
       events and hybrid systems. ``diffrax.DirectAdjoint()`` is refused.
-    - ``max_steps``: the most steps, accepted and rejected, that the solve may take.
+    - ``max_steps``: the most steps, accepted and rejected, that the solve may take; its derivatives, which may need
+      more, are NaN where this does not suffice for them.
     - ``max_step``: the longest step, a time; none if not given. What depends on time is sampled over the run, so that
       steps are short where it changes fast; this is for what the samples miss. Each value compiles a program.
     - ``progress``: a diffrax progress meter.
