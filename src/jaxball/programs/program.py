@@ -115,7 +115,7 @@ class Program:
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         leaves, structure = jax.tree.flatten((args, kwargs))
         rest, arrays = take_arrays(leaves, structure, self._is_dynamic)
-        if self._how["opaque"] and not traces.within_a_computation.value and not self._is_closed(rest):
+        if self._how["opaque"] and not self._is_written_out() and not self._is_closed(rest):
             call = self._function, args, kwargs
             opened, captures = take_captures(call, local=True)
             if opened is not call:
@@ -130,6 +130,14 @@ class Program:
             with contextlib.suppress(native.CallbackReachedError):
                 return _run(program, rest, arrays)
         return self._compiled(*args, **kwargs)
+
+    def _is_written_out(self) -> bool:
+        """Returns whether a call is a part of the computation that is being traced, and no operation of its own.
+
+        What is steered is one there, too, so that its derivatives are those of the same call elsewhere: with the same
+        probe, and so in the same steps.
+        """
+        return traces.within_a_computation.value and not self._how["steered"]
 
     def _is_closed(self, rest: Rest) -> bool:
         """Returns whether the function and such arguments are known to hold no function that is written
@@ -171,7 +179,7 @@ class Program:
         """Returns the result of the call as one operation of the traced program; None where it has to be
         written out.
         """
-        if traces.within_a_computation.value or not may_be_an_operation():
+        if self._is_written_out() or not may_be_an_operation():
             return None
         self._follow_store()
         numbers = [native.numbers(array) if isinstance(array, jax.Array) else jnp.asarray(array) for array in arrays]
