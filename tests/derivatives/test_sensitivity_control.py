@@ -21,6 +21,7 @@ from jaxball import (
     PiecewiseSignal,
     SpeedLimitedMotor,
     planar_pendulum,
+    programs,
     simulate,
 )
 from jaxball.classical import LagrangianState, LagrangianSystem
@@ -173,6 +174,20 @@ def test_a_ball_that_could_slip_but_rests():
         derivative = jax.jit(mode(end))
         for tolerance in (1e-6, 1e-10):
             assert abs(derivative(0.0, tolerance) / np.cos(OMEGA * END) - 1) < FACTOR * tolerance, mode
+
+
+@pytest.mark.thorough
+def test_within_a_program_the_derivative_is_the_same():
+    """As in searches and fits, which differentiate their runs within programs of their own."""
+
+    def end(x):
+        start, contact = BallState(z=(x, 0.0)), Contact(friction=0.5)
+        return simulate(MARBLE, [0.0, 5.0], start, rtol=1e-8, atol=1e-8, contact=contact).state.z[-1, 0]
+
+    for mode in (jax.jacfwd, jax.jacrev):
+        within = float(programs.jit(mode(end))(0.0))
+        assert abs(within / np.cos(OMEGA * 5.0) - 1) < FACTOR * 1e-8, mode
+        assert within == float(jax.jit(mode(end))(0.0)), mode  # in the same steps, to the last bit
 
 
 @pytest.mark.long
