@@ -4,11 +4,11 @@ import abc
 from collections.abc import Callable, Mapping
 
 import equinox as eqx
-import jax.numpy as jnp
 from jaxtyping import Array, Float, PyTree
 
 from ...interface.arguments import require_callable_with
 from ...numerics.arrays import numbers
+from ...numerics.quadrature import integrate_samples
 from ...physics.body import System
 from .run import Run
 from .space import DesignError
@@ -73,10 +73,8 @@ class AbstractRunningObjective(AbstractObjective):
 
 
 def mean_in_time(run: Run, values: Float[Array, " t"]) -> Float[Array, ""]:
-    """Computes the mean over the run, by the trapezoidal rule."""
-    # Save times need not be equally spaced.
-    steps = jnp.diff(run.times)
-    return jnp.sum(steps * (values[1:] + values[:-1]) / 2) / jnp.sum(steps)
+    """Computes the mean over the run by the values at its times, as ``integrate_samples`` does."""
+    return integrate_samples(run.times, values, run.system.kinks()) / (run.times[-1] - run.times[0])
 
 
 class AbstractConstraint(Requirement):
