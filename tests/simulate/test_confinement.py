@@ -191,8 +191,19 @@ def test_a_short_way_aside_from_the_plane_of_a_disk_is_seen(height):
 
 
 @pytest.mark.thorough
-def test_masses_of_a_mechanism_with_prescribed_joints_are_looked_at_between_all_times():
-    """An arm of 0.9 that a slider moves out by 0.15 for 1/1000 of the run."""
+def test_a_mechanism_with_a_prescribed_joint_leaves_between_all_times():
+    """A slider that moves a mass at 0.9 by 0.15 for 1/1000 of the run: out from the time w √(ln 1.5) before that on."""
+
+    def reach_out(t, at):
+        return 0.15 * jnp.exp(-(((t - at) / 1e-2) ** 2))
+
+    for at in (3.3333, 7.0123):
+        slider = jaxball.Slider((0.0, 0.0, 1.0), drive=jaxball.FunctionSchedule(reach_out, jnp.asarray(at)))
+        arm = jaxball.Mechanism([slider], [jaxball.CarriedMass(0.1, (0.0, 0.0, 0.9))])
+        run = simulate(Ball(**SHELL, mechanisms=[arm]), np.linspace(0.0, 10.0, 3))
+        assert run.status == Status.LEFT_SHELL
+        np.testing.assert_allclose(run.reached, at - 1e-2 * np.sqrt(np.log(1.5)), rtol=0, atol=1e-12)
+        assert "`mechanisms[0]` must keep its masses inside the shell" in run.message
 
 
 @pytest.mark.thorough

@@ -1,9 +1,10 @@
 """The contracts of objectives and constraints."""
 
 import abc
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, Float, PyTree
 
 from ...interface.arguments import require_callable_with
@@ -69,12 +70,22 @@ class AbstractRunningObjective(AbstractObjective):
         """Evaluates the integrand at the times of the run."""
 
     def __call__(self, run: Run):
-        return mean_in_time(run, self.integrand(run))
+        return mean_in_time(run, self.integrand(run)[:, None])[0]
 
 
-def mean_in_time(run: Run, values: Float[Array, " t"]) -> Float[Array, ""]:
-    """Computes the mean over the run by the values at its times, as ``integrate_samples`` does."""
+def mean_in_time(run: Run, values: Float[Array, "t k"]) -> Float[Array, " k"]:
+    """Computes the means of k functions over the run by their values at its times, as ``integrate_samples`` does."""
     return integrate_samples(run.times, values, run.system.kinks()) / (run.times[-1] - run.times[0])
+
+
+def evaluate_objectives(objectives: Iterable[AbstractObjective], run: Run) -> list[Float[Array, ""]]:
+    """Evaluates objectives; those that are means over the run together, whose rule is the same."""
+    objectives = list(objectives)
+    means = [type(item).__call__ is AbstractRunningObjective.__call__ for item in objectives]
+    running = [item for item, is_mean in zip(objectives, means, strict=True) if is_mean]
+    values = [item.integrand(run) for item in running]
+    found = iter(mean_in_time(run, jnp.stack(values, axis=1)) if values else ())
+    return [next(found) if is_mean else item(run) for item, is_mean in zip(objectives, means, strict=True)]
 
 
 class AbstractConstraint(Requirement):
