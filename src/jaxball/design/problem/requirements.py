@@ -82,8 +82,11 @@ def evaluate_objectives(objectives: Iterable[AbstractObjective], run: Run) -> li
     """Evaluates objectives; those that are means over the run together, whose rule is the same."""
     objectives = list(objectives)
     means = [type(item).__call__ is AbstractRunningObjective.__call__ for item in objectives]
-    running = [item for item, is_mean in zip(objectives, means, strict=True) if is_mean]
-    values = [item.integrand(run) for item in running]
+    values = [
+        item.integrand(run)
+        for item, is_mean in zip(objectives, means, strict=True)
+        if is_mean and isinstance(item, AbstractRunningObjective)
+    ]
     found = iter(mean_in_time(run, jnp.stack(values, axis=1)) if values else ())
     return [next(found) if is_mean else item(run) for item, is_mean in zip(objectives, means, strict=True)]
 

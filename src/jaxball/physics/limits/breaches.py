@@ -73,7 +73,7 @@ def _breaches(
             yield from _of_rail(system, index, rail, inside)
         if isinstance(motion, Fixed):
             yield from _of_position(system, index, motion, inside)
-        elif is_free_to_leave(motion):
+        elif isinstance(motion, AbstractPrescribedMotion) and is_free_to_leave(motion):
             yield from _of_motion(system, index, motion, inside, times)
         elif isinstance(motion, Driven) and rail is not None and rail.period is None and theta is not None:
             yield from _of_driven(system, index, rail, inside, times, np.asarray(theta))
@@ -113,7 +113,7 @@ def _of_motion(
 ) -> Iterator[Problem]:
     name = f"masses[{index}].motion" + (".schedule" if schedule_of(motion) is not None else "")
     t = _fine_times(motion, times)
-    chi, top, leaving, aside = jax.tree.map(np.asarray, _sample_path(system, motion, t))
+    chi, top, leaving, aside = jax.tree.map(np.asarray, _sample_path(system, motion, jnp.asarray(t)))
     yield from _out_of_plane(system, name, chi if np.isinf(aside.seen) else np.vstack([chi, aside.chi]))
     if leaving.begin == t[0]:
         time, distance = t[0], length(chi[0])
@@ -236,7 +236,7 @@ def _sample_path(system: BodyParameters, motion: Any, t: Float[Array, " n"]):
     """Samples the path of a mass at evenly spaced times, and finds where it is furthest from the centre, and when it
     leaves the shell and a disk's plane.
     """
-    prepared, t = motion.prepare(), to_array(t)
+    prepared = motion.prepare()
 
     def within(x: Float[Array, ""]) -> Float[Array, ""]:
         return jnp.clip(x, t[0], t[-1])
