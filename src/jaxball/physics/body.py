@@ -161,8 +161,8 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
         return bool(self.sticking) or self.is_held
 
     def motion_kinks(self) -> Float[Array, " kinks"]:
-        """Returns the unsorted times at which χ̈ of a prescribed motion jumps or has a kink; none with dry friction."""
-        return join_arrays([] if self._is_dry else self._kinks_of_schedules())
+        """Returns those of :meth:`kinks_of_paths`; none with dry friction."""
+        return join_arrays([]) if self._is_dry else self.kinks_of_paths()
 
     def driving_kinks(self) -> Float[Array, " kinks"]:
         """Returns the unsorted times at which a law, a force or the ground's motion jumps or has a kink.
@@ -184,6 +184,10 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
     @property
     def _is_dry(self) -> bool:
         return self.resistance is not None and self.resistance.is_dry
+
+    def kinks_of_paths(self) -> Float[Array, " kinks"]:
+        """Returns the unsorted times at which χ̈ of a prescribed motion jumps or has a kink."""
+        return join_arrays(self._kinks_of_schedules())
 
     def _kinks_of_schedules(self) -> list[Float[Array, " kinks"]]:
         motions = [group.motion for group in self.groups if not isinstance(group.motion, Driven)]
@@ -220,10 +224,10 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
         return self.total_mass * self.gravity
 
     def is_confined(self, times: Float[Array, " T"], state: Any) -> Bool[Array, ""]:
-        return is_confined(self, times, state) & all_hold(in_plane(self, times))
+        return is_confined(self, times, state, self.kinks_of_paths()) & all_hold(in_plane(self, times))
 
     def time_of_leaving(self, times: Float[Array, " T"], states: Any) -> Float[Array, ""]:
-        return time_of_leaving(self, times, states.theta)
+        return time_of_leaving(self, times, states.theta, self.kinks_of_paths())
 
     def clearance(self, t: Float[Array, ""], state: Any) -> Float[Array, ""] | None:
         return clearance(self, t, state.theta)
