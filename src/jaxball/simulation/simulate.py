@@ -366,8 +366,9 @@ class _Functions:
         """Makes the observers of quantities along the run."""
         observation = self._method.observation
         assert observation is not None
-        quantities = functools.partial(_quantities, observation, self.unpack(parameters)[0])
-        return Observers(observation, quantities, rtol, atol)
+        packing = self.unpack(parameters)[0]
+        quantities = jax.tree_util.Partial(functools.partial(_quantities, observation), packing)
+        return Observers(observation, quantities, packing.field, rtol, atol)
 
     def event_state(self, t, x, parameters):
         """Returns the state that an event's function is given, as a vector."""

@@ -111,7 +111,7 @@ class _Rolling(NamedTuple):
         mode = plane.mode(t, state)
         return cls(plane.resisting(t, state), mode, state.is_in(Mode.SLIDING), mu, sigma)
 
-    def pull(self, sigma: Float[Array, "2"]) -> slips.Pull:
+    def pull(self, sigma: Float[Array, "2"], _: Float[Array, ""]) -> slips.Pull:
         """Computes how ω_h changes in a direction of rolling."""
         turning = self.resisting.turning(self.slides, self.mu, self.sigma)
         acting = resist(self.resisting.resistance, turning, self.mode._replace(sigma=in_three(sigma)))
@@ -137,7 +137,7 @@ def _end_rolling(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array
 
     def end(about: _Rolling) -> slips.End:
         about = about._replace(mode=plane.mode(t, state, unit(omega)))
-        return slips.end(_Rolling.pull, about, omega)
+        return slips.end(_Rolling.pull, slips.Around(about), omega)
 
     def brake(about: _Rolling, time: Float[Array, ""], share: float, where: Any) -> Any:
         rate = -omega / jnp.where(time > 0, time, 1.0)

@@ -47,7 +47,7 @@ NEARLY_STILL = 3  # times the least speed of a slip: a slower one may end in the
 SAME_SPEED = 1e-9  # of a speed: what rounding may change
 PAST = 0.5  # of the least speed: a step is to end no slower than that
 TRUNCATED = 2e5  # tolerances: the largest error of a step, relative to the speed of a slip that ends, for derivatives
-SLOW = 0.4  # power of rounding: a slip slower than this share of a body's speed is followed by `end`, not by steps
+SLOW = 0.3  # power of rounding: a slip slower than this share of a body's speed is followed by `end`, not by steps
 UNTOLD = 10  # errors of the speed: steps cannot tell the direction of so slow a slip
 ERRORS = 30  # errors of the speed, by which a slip at its end may exceed twice the least one
 LONGEST_WINDOW = 0.1  # of √(r/g): the longest time for which the direction of a slip that begins is known beforehand
@@ -55,7 +55,7 @@ BEFORE_KINK = 0.999  # of the time until the next kink: no window is longer than
 LONGEST_PAUSE = 0.25  # power of rounding: the longest time, in √(r/g), over which a slip is followed to its end
 COARSER = 0.3  # times the cube root of the tolerance: the same if that is loose, as the error is cubic in the time
 HALFWAY = 0.5  # through the time, and the speed, of a slip that ends
-STEPS_TO_END = 16  # in the time τ, to the end of a slip
+STEPS_TO_END = 24  # in the time τ, to the end of a slip
 TURN = 1.5  # by which σ turns and ln s falls in one of them, at most
 
 
@@ -107,10 +107,10 @@ class Heading(NamedTuple):
         slip: Float[Array, "2"],
         size: Float[Array, ""],
         errors: Float[Array, ""],
-        power: float = SLOW,
+        power: float,
     ) -> "Heading":
         """Returns the heading of a slip in the direction σ: ``size`` is the size of velocities, ``errors`` the size of
-        their errors.
+        their errors, and ``power`` that of rounding which is slow.
         """
         speed = jnp.maximum(jnp.sum(slip * sigma), 0.0)
         # The guard of a slip is its speed along σ less ``least``: with at most half the speed, it is positive as a step
@@ -171,64 +171,105 @@ class OnPlane(NamedTuple):
         return acting.slip_acceleration[:2], moved
 
 
-def pull_of_friction(about: tuple[Response, Float[Array, ""]], sigma: Float[Array, "2"]) -> Pull:
-    """Computes how a body with some response slips, at a coefficient μ."""
-    acting = sliding(*about, sigma)
+class Around(NamedTuple):
+    """What a slow slip depends on, which changes linearly with the time: ``now``, and what it is ``later``, after the
+    time ``span``; None where it is constant.
+    """
+
+    now: Any
+    later: Any = None
+    span: Any = None
+
+    def at(self, time: Float[Array, ""]) -> Any:
+        """Returns what it is after some time."""
+        if self.later is None:
+            return self.now
+        share = jnp.where(self.span > 0, time / jnp.where(self.span > 0, self.span, 1.0), 0.0)
+
+        def between(x: Array, later: Array) -> Array:
+            return x + share * (later - x) if jnp.issubdtype(x.dtype, jnp.inexact) else x
+
+        return jax.tree.map(between, self.now, self.later)
+
+
+def pull_of_friction(
+    about: tuple[Response, Float[Array, "3"]], sigma: Float[Array, "2"], slower: Float[Array, ""]
+) -> Pull:
+    """Computes how a body with some response slips, where ``slower`` is the share of its speed that is left and the
+    coefficient μ a polynomial in that.
+    """
+    body_response, mu = about
+    acting = sliding(body_response, mu[0] + slower * (mu[1] + slower * mu[2]), sigma)
     return Pull(acting.slip_acceleration[:2], -jnp.sum(sigma * acting.R[:2]), acting.normal)
 
 
 class End(NamedTuple):
-    """The end of a slow slip: whether it ends, in which time, and the work of friction.
+    """The end of a slow slip: whether it ends, in which time, and what happens until then.
 
-    ``friction_loss`` is the work of friction, and ``normal`` the mean normal force.
+    ``friction_loss`` is the work of friction, ``way`` the integral of v_s, ``normal`` the mean normal force, and
+    ``late_normal`` that with weights that rise from 0 at the beginning to 2 at the end.
     """
 
     comes: Bool[Array, ""]
     time: Float[Array, ""]
     friction_loss: Float[Array, ""]
+    way: Float[Array, "2"]
     normal: Float[Array, ""]
+    late_normal: Float[Array, ""]
+
+    def braking(self, slip: Float[Array, "3"]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+        """Computes the mean slip acceleration, by which a slip is exactly zero in the end, and that with the weights of
+        ``late_normal``.
+        """
+        ends = self.time > 0
+        time = jnp.where(ends, self.time, 1.0)
+        mean = jnp.where(ends, -slip / time, 0.0).at[2].set(0.0)
+        return mean, jnp.zeros_like(slip).at[:2].set(-2 * self.way / time**2)
 
 
 @partial(jax.jit, static_argnums=0)
-def end(pull: Callable[[Any, Float[Array, "2"]], Pull], about: Any, slip: Float[Array, "2"]) -> End:
-    """Computes the end of a slow slip, during which everything that it depends on, ``about``, is constant.
+def end(
+    pull: Callable[[Any, Float[Array, "2"], Float[Array, ""]], Pull], around: Around, slip: Float[Array, "2"]
+) -> End:
+    """Computes the end of a slow slip, during which what is ``around`` it changes little.
 
     It ends if the direction to which the slip turns is one in which it slows down.
     """
-    # In the time τ, x is: σ, the logarithm of the share of the speed that is left, the time over the speed, the work of
-    # friction over its square, and the impulse of the normal force over the speed. So x does not depend on how slow the
-    # slip is.
+    # In the time τ, x is: σ, the logarithm of the share of the speed that is left, and integrals over the time: 1 and N
+    # over the speed, the work of friction, v_s and t N over its square. So x hardly depends on how slow the slip is.
     speed = root(jnp.sum(slip**2))
-    still = jax.lax.stop_gradient(about)
+    still = jax.lax.stop_gradient(around.now)
 
     @jax.jit
-    def motion(x: Float[Array, "6"]) -> Float[Array, "6"]:
-        sigma, slower = unit(x[:2]), jnp.exp(x[2])
-        acting = pull(about, sigma)
-        a = acting.acceleration
-        rest = jnp.stack([jnp.sum(sigma * a), slower, acting.power * slower**2, acting.normal * slower])
-        return jnp.concatenate([across(sigma, a) * turn_left(sigma), rest])
+    def motion(x: Float[Array, "9"]) -> Float[Array, "9"]:
+        sigma, slower, time = unit(x[:2]), jnp.exp(x[2]), x[3]
+        acting = pull(around.at(speed * time), sigma, slower)
+        a, pressing = acting.acceleration, acting.normal * slower
+        rest = jnp.stack([jnp.sum(sigma * a), slower, pressing, acting.power * slower**2, time * pressing])
+        return jnp.concatenate([across(sigma, a) * turn_left(sigma), rest, slower**2 * sigma])
 
-    def fastest(x: Float[Array, "6"]) -> Float[Array, ""]:
-        sigma = unit(x[:2])
-        acting, turned = jax.jvp(lambda sigma: pull(still, sigma), (sigma,), (turn_left(sigma),))
+    def fastest(x: Float[Array, "9"]) -> Float[Array, ""]:
+        sigma, slower = unit(x[:2]), jnp.exp(x[2])
+        acting, turned = jax.jvp(lambda sigma: pull(still, sigma, slower), (sigma,), (turn_left(sigma),))
         return root(jnp.sum(acting.acceleration**2)) + root(jnp.sum(turned.acceleration**2))
 
-    def advance(x: Float[Array, "6"], _: None) -> tuple[Float[Array, "6"], None]:
+    def advance(x: Float[Array, "9"], _: None) -> tuple[Float[Array, "9"], None]:
         # How fast σ may turn, which decides the step and is no part of the result, so it has no derivatives.
         rate = fastest(jax.lax.stop_gradient(x))
         h = jnp.where(rate > 0, TURN / jnp.where(rate > 0, rate, 1.0), 0.0)
         return cooper_verner.step(motion, x, h), None
 
-    start = jnp.concatenate([unit(slip), jnp.zeros((4,), slip.dtype)])
+    start = jnp.concatenate([unit(slip), jnp.zeros((7,), slip.dtype)])
     x = jax.lax.scan(advance, start, None, length=STEPS_TO_END)[0]
     # By now σ hardly turns: from here on the slip slows down uniformly, in the time slower / −growth.
-    growth, slower, power, normal = motion(x)[2:]
+    growth, slower, pressing, power = motion(x)[2:6]
     comes = (growth < 0) & (x[2] < 0)
     left_of_it = 1 / jnp.where(comes, -growth, 1.0)
-    time = x[3] + slower * left_of_it
-    friction_loss, pressed = x[4] + 0.5 * power * left_of_it, x[5] + normal * left_of_it
-    return End(comes, speed * time, speed**2 * friction_loss, pressed / jnp.where(time > 0, time, 1.0))
+    until_end = slower * left_of_it
+    time, impulse, friction_loss = x[3] + until_end, x[4] + pressing * left_of_it, x[5] + 0.5 * power * left_of_it
+    moment = x[6] + pressing * left_of_it * (x[3] + 0.5 * until_end)
+    way, whole = x[7:] + 0.5 * slower * until_end * unit(x[:2]), jnp.where(time > 0, time, 1.0)
+    return End(comes, speed * time, speed**2 * friction_loss, speed**2 * way, impulse / whole, 2 * moment / whole**2)
 
 
 def longest_pause(tolerance: Float[Array, ""], unit_of_time: Float[Array, ""]) -> Float[Array, ""]:

@@ -72,41 +72,40 @@ def response_on_plane(plane: "BodyOnPlane", t: Float[Array, ""], state: ContactS
 
 
 def end_slip(plane: "BodyOnPlane", done: "Progress", tolerance: Float[Array, ""]) -> "Progress":
-    """Moves the state to the end of a slip, if it has one soon, with the response halfway."""
-    t, state = done.t, done.state
-    end, response = _end(plane, done, t, state)
-    ends = end.comes & (end.time <= slips.longest_pause(tolerance, slips.unit_of_time(plane.body)))
-    # As in the midpoint rule: the end is found again with the response halfway, to which that of the start leads.
-    halfway = _slow(plane, done, response, state, end, slips.HALFWAY)
-    end, response = _end(plane, done, t + slips.HALFWAY * end.time, halfway)
-    stopped = _slow(plane, done, response, halfway, end, 1.0)
+    """Moves the state to the end of a slip, if it has one soon, with a response that changes linearly with the time."""
+    t, state, body = done.t, done.state, plane.body
+    slip, now = slip_velocity(body, t, state.released), response_on_plane(plane, t, state)
+    mu = _coefficients(plane, slip)
+    first = slips.end(slips.pull_of_friction, slips.Around((now, mu)), slip[:2])
+    ends = first.comes & (first.time <= slips.longest_pause(tolerance, slips.unit_of_time(body)))
+    # Where a slip turns, its acceleration is not that of the response halfway: the velocities there are to be the means
+    # until the end, for which early accelerations count more.
+    half, (mean, late) = slips.HALFWAY * first.time, first.braking(slip)
+    early, pressed = 2 * mean - late, 2 * first.normal - first.late_normal
+    moved = rates(body, state.released, now, early, pressed)
+    halfway = _move(state, half, moved)
+    later = response_on_plane(plane, t + half, halfway)
+    end = slips.end(slips.pull_of_friction, slips.Around((now, mu), (later, mu), half), slip[:2])
+    mean, late = end.braking(slip)
+    stopped = _move(state, end.time, rates(body, halfway.released, later, late, end.late_normal))
+    # What accelerates it more than that is early, with the response of the start.
+    more = rates(body, state.released, now, early + mean - late, pressed + end.normal - end.late_normal)
+    stopped = _move(stopped, end.time, jax.tree.map(jnp.subtract, more, moved))
     stopped = eqx.tree_at(lambda x: x.friction_loss, stopped, stopped.friction_loss + end.friction_loss)
     after = done._replace(t=t + end.time, before=stopped, state=stopped, still=jnp.asarray(True))
     # Where no end is near, the slip has only been slow for a while, and the mode goes on.
     return select_tree(ends, after, done._replace(decides=jnp.asarray(False)))
 
 
-def _end(
-    plane: "BodyOnPlane", done: "Progress", t: Float[Array, ""], where: ContactState
-) -> tuple[slips.End, Response]:
-    """Computes the end of a slip with the response at some time and state, and that response."""
-    # The speed falls nearly in proportion to the time that is left, so that the mean coefficient is that of half the
-    # speed.
-    response, slip = response_on_plane(plane, t, where), slip_velocity(plane.body, done.t, done.state.released)
-    return slips.end(slips.pull_of_friction, (response, plane.coefficient(slip, slips.HALFWAY)), slip[:2]), response
+def _coefficients(plane: "BodyOnPlane", slip: Float[Array, "3"]) -> Float[Array, "3"]:
+    """Computes the coefficient of a slip that slows down as a polynomial in the share of its speed, lowest first."""
+    none, half, whole = (plane.coefficient(slip, share) for share in (0.0, slips.HALFWAY, 1.0))
+    return jnp.stack([none, 4 * (half - none) - (whole - none), 2 * (whole - none) - 4 * (half - none)])
 
 
-def _slow(
-    plane: "BodyOnPlane", done: "Progress", response: Response, where: ContactState, end: slips.End, share: float
-) -> ContactState:
-    """Returns the state after a share of the time until a slip ends. ``where`` is the state of the response, whose
-    rates it uses.
-    """
-    time, slip = share * end.time, slip_velocity(plane.body, done.t, done.state.released)
-    # The mean slip acceleration until the end, not that of the response, so that v_s is then exactly zero.
-    braking = jnp.where(end.time > 0, slip / jnp.where(end.time > 0, end.time, 1.0), 0.0).at[2].set(0.0)
-    moved = rates(plane.body, where.released, response, -braking, end.normal)
-    return done.state.move(jax.tree.map(lambda x, rate: x + time * rate, done.state.released, moved))
+def _move(state: ContactState, time: Float[Array, ""], moved: ReleasedState) -> ContactState:
+    """Returns the state after some time at these rates."""
+    return state.move(jax.tree.map(lambda x, rate: x + time * rate, state.released, moved))
 
 
 def strike(plane: "BodyOnPlane", done: "Progress") -> "Progress":

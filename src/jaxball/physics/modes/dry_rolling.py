@@ -297,7 +297,8 @@ class DryRolling(AbstractTurning):
     ) -> slips.End:
         """Computes the end of rolling with ω_h, with what acts at some time and state."""
         mode = self.mode(t, state, unit(omega))
-        return slips.end(_pull, (self.resistance, self.turning(t, where), mode), omega)
+        about = self.resistance, self.turning(t, where), mode
+        return slips.end(_pull, slips.Around(about), omega)
 
     def _brake(
         self,
@@ -423,7 +424,7 @@ def in_mode(body: AbstractBody, t: Float[Array, ""], state: PlacedState, mode: T
     return eqx.tree_at(lambda body: body.resistance.mode, body, body_mode, is_leaf=lambda x: x is None)
 
 
-def _pull(about: tuple[Resistance, Turning, TurningMode], sigma: Float[Array, "2"]) -> slips.Pull:
+def _pull(about: tuple[Resistance, Turning, TurningMode], sigma: Float[Array, "2"], _: Float[Array, ""]) -> slips.Pull:
     """Computes how a ball rolls in a direction, with what acts at a time and a state; space axes."""
     resistance, turns, mode = about
     acting = resist(resistance, turns, mode._replace(sigma=in_three(sigma)))
