@@ -386,26 +386,22 @@ def _begin(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array, ""])
     # What goes on, but so slowly that its direction has to be known beforehand as if it began.
     slip, slips_on = follow_slip(plane, done, tolerance)
     turn, turns_on = plane.follow_rolling(t, done.before, state, tolerance)
-    slips_on = windows.stays_slow(slips_on, _Slipping(plane, start), t, state.released, slip, longest)
-    turns_on = windows.stays_slow(turns_on & ~turns, _Turning(plane, start), t, state.released, turn, longest)
-    start = select_tree(slips_on, along_course(plane, t, start, slip), start)
-    start = select_tree(turns_on, plane.along_course(t, start, turn), start)
+    turns_on &= ~turns
     slip, begins = select_tree(slips_on, slip, Course.of(sigma)), begins | slips_on
     turn, turns = select_tree(turns_on, turn, Course.of(rolling)), turns | turns_on
-    moving = start.released
 
     def next_windows(start: Any, first: Bool[Array, ""]) -> tuple[Any, None]:
         # One window alone is final after the first pass; only two that depend on each other are computed again.
-        needed = first | begins & turns
+        needed = first | begins & turns & (start.begun.until > t) & (start.rolling.until > t)
         begun = jax.lax.cond(
             needed & begins,
-            lambda: windows.beginning(_Slipping(plane, start), t, moving, slip, longest),
+            lambda: windows.beginning(_Slipping(plane, start), t, state.released, slip, longest),
             lambda: start.begun,
         )
         start = eqx.tree_at(lambda x: x.begun, start, begun)
         turning = jax.lax.cond(
             needed & turns,
-            lambda: windows.beginning(_Turning(plane, start), t, moving, turn, longest),
+            lambda: windows.beginning(_Turning(plane, start), t, state.released, turn, longest),
             lambda: start.rolling,
         )
         return eqx.tree_at(lambda x: x.rolling, start, turning), None
@@ -415,4 +411,6 @@ def _begin(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array, ""])
     previous = select_tree(done.decides, none, start.begun), select_tree(done.decides, none, start.rolling)
     first = select_tree(begins, ahead[0], previous[0]), select_tree(turns, ahead[1], previous[1])
     start = eqx.tree_at(lambda x: (x.begun, x.rolling), start, first)
-    return jax.lax.scan(next_windows, start, jnp.arange(TURNS_TAKEN) == 0)[0]
+    start = jax.lax.scan(next_windows, start, jnp.arange(TURNS_TAKEN) == 0)[0]
+    start = select_tree(slips_on & (start.begun.until > t), along_course(plane, t, start, slip), start)
+    return select_tree(turns_on & (start.rolling.until > t), plane.along_course(t, start, turn), start)

@@ -179,14 +179,13 @@ def begin_slip(plane: "BodyOnPlane", done: "Progress", tolerance: Float[Array, "
         return eqx.tree_at(lambda x: x.begun, state, select_tree(begins, Beginning.along(t + longest, sigma), none))
     slipping = windows.OnPlane(plane.moving(state), plane.coefficient)
     course, goes_on = follow_slip(plane, done, tolerance)
-    goes_on = windows.stays_slow(goes_on, slipping, t, state.released, course, longest)
-    state = select_tree(goes_on, along_course(plane, t, state, course), state)
     course = select_tree(goes_on, course, Course.of(sigma))
     begun = jax.lax.cond(
         begins | goes_on,
         lambda: windows.beginning(slipping, t, state.released, course, longest),
         lambda: none,
     )
+    state = select_tree(goes_on & (begun.until > t), along_course(plane, t, state, course), state)
     return eqx.tree_at(lambda x: x.begun, state, begun)
 
 

@@ -150,36 +150,14 @@ class Course(NamedTuple):
         return (self.speed > 0) & (jnp.abs(across(self.sigma, slip)) <= ERRORS_ASIDE * tolerance * size)
 
 
-def stays_slow(
-    goes_on: Bool[Array, ""], what: Pulled, t: Float[Array, ""], state: Any, course: Course, longest: Float[Array, ""]
-) -> Bool[Array, ""]:
-    """Returns whether a slip that ``goes_on`` is so slow that its direction returns too often in the ``longest``
-    window.
-    """
-    what, t, state, course, longest = without_derivatives((what, t, state, course, longest))
-
-    def returns_often() -> Bool[Array, ""]:
-        prepare = what.prepare(t, state)
-
-        def aside(tangent: Float[Array, ""]) -> Float[Array, ""]:
-            sigma = _turn(course.sigma, tangent)
-            return across(sigma, what.pull(t, state, prepare, sigma)[0])
-
-        # s φ̇ = a·n, of which this is the derivative by φ.
-        returns = -jax.jvp(aside, (jnp.zeros_like(t),), (jnp.ones_like(t),))[1]
-        return returns * longest >= STIFF * course.speed
-
-    return jax.lax.cond(goes_on, returns_often, lambda: jnp.asarray(False))
-
-
 def beginning(what: Pulled, t: Float[Array, ""], state: Any, course: Course, longest: Float[Array, ""]) -> Beginning:
     """Computes how a slip begins, or stays slow, from ``t`` on: in the ``longest`` window, or a shorter one in which a
-    polynomial can follow it. A slip that goes on and that none can follow has no window.
+    polynomial can follow it. A slip that goes on has no window if none can follow it, or if steps can.
     """
     start = _Start(what, t, state, course, _scheme(course))
     # The search has no derivatives, for which ``settle`` makes some more sweeps, only where they are asked for.
     still, highest = without_derivatives(start), start.scheme.highest
-    longest = jax.lax.stop_gradient(longest)
+    longest, goes_on = jax.lax.stop_gradient(longest), course.speed > 0
     begun = still.window(longest)
 
     def sweep(window: _Window) -> _Window:
@@ -188,6 +166,9 @@ def beginning(what: Pulled, t: Float[Array, ""], state: Any, course: Course, lon
         a, rate, change = still.accelerations(window, turned=True)
         sigmas, aside, along, x = still.integrate(window, a, rate)
         window = window._replace(x=x, inverse=still.newton(window, sigmas, along, change))
+        # s φ̇ = a·n, of which this is less the derivative by φ. A slip that is fast enough for steps has no window.
+        returns = jnp.sum(a[0] * sigmas[0]) - across(sigmas[0], change[0])
+        too_fast = returns * longest < STIFF * course.speed
         tangents, sweeps = window.turn(aside), window.sweeps + 1
         # The polynomial is judged after a full number of sweeps: before, all its coefficients still change. Where v_s
         # goes against σ, the sweeps have come to a direction in which no slip grows.
@@ -198,7 +179,8 @@ def beginning(what: Pulled, t: Float[Array, ""], state: Any, course: Course, lon
         # If the shortest window fails as well, its last polynomial is used all the same.
         again = done & ~converges & (sweeps < MOST_SWEEPS)
         shorter = begun._replace(span=SHORTER_WINDOW * window.span, sweeps=sweeps)
-        window = window._replace(tangents=tangents, sweeps=sweeps, found=done & converges)
+        last = jnp.where(goes_on & too_fast, MOST_SWEEPS, sweeps)
+        window = window._replace(tangents=tangents, sweeps=last, found=done & converges)
         return select_tree(again, shorter, window)
 
     window = jax.lax.while_loop(lambda window: ~window.found & (window.sweeps < MOST_SWEEPS), sweep, begun)
@@ -208,7 +190,7 @@ def beginning(what: Pulled, t: Float[Array, ""], state: Any, course: Course, lon
     tangents = ((tangents - first) / (1 + first * tangents)).at[0].set(0.0)
     bends = jnp.sum(start.scheme.powers * tangents[None], axis=1)[1:]
     begun = Beginning(t + window.span, window.span, _turn(course.sigma, first), bends)
-    return select_tree(window.found | (course.speed == 0), begun, Beginning.none(t))
+    return select_tree(window.found | ~goes_on, begun, Beginning.none(t))
 
 
 class _Window(NamedTuple):

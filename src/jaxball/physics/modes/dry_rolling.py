@@ -261,7 +261,7 @@ class DryRolling(AbstractTurning):
         if not self.body.planar:
             begun = select_tree(decides, after.rolling, Beginning.none(t))
             after = eqx.tree_at(lambda x: x.rolling, after, begun)
-            after = self._roll_on(t, before, after, accuracy.tolerance)
+            after = self._with_window(t, before, after, accuracy.tolerance)
         return Transition(
             t=t,
             before=before,
@@ -361,34 +361,26 @@ class DryRolling(AbstractTurning):
         )
         if self.body.planar or self.resistance.dry is None:
             return after
-        # At ω_h = 0 the direction cannot be computed from the rate: a ball needs a window in which it is known
-        # beforehand.
-        window = jax.lax.cond(
-            starts_to_roll,
-            lambda: self._window(t, after, Course.of(sigma)),
-            lambda: Beginning.none(t),
-        )
-        return eqx.tree_at(lambda x: x.rolling, after, window)
+        return eqx.tree_at(lambda x: x.rolling, after, select_tree(starts_to_roll, after.rolling, Beginning.none(t)))
 
-    def _window(self, t: Float[Array, ""], state: DryRollingState, course: Course) -> Beginning:
-        """Computes the direction of rolling that begins or stays slow, for as long as it is known in advance."""
-        return windows.beginning(_FromRest(self, state), t, state.body, course, self._longest_window(t))
-
-    def _longest_window(self, t: Float[Array, ""]) -> Float[Array, ""]:
-        return windows.longest_window(t, self.driving_kinks(), slips.unit_of_time(self.body))
-
-    def _roll_on(
+    def _with_window(
         self, t: Float[Array, ""], before: DryRollingState, state: DryRollingState, tolerance: Float[Array, ""]
     ) -> DryRollingState:
-        """Returns the state with a direction that is known in advance, if it rolls on too slowly for steps."""
+        """Returns the state with the direction of rolling that begins or stays slow, for as long as it is known."""
         if self.resistance.dry is None:
             return state
-        course, rolls_on = self.follow_rolling(t, before, state, tolerance)
-        what = _FromRest(self, state)
-        slow = windows.stays_slow(rolls_on, what, t, state.body, course, self._longest_window(t))
-        straight = self.along_course(t, state, course)
-        window = jax.lax.cond(slow, lambda: self._window(t, straight, course), lambda: state.rolling)
-        return select_tree(slow, eqx.tree_at(lambda x: x.rolling, straight, window), state)
+        longest = windows.longest_window(t, self.driving_kinks(), slips.unit_of_time(self.body))
+        # At ω_h = 0 the direction cannot be computed from the rate: ``decide`` says in which the ball begins to roll.
+        begins, (course, rolls_on) = state.rolling.until == t, self.follow_rolling(t, before, state, tolerance)
+        rolls_on &= ~begins
+        course = select_tree(rolls_on, course, Course.of(state.rolling.sigma))
+        begun = jax.lax.cond(
+            begins | rolls_on,
+            lambda: windows.beginning(_FromRest(self, state), t, state.body, course, longest),
+            lambda: Beginning.none(t),
+        )
+        state = select_tree(rolls_on & (begun.until > t), self.along_course(t, state, course), state)
+        return eqx.tree_at(lambda x: x.rolling, state, begun)
 
     # What a run shows.
 
