@@ -184,17 +184,22 @@ def beginning(what: Pulled, t: Float[Array, ""], state: Any, course: Course, lon
         return select_tree(again, shorter, window)
 
     window = jax.lax.while_loop(lambda window: ~window.found & (window.sweeps < MOST_SWEEPS), sweep, begun)
-    tangents = with_derivatives(window.tangents, _Start.settle, start, window)
-    # The first node has the direction of the polynomial there, from which the others are then reckoned.
-    first = jnp.sum(start.scheme.first * tangents)
-    tangents = ((tangents - first) / (1 + first * tangents)).at[0].set(0.0)
-    bends = jnp.sum(start.scheme.powers * tangents[None], axis=1)[1:]
-    begun = Beginning(t + window.span, window.span, _turn(course.sigma, first), bends)
-    return select_tree(window.found | ~goes_on, begun, Beginning.none(t))
+
+    def known() -> Beginning:
+        tangents = with_derivatives(window.tangents, _Start.settle, start, window)
+        # The first node has the direction of the polynomial there, from which the others are then reckoned.
+        first = jnp.sum(start.scheme.first * tangents)
+        tangents = ((tangents - first) / (1 + first * tangents)).at[0].set(0.0)
+        bends = jnp.sum(start.scheme.powers * tangents[None], axis=1)[1:]
+        return Beginning(t + window.span, window.span, _turn(course.sigma, first), bends)
+
+    # A polynomial that was not found has no derivatives worth the sweeps, nor finite ones.
+    return jax.lax.cond(window.found | ~goes_on, known, lambda: Beginning.none(t))
 
 
 class _Window(NamedTuple):
-    """A window of time in which a slip begins: tangents of the angles by which σ turns, and the states, at nodes.
+    """A window of time in which a slip begins or stays slow: at nodes, tangents of the angles by which σ turns, and the
+    states.
 
     ``inverse`` is that of the matrix of Newton's method for the directions.
     """
@@ -210,7 +215,7 @@ class _Window(NamedTuple):
         """Computes the tangents after a step of Newton's method: at each node but the first, σ is to be the direction
         of v_s.
         """
-        # At the first node the slip is zero, and σ is the given one. Far from the solution a step of Newton's method
+        # At the first node σ is the given one, or plays no part. Far from the solution a step of Newton's method
         # may lead anywhere, so it is limited.
         turns = solutions(self.inverse[None], aside[None, 1:])[0]
         return self.tangents.at[1:].add(-jnp.clip(turns, -1.0, 1.0))
