@@ -142,7 +142,7 @@ class Course(NamedTuple):
 
     @property
     def slip(self) -> Float[Array, "2"]:
-        """v_s."""
+        """The slip velocity v_s."""
         return self.speed * self.sigma
 
     def is_that_of(self, slip: Float[Array, "2"], size: Float[Array, ""], tolerance: Float[Array, ""]) -> Array:
