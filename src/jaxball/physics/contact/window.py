@@ -185,7 +185,7 @@ def beginning(what: Pulled, t: Float[Array, ""], state: Any, course: Course, lon
 
     window = jax.lax.while_loop(lambda window: ~window.found & (window.sweeps < MOST_SWEEPS), sweep, begun)
 
-    def known() -> Beginning:
+    def finish() -> Beginning:
         tangents = with_derivatives(window.tangents, _Start.settle, start, window)
         # The first node has the direction of the polynomial there, from which the others are then reckoned.
         first = jnp.sum(start.scheme.first * tangents)
@@ -194,7 +194,7 @@ def beginning(what: Pulled, t: Float[Array, ""], state: Any, course: Course, lon
         return Beginning(t + window.span, window.span, _turn(course.sigma, first), bends)
 
     # A polynomial that was not found has no derivatives worth the sweeps, nor finite ones.
-    return jax.lax.cond(window.found | ~goes_on, known, lambda: Beginning.none(t))
+    return jax.lax.cond(window.found | ~goes_on, finish, lambda: Beginning.none(t))
 
 
 class _Window(NamedTuple):
