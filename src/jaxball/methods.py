@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import xarray
 
     from .control.loop import ClosedLoop
-    from .plot.lagrangian import Picture
+    from .plot.pictures import Picture
     from .plot.view.page import View
     from .scenario.scenario import Scenario
     from .simulation.trajectory import Trajectory

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     import matplotlib.figure
     import xarray
 
-    from ..plot.lagrangian import Picture
+    from ..plot.pictures import Picture
     from ..plot.view.page import View
     from ..scenario import Scenario
     from ..sensors import AbstractSensor

@@ -307,18 +307,19 @@ class _Scheme(NamedTuple):
 
 def _scheme(course: Course) -> _Scheme:
     """Returns the nodes of Lobatto where a slip begins, and of Radau where it goes on."""
-    begins, goes_on = (_Scheme(*map(jnp.asarray, scheme)) for scheme in _schemes(course.sigma.dtype))
+    begins, goes_on = (_Scheme(*map(jnp.asarray, parts)) for parts in _schemes(course.sigma.dtype))
     return select_tree(course.speed == 0, begins, goes_on)
 
 
 @cache
-def _schemes(dtype: np.dtype) -> tuple[_Scheme, _Scheme]:
+def _schemes(dtype: np.dtype) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+    """Returns the numbers of both schemes."""
     legendre = np.polynomial.legendre
     inner = np.sort(np.real(legendre.Legendre.basis(DEGREE).deriv().roots()))
     # The polynomial P_n − P_{n−1} has the nodes of Radau, with 1 at the end.
     radau = np.sort(np.real(legendre.legroots(np.eye(DEGREE + 1)[DEGREE] - np.eye(DEGREE + 1)[DEGREE - 1])))
 
-    def scheme(x: np.ndarray, solved: int) -> _Scheme:
+    def scheme(x: np.ndarray, solved: int) -> tuple[np.ndarray, ...]:
         """Builds that of the nodes, from −1 to 1, of which those from ``solved`` on carry the polynomial."""
         nodes, used = (x + 1) / 2, x[solved:]
         coefficients = np.linalg.inv(legendre.legvander(used, used.size - 1))
@@ -332,7 +333,7 @@ def _schemes(dtype: np.dtype) -> tuple[_Scheme, _Scheme]:
         powers = np.linalg.inv(np.vander(nodes, increasing=True))
         first = legendre.legval(x[0], coefficients) if solved else np.eye(x.size)[0]
         parts = nodes, integrals, powers, of_all(coefficients[-1]), of_all(first)
-        return _Scheme(*(part.astype(dtype) for part in parts))
+        return tuple(part.astype(dtype) for part in parts)
 
     return scheme(np.concatenate([[-1.0], inner, [1.0]]), 0), scheme(np.concatenate([[-1.0], radau[:-1], [1.0]]), 1)
 

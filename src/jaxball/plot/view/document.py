@@ -66,8 +66,8 @@ from ...classical.state import OrientedState
 from ...interface.output import MOST_BODIES
 from ...physics.body import AbstractBody
 from ...simulation.trajectory import Trajectory
-from ..lagrangian import Picture
 from ..palette import ARROWS, COMPONENTS, MODES, TRAIL, mass_colour
+from ..pictures import Picture
 from ..style import COLOURS, ColourScale, describe, describe_units, dimensionless, norm_of
 from .drawn import picture_scene
 from .free import particle_scene, rigid_scene

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ...simulation.trajectory import Trajectory
-from ..lagrangian import COLOURS, Drawn, Picture, motion_panels, read_picture
 from ..palette import COMPONENTS
+from ..pictures import COLOURS, Drawn, Picture, motion_panels, read_picture
 from ..record import require_finite_rows
 from .scene import PAIR, Numbers, Scene, each, graph, law_changes, laws, make_body, of_masses, series
 
@@ -20,7 +20,7 @@ FROM_ABOVE = {"elevation": 20.0, "azimuth": -60.0}
 def picture_scene(trajectories: Sequence[Trajectory[Any, Any]], picture: Picture) -> Scene:
     """Builds the scene of systems with a Lagrangian, which a user's function draws.
 
-    **Raises:** ``TypeError`` and ``ValueError`` as :func:`~jaxball.plot.lagrangian.read_picture`.
+    **Raises:** ``TypeError`` and ``ValueError`` as :func:`~jaxball.plot.pictures.read_picture`.
     """
     everything = [read_picture(trajectory, picture) for trajectory in trajectories]
     planar = all(drawn.points.shape[1] == PAIR for drawn in everything)

@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from ...interface.arguments import require_flags
 from ...interface.output import MARK, check_view, replacing
-from ..lagrangian import Picture
+from ..pictures import Picture
 from ..style import ColourScale
 from .document import Runs, in_element, view_document
 from .scene import Discs
