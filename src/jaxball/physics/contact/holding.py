@@ -21,11 +21,12 @@ from ..dynamics.load import in_three
 from ..dynamics.rest import let_go, needs
 from ..dynamics.sticking import loosen, overloads, with_directions
 from ..forces.resistance import TurningMode
-from . import friction, slip as slips
+from . import friction, slip as slips, window as windows
 from .modes import Mode, SwitchCause
 from .released import ReleasedState, Response, rates, response, slip_velocity, with_rise, with_slip
-from .slip import Beginning, Heading
-from .transition import Progress
+from .slip import Heading
+from .transition import Progress, along_course, follow_slip
+from .window import Beginning, Course
 
 if TYPE_CHECKING:
     from .resting import RestingOnPlane, RestingState
@@ -65,7 +66,7 @@ class _Rolling(NamedTuple):
         given = self.plane.law_of_turning(self.mode._replace(sigma=in_three(sigma)))
         return self.contact.with_turning(given).interaction(self.mu, self.sigma)
 
-    def pull(self, sigma: Float[Array, "2"]) -> slips.Pull:
+    def pull(self, sigma: Float[Array, "2"], _: Float[Array, ""]) -> slips.Pull:
         """Computes how ω_h changes in a direction of rolling."""
         acting = self.act(sigma)
         return slips.Pull(acting.rate[:2], -jnp.sum(sigma * acting.torque[:2]), acting.normal)
@@ -84,7 +85,7 @@ def end_rolling(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array,
     rolling = plane.mode(t, state, unit(omega))
 
     def end(t: Float[Array, ""], where: Any) -> slips.End:
-        return slips.end(_Rolling.pull, _Rolling.of(plane, t, where, rolling), omega)
+        return slips.end(_Rolling.pull, slips.Around(_Rolling.of(plane, t, where, rolling)), omega)
 
     def brake(t: Float[Array, ""], where: Any, time: Float[Array, ""], share: float) -> Any:
         rate = -omega / jnp.where(time > 0, time, 1.0)
@@ -293,13 +294,13 @@ class _Turning(NamedTuple):
         return acting.rate[:2], rates(self.plane.body, state, prepare.contact.response, acting.amounts)
 
 
-def begin(plane: "RestingOnPlane", done: Progress) -> "RestingState":
-    """Returns the state with the directions of a slip and of rolling that begin, for as long as they are computed in
-    advance.
+def begin(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array, ""]) -> "RestingState":
+    """Returns the state with the directions of a slip and of rolling that begin or stay slow, for as long as they are
+    computed in advance.
     """
     t, state = done.t, done.state
     assert done.turns is not None
-    longest = slips.longest_window(t, plane.driving_kinks(), slips.unit_of_time(plane.body))
+    longest = windows.longest_window(t, plane.driving_kinks(), slips.unit_of_time(plane.body))
     begins, turns, none = done.begins & plane.slips_end, done.turns, Beginning.none(t)
     start: Any = state
     sigma, rolling = start.begun.sigma, start.rolling.sigma
@@ -307,26 +308,34 @@ def begin(plane: "RestingOnPlane", done: Progress) -> "RestingState":
         begun = select_tree(done.decides, select_tree(begins, Beginning.along(t + longest, sigma), none), start.begun)
         ever = Beginning.along(jnp.full_like(t, float(jnp.finfo(t.dtype).max)), rolling)
         return eqx.tree_at(lambda x: (x.begun, x.rolling), state, (begun, ever))
+    # What goes on, but so slowly that its direction has to be known beforehand as if it began.
+    slip, slips_on = follow_slip(plane, done, tolerance)
+    turn, turns_on = plane.follow_rolling(t, done.before, state, tolerance)
+    turns_on &= ~turns
+    slip, begins = select_tree(slips_on, slip, Course.of(sigma)), begins | slips_on
+    turn, turns = select_tree(turns_on, turn, Course.of(rolling)), turns | turns_on
 
-    def windows(start: Any, first: Bool[Array, ""]) -> tuple[Any, None]:
+    def next_windows(start: Any, first: Bool[Array, ""]) -> tuple[Any, None]:
         # One window alone is final after the first pass; only two that depend on each other are computed again.
-        needed = first | begins & turns
+        needed = first | begins & turns & (start.begun.until > t) & (start.rolling.until > t)
         begun = jax.lax.cond(
             needed & begins,
-            lambda: slips.beginning(_Slipping(plane, start), t, state.released, sigma, longest),
+            lambda: windows.beginning(_Slipping(plane, start), t, state.released, slip, longest),
             lambda: start.begun,
         )
         start = eqx.tree_at(lambda x: x.begun, start, begun)
         turning = jax.lax.cond(
             needed & turns,
-            lambda: slips.beginning(_Turning(plane, start), t, state.released, rolling, longest),
+            lambda: windows.beginning(_Turning(plane, start), t, state.released, turn, longest),
             lambda: start.rolling,
         )
         return eqx.tree_at(lambda x: x.rolling, start, turning), None
 
     # The first guess of a direction that is found in turn with the other: the one in which it begins.
-    ahead = Beginning.along(t + longest, sigma), Beginning.along(t + longest, rolling)
+    ahead = Beginning.along(t + longest, slip.sigma), Beginning.along(t + longest, turn.sigma)
     previous = select_tree(done.decides, none, start.begun), select_tree(done.decides, none, start.rolling)
     first = select_tree(begins, ahead[0], previous[0]), select_tree(turns, ahead[1], previous[1])
     start = eqx.tree_at(lambda x: (x.begun, x.rolling), start, first)
-    return jax.lax.scan(windows, start, jnp.arange(TURNS_TAKEN) == 0)[0]
+    start = jax.lax.scan(next_windows, start, jnp.arange(TURNS_TAKEN) == 0)[0]
+    start = select_tree(slips_on & (start.begun.until > t), along_course(plane, t, start, slip), start)
+    return select_tree(turns_on & (start.rolling.until > t), plane.along_course(t, start, turn), start)

@@ -166,7 +166,8 @@ class Response(NamedTuple):
     turning is known, ``turned``. The amounts of all these are v̇_s, and N or the torque.
 
     ``convected`` is V̇ without v̇_s and r ω̇ × n, space axes: that of the turntable, u̇, and on a surface what it is by
-    the ``footing``, which is None on a plane. ``rise`` is the rate of the height there.
+    the ``footing``, which is None on a plane. ``rise`` is the rate of the height there. ``own`` are the rates
+    of states of one's own.
     """
 
     rolling: Motion
@@ -177,6 +178,7 @@ class Response(NamedTuple):
     rise: Float[Array, ""] | None = None
     twisting: Motion | None = None
     turned: Turned | None = None
+    own: Float[Array, " own"] | None = None
 
     @property
     def axes(self) -> Float[Array, "3 3"] | None:
@@ -322,6 +324,7 @@ def response(
         footing=under,
         rise=None if under is None else slip_velocity(system, t, state)[2],
         twisting=twist(Lambda) if is_exact else None,
+        own=system.own_rates(t, body),
     )
 
 
@@ -349,7 +352,7 @@ def rates(
     """
     body, r = state.body, system.radius
     Omegadot, thetaddot = (body_response.part(name, amounts) for name in ("Omegadot", "thetaddot"))
-    moved = body.rates(r, Omegadot, (body.theta, body.thetadot, thetaddot))
+    moved = body.rates(r, Omegadot, (body.theta, body.thetadot, thetaddot), body_response.own)
     V = _turning(body, r, Omegadot, body_response) + in_space(body_response.axes, amounts[:3]) + body_response.convected
     rise = state.V[2] if body_response.rise is None else body_response.rise
     return ReleasedState(_place_centre(moved, state.V, body_response.footing), V, rise)

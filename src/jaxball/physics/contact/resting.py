@@ -28,16 +28,17 @@ from ..dynamics.load import Load
 from ..dynamics.rest import TurningLaw, candidates, needs
 from ..forces.resistance import TurningMode
 from ..grounds import Footing
-from ..hybrid import NONE, SLOW_ROLLING, START, Accuracy, Assessment, GuardedStep
+from ..hybrid import NONE, SLOW_ROLLING, START, WINDOW, Accuracy, Assessment, GuardedStep
 from ..state import PlacedState
 from . import friction, over_surface as over
 from .body_on_plane import BodyOnPlane, ContactHistory
 from .holding import Choice, Headings, begin, decide_held, end_rolling
 from .modes import ContactState, Mode, SwitchCause
 from .released import ReleasedState, Response, Turned, slip_velocity
-from .slip import Beginning, Heading
+from .slip import Heading
 from .transition import Progress, only_if
 from .turning import AbstractTurning
+from .window import Beginning
 
 TURNING_GUARD, SPINNING_GUARD = 3, 4  # after the three of a contact
 
@@ -230,7 +231,8 @@ class RestingOnPlane(AbstractTurning, BodyOnPlane):
         rolling = jnp.where(state.rolls == 0, int(SwitchCause.BREAKS_LOOSE), int(SwitchCause.ROLLING_ENDS))
         spinning = jnp.where(state.spin == 0, int(SwitchCause.BEGINS_TO_SPIN), int(SwitchCause.SPINNING_ENDS))
         cause = jnp.where(step.zero == SPINNING_GUARD, spinning, rolling)
-        otherwise = jnp.where((contact.event < 0) & nears, int(SwitchCause.ROLLING_ENDS), contact.event)
+        otherwise = jnp.where((contact.event == NONE) & step.timed & rolls, WINDOW, contact.event)
+        otherwise = jnp.where((contact.event < 0) & nears, int(SwitchCause.ROLLING_ENDS), otherwise)
         return Assessment(jnp.where(ends, cause, otherwise), longest)
 
     # How modes begin.
@@ -295,8 +297,8 @@ class RestingOnPlane(AbstractTurning, BodyOnPlane):
         turning = jnp.where(mode.rests, 0.0, 1.0).astype(dtype), spin, Beginning.along(t, mode.sigma[:2])
         return eqx.tree_at(lambda x: (x.rolls, x.spin, x.rolling), state, turning)
 
-    def begin(self, done: Progress) -> RestingState:
-        return begin(self, done)
+    def begin(self, done: Progress, tolerance: Float[Array, ""]) -> RestingState:
+        return begin(self, done, tolerance)
 
     def slows(self, event: Int[Array, ""]) -> Bool[Array, ""]:
         return super().slows(event) | (event == int(SwitchCause.ROLLING_ENDS)) & (not self.body.planar)
