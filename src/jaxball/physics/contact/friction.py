@@ -62,16 +62,13 @@ class SolvedContact(NamedTuple):
     @classmethod
     def of(cls, response: Response, slides: Bool[Array, ""], flies: Bool[Array, ""]) -> "SolvedContact":
         """Solves for the mode of a body that rolls, ``slides`` or ``flies``."""
-        loose = slides | flies
-        law = response.law(jnp.stack([loose, loose, flies]))
-        # In flight N is exactly 0, not nearly.
-        normal, lift = (jnp.where(flies, 0.0, x) for x in (law.rows.normal, law.rows.lift))
-        return cls(response, law._replace(rows=law.rows._replace(normal=normal, lift=lift)), slides)
+        return cls(response, _solve(response, slides, flies), slides)
 
     def with_turning(self, given: TurningLaw) -> "SolvedContact":
         """Returns the contact of a body that turns in another direction, where the same is held."""
         return self._replace(response=self.response.with_turning(given))
 
+    @jax.jit
     def interaction(self, mu: Float[Array, ""], direction: Float[Array, "2"]) -> Interaction:
         """Computes R, which is N (e3 − μσ) where the body slides in the ``direction`` σ with the coefficient ``mu``.
 
@@ -80,6 +77,15 @@ class SolvedContact(NamedTuple):
         along = jnp.where(self.slides, -mu * direction, 0.0)
         acting = self.law.act(self.response.push(jnp.append(along, 0.0)), self.slides)
         return Interaction(acting.amounts, acting.w, acting.pressing, acting.solvability)
+
+
+@jax.jit
+def _solve(response: Response, slides: Bool[Array, ""], flies: Bool[Array, ""]) -> Law:
+    loose = slides | flies
+    law = response.law(jnp.stack([loose, loose, flies]))
+    # In flight N is exactly 0, not nearly.
+    normal, lift = (jnp.where(flies, 0.0, x) for x in (law.rows.normal, law.rows.lift))
+    return law._replace(rows=law.rows._replace(normal=normal, lift=lift))
 
 
 def sliding_contact(response: Response) -> SolvedContact:

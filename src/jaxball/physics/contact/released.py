@@ -226,6 +226,8 @@ class Response(NamedTuple):
 
     def amounts(self, slip_acceleration: Float[Array, "3"], N: Float[Array, ""]) -> Float[Array, " amounts"]:
         """Computes the amounts where v̇_s and N are given."""
+        if self.turned is None:
+            return slip_acceleration if self.rubbing is None else jnp.append(slip_acceleration, N)
         law = self.law(jnp.zeros(3, bool))
         given = law._replace(value=law.value.at[:3].set(slip_acceleration))
         base, unit = given.amounts(self.push(jnp.zeros_like(slip_acceleration)))
@@ -233,6 +235,8 @@ class Response(NamedTuple):
 
     def jump(self, slip: Float[Array, "3"]) -> Float[Array, " amounts"]:
         """Computes the amounts of an impulse that changes the slip velocity, where nothing else acts."""
+        if self.turned is None:
+            return self.amounts(slip, jnp.zeros_like(slip[0]))
         law = self.law(jnp.zeros(3, bool))
         rows = law.rows._replace(rest=jnp.zeros_like(law.value))
         still = law._replace(rows=rows, value=jnp.zeros_like(law.value).at[:3].set(slip))
