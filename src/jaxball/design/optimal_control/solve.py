@@ -192,7 +192,7 @@ def sharpen(
 
 def _has_motor_limits(problem: AbstractControlProblem) -> bool:
     """Returns whether motors of a robot have limits."""
-    return isinstance(problem, Rolling) and MOTOR_LIMITS in problem.constraints
+    return MOTOR_LIMITS in getattr(problem, "constraints", {})
 
 
 def _lower_barrier(
