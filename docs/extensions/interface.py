@@ -30,6 +30,7 @@ CHAPTERS = {
             "simulation.arguments",
             "simulation.trajectory",
             "simulation.global_error",
+            "simulation.errors_of_results",
             "interface.status",
             "interface.warning",
             "programs.users_functions",

@@ -136,6 +136,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         turning_rail as turning_rail,
     )
     from .physics.observables import Observables as Observables, observe as observe
+    from .physics.own_states import OwnStates as OwnStates, odometer as odometer
     from .physics.prescribed.frames import (
         AbstractFrame as AbstractFrame,
         MatrixFrame as MatrixFrame,
@@ -204,6 +205,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
     )
     from .simulation.arguments import PrecisionError as PrecisionError
     from .simulation.equilibrium import Balance as Balance, balance as balance, with_angles as with_angles
+    from .simulation.errors_of_results import estimate_error_of as estimate_error_of
     from .simulation.events import (
         AbstractEvent as AbstractEvent,
         Detachment as Detachment,

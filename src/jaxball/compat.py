@@ -49,6 +49,7 @@ ClosedJaxpr, Jaxpr, Literal, Primitive = _core.ClosedJaxpr, _core.Jaxpr, _core.L
 Program = Any  # a jaxpr with its constants
 
 __all__ = [
+    "HAS_SETTINGS_OF_TRACES",
     "Literal",
     "Loop",
     "Primitive",
@@ -118,6 +119,9 @@ def unvmap_max(x: Any) -> Any:
 def settings() -> Mapping[str, Any]:
     """Returns JAX's settings by name, with their values at this point of the program."""
     return jax.config.values
+
+
+HAS_SETTINGS_OF_TRACES = hasattr(jax, "make_user_context")
 
 
 def setting_of_traces(default: Any) -> Any:

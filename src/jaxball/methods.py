@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import xarray
 
     from .control.loop import ClosedLoop
+    from .plot.pictures import Picture
     from .plot.view.page import View
     from .scenario.scenario import Scenario
     from .simulation.trajectory import Trajectory
@@ -59,12 +60,14 @@ def view(
     *,
     title: str | None = None,
     friction: float | None = None,
+    picture: "Picture | None" = None,
     all_times: bool = False,
 ) -> "View":
     from . import plot
 
     default_title = "" if run.scenario is None else run.scenario.title
-    page = plot.View.of(run, default_title if title is None else title, friction=friction, all_times=all_times)
+    shown = {"friction": friction, "picture": picture, "all_times": all_times}
+    page = plot.View.of(run, default_title if title is None else title, **shown)
     if path is not None:
         page.save(path)
     return page

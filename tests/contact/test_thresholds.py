@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import jaxball
 from jaxball import Contact, Mode, ReleasedState, SwitchCause
@@ -246,34 +247,103 @@ def test_a_push_lifts_the_body_at_its_start(name):
     assert float(jaxball.jit(derivative)(start)) == pytest.approx(-(0.5 * rise - G * later), rel=1e-9)
 
 
-def on_turntable(share, solver=None, max_steps=1000):
+def on_turntable(share, times=(0.0, 0.1, 1.0), solver=None, max_steps=1000):
     """A ball that sets out at 0.5 on a table that turns at 1, with a share of the friction that its circle needs: it
     would go round at 2/7 of the table's rate, held by 2/7 of W v on each unit of its mass.
     """
     table = jaxball.Ground(turntable=jaxball.Turntable(jaxball.ConstantRate(0.0, rate=1.0)))
     ball = jaxball.Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=table)
     law, start = Contact(friction=share / 7), jaxball.BallState(Omega=(0.0, 0.5, 0.0))
-    return jaxball.simulate(ball, [0.0, 0.1, 1.0], start, contact=law, solver=solver, max_steps=max_steps)
+    return jaxball.simulate(ball, times, start, contact=law, solver=solver, max_steps=max_steps)
+
+
+def slips_on_turntable(share, times):
+    """The places and the slip velocities of that ball, by SciPy: v̇ = −μ g σ and v̇_s = −7/2 μ g σ − W e3 × v.
+
+    It sets out a little after the slip has begun, where that grows along −e3 × v.
+    """
+    mu, begun = share / 7, 1e-8
+
+    def turn(v):
+        return np.array([-v[1], v[0]])
+
+    def rates(t, x):
+        friction = -mu * x[4:] / np.linalg.norm(x[4:])
+        return np.concatenate([x[2:4], friction, 3.5 * friction - turn(x[2:4])])
+
+    start = [0.5 * begun, 0.0, 0.5, mu * begun, 0.0, -(0.5 - 3.5 * mu) * begun]
+    limits = {"rtol": 1e-9, "atol": 1e-18, "first_step": 0.1 * begun}
+    with np.errstate(over="ignore"):
+        motion = solve_ivp(rates, (begun, times[-1]), start, method="Radau", t_eval=times[1:], **limits)
+    return motion.y[:2].T, motion.y[4:].T
+
+
+FEW_STEPS = 60  # a window takes one or two; steps fitted to the direction would be 3,000,000 at 1e-6
 
 
 @pytest.mark.thorough
-def test_a_slip_close_to_its_threshold_says_what_is_slow_and_what_helps():
-    """The advice holds: the solver that it names ends the run. At first its slip is what is missing of the friction,
-    7/2 · 1e-6 · g μ t, relative to which the table turns it on by a square of t.
-    """
+def test_a_slip_just_beyond_its_threshold_is_followed_in_few_steps():
+    times = np.array([0.0, 0.1, 0.5, 1.0])
+    for beside in (1e-2, 1e-4, 1e-6):
+        run, (places, slips) = on_turntable(1 - beside, times), slips_on_turntable(1 - beside, times)
+        assert run.ok
+        assert int(run.steps) < FEW_STEPS
+        assert np.all(np.asarray(run.contact.mode) == Mode.SLIDING)
+        np.testing.assert_allclose(run.state.z[1:], places, atol=1e-8)  # the model's own error, at 1e-9
+        np.testing.assert_allclose(np.asarray(run.contact.slip)[1:, :2], slips, rtol=1e-5, atol=1e-7 * beside)
+    # Beyond what SciPy's steps resolve, the slip is to the first order what is missing of the friction, times t.
+    run = on_turntable(1 - 1e-9, times)
+    assert run.ok
+    assert int(run.steps) < FEW_STEPS
+    assert np.linalg.norm(run.contact.slip[1]) == pytest.approx(0.5e-9 * 0.1, rel=1e-2)
+
+
+def against_resistance(dry, law, **others):
+    """A solid ball at rest on a slope of 0.3 with exact dry resistance."""
+    resisted = jaxball.Resistance(dry=dry, exact=True)
+    ball = jaxball.Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=jaxball.Ground(0.3), resistance=resisted)
+    return jaxball.simulate(ball, [0.0, 1.0], contact=law, **others)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("law", [None, Contact(friction=0.8)])
+def test_rolling_just_beyond_its_threshold_is_followed_in_few_steps(law):
+    """The ball goes (5/14) (sin α − c cos α) t²: where that is next to nothing, its direction is stiff."""
+    for beside in (1e-1, 1e-3, 1e-6, 1e-9):
+        run = against_resistance(np.tan(0.3) * (1 - beside), law)
+        assert run.ok
+        assert int(run.steps) < FEW_STEPS
+        # The threshold itself is rounded, relative to what is left of it.
+        assert float(run.state.z[-1, 0]) == pytest.approx(5 / 14 * np.sin(0.3) * beside, rel=1e-12 + 1e-15 / beside)
+        assert abs(float(run.state.z[-1, 1])) < 1e-12
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("law", [None, Contact(friction=0.8)])
+def test_derivatives_just_beyond_the_threshold_of_rolling(law):
+    """By the coefficient, −(5/14) cos α t², through all windows."""
+
+    def end(dry):
+        return against_resistance(dry, law, adjoint=diffrax.ForwardMode()).state.z[-1, 0]
+
+    derivative = jaxball.jit(jax.jacfwd(end))(np.tan(0.3) * (1 - 1e-6))
+    assert float(derivative) == pytest.approx(-5 / 14 * np.cos(0.3), rel=1e-8)
+
+
+@pytest.mark.thorough
+def test_a_slow_slip_without_steps_left_says_what_is_slow_and_what_helps():
+    """The advice holds: the solver that it names ends the run."""
     share = 1 - 1e-6
-    run = on_turntable(share)
+    run = on_turntable(share, max_steps=4)
     assert run.status == jaxball.Status.MAX_STEPS
     assert "The body slides, at 5e-08 at the last saved time" in run.message
     assert "RadauIIA(3) of jaxball.solvers" in run.message
-    followed = on_turntable(share, jaxball.solvers.RadauIIA(3))
+    followed = on_turntable(share, solver=jaxball.solvers.RadauIIA(3))
     assert followed.status == jaxball.Status.SUCCESS
     assert followed.contact.mode[-1] == Mode.SLIDING
     assert np.linalg.norm(followed.contact.slip[1]) == pytest.approx(3.5 * 1e-6 * share / 7 * 0.1, rel=1e-2)
     assert "RadauIIA" not in followed.message
-    resisted = jaxball.Resistance(dry=np.tan(0.3) * (1 - 1e-6), exact=True)
-    ball = jaxball.Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=jaxball.Ground(0.3), resistance=resisted)
     for law in (None, Contact(friction=0.8)):
-        run = jaxball.simulate(ball, [0.0, 1.0], contact=law, max_steps=500)
+        run = against_resistance(np.tan(0.3) * (1 - 1e-6), law, max_steps=4)
         assert run.status == jaxball.Status.MAX_STEPS
         assert "Slow rolling is stiff" in run.message

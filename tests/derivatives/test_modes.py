@@ -156,7 +156,6 @@ def test_events_have_second_derivatives(outer, inner):
     np.testing.assert_allclose(jax.jit(outer(inner(time_of_crossing)))(W), expected, rtol=1e-8)
 
 
-@pytest.mark.xfail(strict=True, reason="JAX fails at the shapes of a search before the sentence is reached")
 @pytest.mark.long
 def test_events_have_no_third_derivatives():
     with pytest.raises(TypeError, match=r"There are no third derivatives of times and states of events\. Second"):

@@ -106,10 +106,10 @@ def known(monkeypatch):
     """Which keys readers take for known, by the path of a table."""
     found, refuse = {}, table.refuse_unknown
 
-    def noted(values, path, known):
+    def noted(values, path, known, *elsewhere):
         known = set(known)
         found.setdefault(_plain(path), set()).update(known)
-        refuse(values, path, known)
+        refuse(values, path, known, *elsewhere)
 
     monkeypatch.setattr(table, "refuse_unknown", noted)
     monkeypatch.setattr("jaxball.scenario.files.check_confinement", lambda system, times, state: None)

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxball.numerics.pieces import Span
 from jaxball.simulation.mode_ends import RootBracket, bracket_zero, look_at
-from jaxball.solvers.dense.pieces import Span
 
 DENSE = np.linspace(0.0, 1.0, 20_001)[1:]
 CLOSE = 1e-9  # of the time: ten times what the search allows, relative to the step

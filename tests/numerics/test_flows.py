@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.numerics.calculus import with_second_derivatives
+from jaxball.numerics.calculus import with_derivatives, with_second_derivatives
 from jaxball.numerics.directions import diverging
-from jaxball.numerics.flows import move_to_zero, rates_along
+from jaxball.numerics.flows import move_to_peak, move_to_zero, rates_along
 
 HESSIANS = {"forward over forward": lambda f: jax.jacfwd(jax.jacfwd(f)), "forward over reverse": jax.hessian}
 
@@ -53,6 +53,44 @@ def test_a_zero_along_a_flow_has_second_derivatives(twice):
     assert turns == 3
     np.testing.assert_allclose(place, expected, rtol=1e-15)
     np.testing.assert_allclose(twice(lambda p: at_zero(p)[0])(p), twice(by_newton)(p), rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("twice", list(HESSIANS.values()), ids=list(HESSIANS))
+def test_a_peak_along_a_flow_has_second_derivatives(twice):
+    """x is at most √(x² + v²/ω²), where v = 0; where a step ends before, it is largest there, and stays."""
+
+    def largest(p, length):
+        x, v, omega = p
+        state, zero = (x, v, jnp.asarray(3)), jnp.zeros_like(x)
+        return move_to_peak(oscillator(omega), lambda t, state: state[0], zero, state, jnp.asarray(length))[1][0]
+
+    p, others = jnp.array([0.8, 0.0, 1.3]), jnp.array([0.8, 0.5, 1.3])
+    # The second derivatives by v and by v and ω are 1/(x ω²) and 0: at v = 0 the root is smooth.
+    expected = twice(lambda p: jnp.sqrt(p[0] ** 2 + (p[1] / p[2]) ** 2))(p)
+    np.testing.assert_allclose(twice(lambda p: largest(p, 1.0))(p), expected, rtol=0, atol=1e-13)
+    for place, length in ((p, 0.0), (others, 1.0)):
+        np.testing.assert_array_equal(twice(lambda p, length=length: largest(p, length))(place), np.zeros((3, 3)))
+
+
+def test_derivatives_have_rows_where_a_value_has_none():
+    """Of the value 1, which is that of sin a / sin a₀ at a₀: cot a by a, and −1 twice."""
+
+    @jax.jit
+    def part(a):
+        def whole(a):
+            return jnp.sin(a) / jax.lax.stop_gradient(jnp.sin(a))
+
+        return with_second_derivatives(with_derivatives(jnp.ones(()), whole, a), "a test", whole, a)
+
+    def along(function):
+        return lambda rows: jax.jvp(function, (rows,), (jnp.ones_like(rows),))[1]
+
+    rows = jnp.array([0.1, 0.2, 0.3])
+    first = along(jax.vmap(part))
+    np.testing.assert_allclose(first(rows), 1 / jnp.tan(rows), rtol=1e-15)
+    np.testing.assert_allclose(along(first)(rows), -np.ones(3), rtol=1e-15)
+    with pytest.raises(TypeError, match=r"There are no third derivatives of a test\. Second derivatives exist of"):
+        along(along(first))(rows)
 
 
 def test_first_and_second_derivatives_may_come_from_different_functions():

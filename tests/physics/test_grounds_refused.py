@@ -15,11 +15,13 @@ from jaxball import (
     ParametricSurface,
     SphereOutside,
     Status,
+    TiltingPlane,
     Turn,
     plot,
     problems,
     simulate,
 )
+from jaxball.physics.grounds.surface import AbstractSurface
 
 SHELL = {"mass": 1.0, "inertia": (0.4, 0.4, 0.4)}
 
@@ -36,8 +38,16 @@ def test_fit_of_a_ball():
     gauss, mean = -0.06 / slope**2, (0.3 * (1 + 0.2**2 * 0.4**2) - 0.2 * (1 + 0.3**2 * 0.7**2)) / (2 * slope**1.5)
     saddle = mean + jnp.sqrt(mean**2 - gauss)
     curvatures = [(Bowl(3.0), 1 / 3), (SphereOutside(3.0), -1 / 3), (Cylinder(2.0), 1 / 2), (across, 0.0)]
+    curvatures.append((TiltingPlane(about_e1=ConstantRate(0.3, 0.2)), 0.0))
     for ground, kappa in [*curvatures, (Paraboloid((0.3, -0.2)), saddle)]:
         assert jnp.abs(ground.fit(t, r, u) - (1 - r * kappa)) < 1e-9, ground
+
+
+@pytest.mark.parametrize("ground", [Bowl(3.0), SphereOutside(3.0), TiltingPlane(about_e2=ConstantRate(0.3, 0.2))])
+@pytest.mark.parametrize("u", [[0.7, -0.4], 0.7], ids=["ball", "disk"])
+def test_fit_in_closed_form_is_that_of_the_derivatives_of_the_ground(ground, u):
+    t, r, u = jnp.array(0.6), jnp.array(0.5), jnp.array(u)
+    assert jnp.abs(ground.fit(t, r, u) - AbstractSurface.fit(ground, t, r, u)) < 1e-14  # some roundings of numbers of 1
 
 
 @pytest.mark.thorough

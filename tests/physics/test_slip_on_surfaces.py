@@ -23,7 +23,7 @@ from jaxball import (
 from jaxball.physics.contact.body_on_plane import BodyOnPlane
 from jaxball.physics.contact.modes import ContactState
 from jaxball.physics.contact.released import release, with_rise
-from jaxball.physics.contact.slip import Beginning
+from jaxball.physics.contact.window import Beginning
 from tests.physics.test_grounds import SHAPES, hills, loaded, moved, moving_frame, sphere, states, swelling
 from tests.support.on_surfaces import released_residuals
 

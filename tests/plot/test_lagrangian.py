@@ -7,6 +7,7 @@ from PIL import Image
 import jaxball
 from jaxball import plot
 from jaxball.classical import ChaplyginSleigh, LagrangianState
+from tests.support.pages import arrays_of
 
 TIMES = np.linspace(0.0, 2.0, 9)
 
@@ -53,6 +54,29 @@ def test_a_picture_shows_what_the_function_draws(sleigh, tmp_path):
         assert film.n_frames == 5
 
 
+def test_a_view_has_what_the_function_draws(sleigh):
+    """A picture of a plane stands upright: its second axis is the third of the page."""
+    document = sleigh.view(picture=blade).document
+    body, arrays = document["bodies"][0], arrays_of(document)
+    for k, t in enumerate(TIMES):
+        for name, points in zip(("line_0", "line_1"), blade(t, np.asarray(sleigh.state.q)[k]), strict=True):
+            np.testing.assert_allclose(arrays[name][k], np.insert(points, 1, 0.0, axis=1), atol=1e-6)
+    assert body["body"] == "drawn"
+    low, high = np.min(document["corners"], axis=0), np.max(document["corners"], axis=0)
+    drawn = np.concatenate([arrays["line_0"].reshape(-1, 3), arrays["line_1"].reshape(-1, 3)])
+    np.testing.assert_allclose([low, high], [drawn.min(axis=0), drawn.max(axis=0)], atol=1e-6)
+    np.testing.assert_allclose(arrays["q"], np.asarray(sleigh.state.q), atol=1e-6)
+    titles = [graph["title"] for graph in document["plots"]]
+    assert titles == [
+        "Positions",
+        "Angles",
+        "Rates",
+        "Angular rates",
+        "Constraint forces",
+        "Laws, change since the start",
+    ]
+
+
 @pytest.mark.thorough
 def test_a_picture_may_be_in_space(sleigh):
     figure = plot.snapshot(sleigh, picture=lambda t, q: [np.column_stack([line, line[:, :1]]) for line in blade(t, q)])
@@ -72,3 +96,9 @@ def test_what_is_no_picture_is_told(sleigh):
     ball = jaxball.simulate(jaxball.Disk(mass=1.0, inertia=0.5), [0.0, 1.0], jaxball.DiskState(phidot=-1.0))
     with pytest.raises(ValueError, match="must be of a system with a Lagrangian, but it is of a Disk"):
         plot.snapshot(ball, picture=blade)
+    with pytest.raises(ValueError, match=r"Argument `picture` must be left out for a body that rolls"):
+        ball.view(picture=blade)
+    with pytest.raises(ValueError, match=r"Argument `picture` must be given for a system with a Lagrangian: a func"):
+        sleigh.view()
+    with pytest.raises(ValueError, match=r"2 as at t = 0, but at t = 1.25 it has 1"):
+        sleigh.view(picture=lambda t, q: blade(t, q)[: 1 if t > 1 else 2])

@@ -6,7 +6,14 @@ from selenium.webdriver.common.by import By
 
 import jaxball
 from jaxball import plot
-from jaxball.classical import HeavyTop, NonholonomicParticle, ParticleState, RigidBodyState
+from jaxball.classical import (
+    ChaplyginSleigh,
+    HeavyTop,
+    LagrangianState,
+    NonholonomicParticle,
+    ParticleState,
+    RigidBodyState,
+)
 from tests.plot.test_view_browser import (  # noqa: F401 (skips without a browser)
     browser as browser,  # the fixture
     choose,
@@ -95,6 +102,18 @@ def test_a_particle_is_where_its_state_is(browser, particle_run, tmp_path):
     for k in (0, 17, 40):
         go_to(browser, float(TIMES[k]))
         np.testing.assert_allclose(pose(browser)["centre"], [state.x[k], state.y[k], state.z[k]], atol=1e-6)
+    check_scene(browser)
+
+
+@pytest.mark.long
+def test_a_picture_by_a_function_is_drawn(browser, tmp_path):
+    start = LagrangianState([0.0, 0.0, 0.2], [np.cos(0.2), np.sin(0.2), 1.0])
+    sleigh = jaxball.simulate(ChaplyginSleigh(inertia=0.4, ahead=0.5), TIMES, start)
+
+    def blade(t, q):
+        return [np.stack([q[:2], q[:2] + np.stack([np.cos(q[2]), np.sin(q[2])])]), q[:2][None]]
+
+    browser.get(sleigh.view(picture=blade).save(tmp_path / "sleigh.html").as_uri())
     check_scene(browser)
 
 

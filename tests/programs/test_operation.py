@@ -311,6 +311,20 @@ def test_within_a_users_program_it_is_part_of_that():
     np.testing.assert_allclose(jaxball.jit(jax.grad(total))(XS), wanted, rtol=1e-12)
 
 
+@pytest.mark.parametrize("steered", [False, True])
+def test_within_another_program_only_what_is_steered_is_an_operation(steered):
+    """So that the steps of its derivatives are those of the same call elsewhere."""
+    inner, seen = programs.jit(plain, steered=steered), []
+
+    def around(x):
+        seen.append(is_one_operation(inner, x, Y, COUNT))
+        return inner(x, Y, COUNT)["sum"]
+
+    wanted = jax.grad(lambda x: plain(x, Y, COUNT)["sum"])(X)
+    np.testing.assert_allclose(programs.jit(jax.grad(around))(X), wanted, rtol=1e-12)
+    assert set(seen) == {steered}
+
+
 def in_new_process(code, *flags, **environment):
     command = [sys.executable, "-c", textwrap.dedent(code), *flags]
     done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, **environment}, check=False)

@@ -31,6 +31,15 @@ from jaxball import design
 def drag(t, motion, parameters):
     return -parameters["c"] * jnp.sqrt(jnp.sum(motion.velocity**2)) * motion.velocity
 
+def lag(t, state, parameters):
+    return (1.0 - state.own) / parameters["tau"]
+
+def scalar(t, state, parameters):
+    return t
+
+def pushed(t, motion):
+    return motion.own[0] * jnp.array([1.0, 0.0, 0.0])
+
 def of_two(t, motion, parameters):
     return motion.velocity[:2]
 
@@ -91,6 +100,54 @@ def test_a_force_of_a_function_of_a_file(module):
         np.testing.assert_allclose(run.state.Omega[:, 1], expected, rtol=0, atol=1e-9)
     saved = jaxball.load_run(scenario.simulate().save(module / "run.npz"))
     assert saved.system.force.function is scenario.system.force.function
+
+
+COUNTED = """
+format = 1
+kind = "ball"
+body = { mass = 1.3, radius = 0.9, inertia = [0.6, 0.6, 0.6], gravity = 2.0 }
+initial = { own = [0.25] }
+time = { start = 0.0, end = 3.0, saves = 4 }
+
+[own_states]
+names = ["push"]
+function = "my_forces:lag"
+parameters = { tau = 0.5 }
+
+[force]
+function = "my_forces:pushed"
+"""
+
+
+@pytest.mark.thorough
+def test_own_states_of_a_function_of_a_file(module):
+    """x = 1 + (x0 − 1) exp(−t/τ) is the force; a saved run has its file, and its system."""
+    scenario = read_scenario(COUNTED)
+    for each in (scenario, read_scenario(write_scenario(scenario))):
+        run, t = each.simulate(), each.times
+        np.testing.assert_allclose(run.state.own[:, 0], 1 - 0.75 * np.exp(-t / 0.5), rtol=0, atol=1e-9)
+        impulse = t - 0.75 * 0.5 * (1 - np.exp(-t / 0.5))
+        np.testing.assert_allclose(run.state.Omega[:, 1], 0.9 * impulse / (0.6 + 1.3 * 0.9**2), rtol=0, atol=1e-9)
+    again = jaxball.load_run(run.save(module / "run.nc"))
+    np.testing.assert_array_equal(again.state.own, run.state.own)
+    assert again.system.own_states.function is scenario.system.own_states.function
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("[0.25]", "[0.25, 1.0]", r"Key `initial\.own` must be a list of 1 number, those of `own_states.names`, but"),
+        ('["push"]', '["push", "push"]', r"Key `own_states\.names` must be a list of names, each of them once, but"),
+        ('["push"]', '["push", "pull"]', r"Key `initial\.own` must be a list of 2 numbers"),
+        ("my_forces:lag", "my_forces:number", "cannot: it is not a function"),
+        ("my_forces:lag", "my_forces:pushed", r"Key `own_states\.function` must be a function of \(t, state, param"),
+        ("my_forces:lag", "my_forces:scalar", r"Key `own_states\.function` must give an array of shape \(1,\), but"),
+        ("{ tau = 0.5 }", "{ d = 0.7 }", r"Key `own_states\.function` must name a function .* raises KeyError: 'tau'"),
+    ],
+)
+def test_what_is_wrong_with_own_states_of_a_file_is_named(module, old, new, words):
+    with pytest.raises(ScenarioError, match=words):
+        read_scenario(COUNTED.replace(old, new))
 
 
 def following(t, motion, parameters):

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.optimize
 
 import jaxball
 from jaxball import Ball, BallState, Disk, PointMass, Status, problems, simulate
@@ -125,6 +126,84 @@ def test_a_mass_that_leaves_the_shell_does_so_at_its_time(motion, when, furthest
     np.testing.assert_allclose(unbounded.state.z, run.state.z, rtol=0, atol=1e-13)
     # It is the mass that counts on an open rail, and it is inside for as long as that.
     assert simulate(body, TIMES[when > TIMES]).ok
+
+
+def near_the_shell(t, parameters):
+    """Circles at 0.9 ± 0.08 from the centre, and goes out for a moment: a bell at ``at`` of width w and a height."""
+    at, width, height = parameters
+    r = 0.9 + 0.08 * jnp.sin(3 * t) + height * jnp.exp(-(((t - at) / width) ** 2))
+    return jnp.stack([r * jnp.cos(t), jnp.zeros_like(t), r * jnp.sin(t)])
+
+
+@pytest.mark.thorough
+def test_a_short_excursion_is_found_wherever_it_is():
+    """Of 1/1000 of the run, beyond the shell by 0.001, so that hardly a tenth of that is outside."""
+    width, times = 1e-2, np.linspace(0.0, 10.0, 3)
+
+    @jax.jit
+    def end_of(parameters):
+        run = simulate(ball(jaxball.Free(near_the_shell, parameters)), times)
+        return run.reached, run.status
+
+    def distance(t, at, height):
+        return 0.9 + 0.08 * np.sin(3 * t) + height * np.exp(-(((t - at) / width) ** 2)) - 1
+
+    for at in np.random.default_rng(0).uniform(1.0, 9.0, 40):
+        height = 0.101 - 0.08 * np.sin(3 * at)
+        reached, status = end_of((at, width, height))
+        assert int(status) == Status.LEFT_SHELL, at
+        wanted = scipy.optimize.brentq(distance, at - 5 * width, at, args=(at, height), xtol=1e-14)
+        np.testing.assert_allclose(reached, wanted, rtol=0, atol=1e-12)
+        # As far as 0.001 within the shell is no alarm.
+        assert int(end_of((at, width, height - 0.002))[1]) == Status.SUCCESS, at
+
+
+@pytest.mark.thorough
+def test_an_excursion_between_kinks_is_found_however_short_it_is():
+    """A tube along which θ = 1/2, but for 4e-4 of the run: there it rises by a s² = 0.6 with θ̈ = a, −a, −a, a.
+
+    With θ̈ = −a from s on, θ = 0.8 + 0.6 v − 0.3 v² at the time s (1 + v), and 1 at v = 1 − 1/√3.
+    """
+    short, start = 1e-3, 5.0
+    acceleration = 0.6 / short**2
+    path = jaxball.PiecewiseAcceleration(
+        0.5, start + short * np.array([0.0, 1.0, 3.0, 4.0]), [[acceleration], [-acceleration], [acceleration]]
+    )
+    body = ball(jaxball.OnRail(jaxball.Tube((1.0, 0.0, 0.0)), path))
+    times = np.linspace(0.0, 10.0, 3)
+    run = simulate(body, times)
+    assert run.status == Status.LEFT_SHELL
+    np.testing.assert_allclose(run.reached, start + short * (2 - 1 / np.sqrt(3)), rtol=0, atol=1e-12)
+    assert "the mass leaves it at t = 5.00142, and is 1." in run.message
+    assert problems(body, BallState(), times)[0] in run.message
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("height", [2e-8, 1e-9])
+def test_a_short_way_aside_from_the_plane_of_a_disk_is_seen(height):
+    def aside(t, at):
+        return jnp.stack([jnp.full_like(t, 0.2), height * jnp.exp(-(((t - at) / 1e-2) ** 2)), jnp.zeros_like(t)])
+
+    # The plane is as thick as the root of a rounding, 1.5e-8.
+    wanted = Status.IMPOSSIBLE if height > 1.5e-8 else Status.SUCCESS
+    for at in (2.3456, 7.6543):
+        assert simulate(disk(jaxball.Free(aside, jnp.asarray(at))), np.linspace(0.0, 10.0, 3)).status == wanted
+
+
+@pytest.mark.thorough
+def test_a_mechanism_with_a_prescribed_joint_leaves_between_all_times():
+    """A slider that moves a mass at 0.9 by 0.15 for 1/1000 of the run: out from the time w √(ln 1.5) before that on."""
+
+    def reach_out(t, at):
+        return 0.15 * jnp.exp(-(((t - at) / 1e-2) ** 2))
+
+    for at in (3.3333, 7.0123):
+        slider = jaxball.Slider((0.0, 0.0, 1.0), drive=jaxball.FunctionSchedule(reach_out, jnp.asarray(at)))
+        arm = jaxball.Mechanism([slider], [jaxball.CarriedMass(0.1, (0.0, 0.0, 0.9))])
+        run = simulate(Ball(**SHELL, mechanisms=[arm]), np.linspace(0.0, 10.0, 3))
+        assert run.status == Status.LEFT_SHELL
+        np.testing.assert_allclose(run.reached, at - 1e-2 * np.sqrt(np.log(1.5)), rtol=0, atol=1e-12)
+        assert "`mechanisms[0]` must keep its masses inside the shell" in run.message
 
 
 @pytest.mark.thorough

@@ -41,6 +41,12 @@ frequency = [1.5]
 phase = [0.1]
 powers = [[0.0, 0.01, 0.0], [0.001, 0.0, 0.0]]
 
+[own_states]
+names = ["turned", "rolled"]
+function = "jaxball:odometer"
+parameters = [0.0, 0.0, 1.0]
+kink_times = [0.5]
+
 [[masses]]
 mass = 0.5
 rail = { kind = "circle", radius = 0.9, centre = [0.1, 0.0, 0.0], frame = { azimuth = 0.8, elevation = 0.3 } }
@@ -127,6 +133,7 @@ velocity = [0.1, 0.0, 0.2]
 height = 0.1
 theta = [0.4, 0.1, 0.2]
 thetadot = [0.0, 0.0, 0.1]
+own = [0.0, 1.0]
 
 [time]
 start = 0.0

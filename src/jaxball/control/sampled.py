@@ -117,8 +117,7 @@ class SampledSystem(Printed):
     @property
     def directions(self) -> tuple[str, ...]:
         """The names of the local coordinates of a state."""
-        none = jnp.zeros(len(self.system.coordinates), default_dtype())
-        return self.system.state_type(theta=none, thetadot=none).directions
+        return self.system.upright_state().directions
 
     def hold(self, u: Float[Array, " m"]) -> System:
         """Returns the body while its inputs are ``u``."""

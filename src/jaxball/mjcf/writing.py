@@ -165,6 +165,11 @@ def _check(system: System) -> None:
         raise MJCFError(
             "Key `force` must be left out to be written as MJCF, which has no forces that are given in time."
         )
+    if system.own_states is not None:
+        raise MJCFError(
+            "Key `own_states` must be left out to be written as MJCF, which has no states that are functions of a "
+            "user's own."
+        )
     resistance = system.resistance
     if resistance is None:
         return

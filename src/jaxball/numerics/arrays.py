@@ -11,6 +11,7 @@ from typing_extensions import TypeAliasType
 
 from ..compat import is_traced as is_traced
 from ..interface.arguments import refusal
+from ..interface.printing import is_array
 
 T = TypeVar("T")
 AnyArray = Array | np.ndarray
@@ -100,6 +101,11 @@ def select_tree(condition: Bool[Array, "..."], first: T, second: T) -> T:
     return jax.tree.map(of_each, first, second)
 
 
+def arrays_of(module: Any) -> dict[str, Any]:
+    """Returns the fields of a module that are arrays, by name: of a state all those that it has."""
+    return {name: value for name, value in vars(module).items() if is_array(value)}
+
+
 def a_number() -> jax.ShapeDtypeStruct:
     """Returns an abstract number of the default floating type, for tracing a function."""
     return jax.ShapeDtypeStruct((), default_dtype())
@@ -146,9 +152,9 @@ def numbers(name: str, shape: tuple[int | str, ...] = (), *, batch: bool = False
     return ToNumbers(name, shape, batch)
 
 
-def number_or_none(name: str, shape: tuple[int | str, ...] = ()) -> ToNumbersOrNone:
+def number_or_none(name: str, shape: tuple[int | str, ...] = (), *, batch: bool = False) -> ToNumbersOrNone:
     """Returns the converter of a field ``name`` to a number, or to an array of a ``shape``, which may be left out."""
-    return ToNumbersOrNone(numbers(name, shape))
+    return ToNumbersOrNone(numbers(name, shape, batch=batch))
 
 
 def shapes_of_fields(kind: type) -> dict[str, tuple[int | str, ...]]:

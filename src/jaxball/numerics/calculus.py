@@ -35,7 +35,8 @@ def with_derivatives(value: Any, function: Callable[..., Any], *arguments: Any) 
 
     Where nothing is differentiated, the function is not evaluated.
     """
-    return _with_derivatives(value, *_with_captures(function, arguments))
+    call = _with_captures(function, arguments)
+    return _with_derivatives(_in_rows_of(call, value), *call)
 
 
 def _with_captures(function: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -79,8 +80,19 @@ def with_second_derivatives(value: Any, what: str, function: Callable[..., Any],
     def results(*operands: Any) -> list[Array]:
         return jax.tree.leaves(eqx.filter(function(*operands), eqx.is_inexact_array))
 
-    leaves = _with_second_derivatives(leaves, what, *_with_captures(results, arguments))
-    return eqx.combine(structure.unflatten(leaves), others)
+    call = what, *_with_captures(results, arguments)
+    return eqx.combine(structure.unflatten(_with_second_derivatives(_in_rows_of(call, leaves), *call)), others)
+
+
+def _in_rows_of(operands: Any, values: Any) -> Any:
+    """Returns the values unchanged, but with rows under ``jax.vmap`` wherever the operands have some.
+
+    A rule for derivatives gives values and tangents rows together, and JAX takes the shapes of the values for those
+    that they had without it.
+    """
+    numbers = filter(eqx.is_inexact_array, jax.tree.leaves(operands))
+    nothing = sum((0 * jnp.sum(jnp.isnan(x)) for x in numbers), jnp.asarray(0))
+    return jax.tree.map(lambda x: x + nothing.astype(x.dtype) if eqx.is_inexact_array(x) else x, values)
 
 
 @eqx.filter_custom_jvp
@@ -93,7 +105,9 @@ def _first_derivatives(primals: Any, tangents: Any) -> tuple[Any, Any]:
     value, what, *call = primals
     slopes, _, _, *argument_tangents = tangents
     slopes = [jnp.zeros_like(x) if slope is None else slope for x, slope in zip(value, slopes, strict=True)]
-    return _with_second_derivatives(*primals), _with_slopes(slopes, what, *call, tuple(argument_tangents))
+    call = what, *call
+    value, slopes = _in_rows_of(call, value), _in_rows_of(call, slopes)
+    return _with_second_derivatives(value, *call), _with_slopes(slopes, *call, tuple(argument_tangents))
 
 
 @eqx.filter_custom_jvp
@@ -103,7 +117,7 @@ def _with_slopes(slopes: list[Array], what: str, function: Callable[..., Any], *
 
 @_with_slopes.def_jvp
 def _second_derivatives(primals: Any, tangents: Any) -> tuple[Any, Any]:
-    _, what, function, *operands = primals
+    slopes, what, function, *operands = primals
     _, _, _, *changes = tangents
 
     def of_function(*operands: Any) -> list[Any]:
@@ -111,7 +125,8 @@ def _second_derivatives(primals: Any, tangents: Any) -> tuple[Any, Any]:
         return eqx.filter_jvp(function, tuple(arguments), argument_tangents)[1]
 
     _, curvatures = eqx.filter_jvp(of_function, operands, changes)
-    return _with_slopes(*primals), no_further(f"third derivatives of {what}", curvatures)
+    slopes = _with_slopes(_in_rows_of(operands[:-1], slopes), what, function, *operands)
+    return slopes, no_further(f"third derivatives of {what}", curvatures)
 
 
 class Furthest(NamedTuple):

@@ -13,6 +13,8 @@ from jaxtyping import Array, Float
 
 from ..programs.derivatives.differentiation import without_derivatives
 
+NEXT_TO_NOTHING = 1e-3  # of a step: the zero of a rate is known far better, and is no further away where it has jumped
+
 Time = Float[Array, ""]
 
 
@@ -48,6 +50,23 @@ def move_to_zero(
         return shift - value(*advance(shift)) / jnp.where(slope == 0, 1.0, slope)
 
     return advance(jnp.where(slope == 0, otherwise, step(step(jnp.zeros_like(t)))))
+
+
+def move_to_peak(
+    field: Callable[[Time, Any], Any], value: Callable[[Time, Any], Time], t: Time, x: Any, length: Time
+) -> tuple[Time, Any]:
+    """Computes the time and the state at which ``value`` is largest along the flow, next to nothing away in a step of
+    this ``length``. There the value has right second derivatives.
+
+    Where it is largest because the step ends, where it jumps or where it is constant, time and state are unchanged.
+    """
+
+    def rate(t: Time, x: Any) -> Time:
+        return rates_along(value, t, x, field(t, x))[1]
+
+    slope, bend = without_derivatives(rates_along(rate, t, x, field(t, x)))
+    peaks = (bend < 0) & (jnp.abs(slope) < NEXT_TO_NOTHING * length * jnp.abs(bend))
+    return move_to_zero(field, rate, t, x, jnp.where(peaks, bend, 0.0), jnp.zeros_like(t))
 
 
 def rates_along(function: Callable[[Time, Any], Any], t: Time, x: Any, rates: Any) -> tuple[Any, Any]:

@@ -28,6 +28,7 @@ from .forces.force import shapes_of_motion
 from .limits.breaches import breaches, in_plane
 from .limits.confinement import clearance, is_confined, is_off_plane, time_of_leaving
 from .mechanisms import Accelerated
+from .own_states import require_own
 from .prescribed.motion import Driven
 from .prescribed.recorded import coverages, is_recorded
 from .prescribed.schedules import AbstractSchedule
@@ -92,7 +93,7 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
             yield from coverages(self.arguments, times)
 
     def default_state(self) -> State:
-        if not self.driven and not self.mechanism_order and not self.driven_ground:
+        if not self.driven and not self.mechanism_order and not self.driven_ground and self.own_states is None:
             return AbstractSystem.default_state(self)  # without what is looked up below, which takes microseconds
         by_law = [self.coordinates[slot] for slot in self.accelerated]
         if by_law:
@@ -100,22 +101,25 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
                 f"Argument `state` must be given, because it holds the angles of {all_of(by_law)}, which a law drives; "
                 f"pass {self.state_type.__name__}(theta=..., thetadot=...)."
             )
-        if not self.joints:
-            return AbstractSystem.default_state(self)
-        return self.state_type(theta=np.zeros(len(self.joints)), thetadot=np.zeros(len(self.joints)))
+        return self.upright_state()
+
+    def upright_state(self) -> State:
+        """Returns the state at rest and upright at the origin, with all coordinates and states of one's own 0."""
+        zeros = np.zeros(len(self.coordinates))
+        return self.state_type(theta=zeros, thetadot=zeros, own=np.zeros(self.n_own) if self.n_own else None)
 
     def require_state(self, state: Any) -> None:
         AbstractSystem.require_state(self, state)
         theta, thetadot = state.theta, state.thetadot
         count = len(self.driven) + len(self.joints) + len(self.driven_ground)
         if theta.shape[-1] != count or thetadot.shape[-1] != count:
-            names = self.coordinates
             named = self.joints or self.driven_ground
-            which = f"those of {all_of(names)}" if named else "one for each driven mass"
+            which = f"those of {all_of(self.coordinates)}" if named else "one for each driven mass"
             raise ValueError(
                 f"Argument `state` must have {count} entries in theta and in thetadot, {which}, "
                 f"but it has {theta.shape[-1]} and {thetadot.shape[-1]}."
             )
+        require_own(self.own_states, state)
 
     def numbers(self) -> Iterator[tuple[str, Array]]:
         for (argument, *path), leaf in jax.tree_util.tree_leaves_with_path(self.arguments):
@@ -157,8 +161,8 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
         return bool(self.sticking) or self.is_held
 
     def motion_kinks(self) -> Float[Array, " kinks"]:
-        """Returns the unsorted times at which χ̈ of a prescribed motion jumps or has a kink; none with dry friction."""
-        return join_arrays([] if self._is_dry else self._kinks_of_schedules())
+        """Returns those of :meth:`kinks_of_paths`; none with dry friction."""
+        return join_arrays([]) if self._is_dry else self.kinks_of_paths()
 
     def driving_kinks(self) -> Float[Array, " kinks"]:
         """Returns the unsorted times at which a law, a force or the ground's motion jumps or has a kink.
@@ -166,10 +170,10 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
         Dry friction is proportional to the normal force, which jumps with prescribed accelerations.
         """
         # Kinks do not depend on the numbers of a state: any of the right shape will do to trace a user's law.
-        count = len(self.coordinates)
-        state = self.state_type(theta=jnp.zeros(count), thetadot=jnp.zeros(count))
+        state, count = self.upright_state(), len(self.coordinates)
         times = [] if self.law is None else [self.law.kinks_with(state)]
-        times += [] if self.force is None else [self.force.kinks_with(shapes_of_motion(count))]
+        times += [] if self.own_states is None else [self.own_states.kinks_with(state)]
+        times += [] if self.force is None else [self.force.kinks_with(shapes_of_motion(count, self.n_own))]
         times += [] if self.ground is None else [self.ground.kinks()]
         times += [
             jnp.ravel(eqx.filter_vmap(lambda mechanism: mechanism.driving_kinks(state))(group))
@@ -180,6 +184,10 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
     @property
     def _is_dry(self) -> bool:
         return self.resistance is not None and self.resistance.is_dry
+
+    def kinks_of_paths(self) -> Float[Array, " kinks"]:
+        """Returns the unsorted times at which χ̈ of a prescribed motion jumps or has a kink."""
+        return join_arrays(self._kinks_of_schedules())
 
     def _kinks_of_schedules(self) -> list[Float[Array, " kinks"]]:
         motions = [group.motion for group in self.groups if not isinstance(group.motion, Driven)]
@@ -216,10 +224,10 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
         return self.total_mass * self.gravity
 
     def is_confined(self, times: Float[Array, " T"], state: Any) -> Bool[Array, ""]:
-        return is_confined(self, times, state) & all_hold(in_plane(self, times))
+        return is_confined(self, times, state, self.kinks_of_paths()) & all_hold(in_plane(self, times))
 
     def time_of_leaving(self, times: Float[Array, " T"], states: Any) -> Float[Array, ""]:
-        return time_of_leaving(self, times, states.theta)
+        return time_of_leaving(self, times, states.theta, self.kinks_of_paths())
 
     def clearance(self, t: Float[Array, ""], state: Any) -> Float[Array, ""] | None:
         return clearance(self, t, state.theta)
@@ -300,6 +308,7 @@ class Ball(AbstractBody):
       :class:`~jaxball.HeightField`; None for a level plane at rest.
     - ``resistance``: a :class:`~jaxball.Resistance` to rolling, or another
       :class:`~jaxball.AbstractResistance`, or None.
+    - ``own_states``: states of your own beside the body, an :class:`~jaxball.OwnStates`, or None.
 
     Any consistent units will do; the paper rescales so that m = r = g = 1.
 
@@ -353,8 +362,8 @@ class Disk(AbstractBody):
     - ``inertia``: the only moment d2, about the shell's own centre of mass, mass length².
     - ``offset``: as for a :class:`Ball`, length, shape (3,), in the plane of E1 and E3, as are the rails and the free
       motions of the masses.
-    - ``mass``, ``radius``, ``gravity``, ``force``, ``masses``, ``law``, ``mechanisms``, ``ground``, ``resistance``: as
-      for a :class:`Ball`; no turntable, and a surface must be symmetric about the plane of e1 and e3.
+    - ``mass``, ``radius``, ``gravity``, ``force``, ``masses``, ``law``, ``mechanisms``, ``ground``, ``resistance`` and
+      ``own_states``: as for a :class:`Ball`; no turntable, and a surface must be symmetric about e1 and e3.
 
     **Raises:** as for :class:`Ball`.
 

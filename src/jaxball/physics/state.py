@@ -12,26 +12,30 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..numerics import versor
-from ..numerics.arrays import numbers
+from ..numerics.arrays import number_or_none, numbers
 from ..numerics.vectors import cross, dot, hat, sine_cosine
 from .conditions import UNIT, Condition
 from .system import AbstractState, AnyState
 
 EMPTY = ()
+OWN = number_or_none("own", ("own",), batch=True)
 Angles = tuple[Float[Array, " driven"], Float[Array, " driven"]]
 Rates = tuple[Float[Array, " driven"], Float[Array, " driven"], Float[Array, " driven"]]
 
 
 class AbstractBodyState(AbstractState):
-    """What the states of rolling bodies share: Ω, Γ = Λ⁻¹e3, and θ, θ̇ of the masses that a feedback law drives."""
+    """What the states of rolling bodies share: Ω, Γ = Λ⁻¹e3, θ, θ̇ of the masses that a feedback law drives, and states
+    of a user's own.
+    """
 
     if TYPE_CHECKING:  # to a type checker, fields declared here would come before `q` among the arguments
-        theta, thetadot = cast(Array, None), cast(Array, None)
+        theta, thetadot, own = cast(Array, None), cast(Array, None), cast(Array | None, None)
     else:
         theta: eqx.AbstractVar[Float[Array, "*batch driven"]]
         thetadot: eqx.AbstractVar[Float[Array, "*batch driven"]]
+        own: eqx.AbstractVar[Float[Array, "*batch own"] | None]
 
-    sized = ("theta", "thetadot")
+    sized = ("theta", "thetadot", "own")
     rotation_rate: ClassVar[str] = "Omega"  # the field with the angular velocity
 
     def with_Omega(self: AnyState, Omega: Float[Array, "*batch 3"]) -> AnyState:
@@ -40,11 +44,17 @@ class AbstractBodyState(AbstractState):
 
     @abc.abstractmethod
     def rates(
-        self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates, drift: Float[Array, "2"] | None = None
+        self,
+        r: Float[Array, ""],
+        Omegadot: Float[Array, "3"],
+        angles: Rates,
+        own: Float[Array, " own"] | None,
+        drift: Float[Array, "2"] | None = None,
     ) -> "AbstractBodyState":
         """Computes ẋ where Ω̇ is known, and θ, θ̇, θ̈: the kinematics of rolling, for a body of radius r.
 
-        ``drift`` is the velocity u of a turntable under the body's centre, if there is one.
+        ``own`` are the rates of states of one's own, and ``drift`` is the velocity u of a turntable under the body's
+        centre, if there are any.
 
         **Raises:** ``ValueError`` for several states.
         """
@@ -70,6 +80,7 @@ class BallState(AbstractBodyState):
     - ``theta``: θ of each :class:`~jaxball.Driven` mass, rad on a closed rail and length in a tube, shape (driven,);
       empty where every motion is prescribed.
     - ``thetadot``: θ̇ of each of them, shape (driven,).
+    - ``own``: the values of the body's :class:`~jaxball.OwnStates`, shape (own,); None where it has none.
 
     **Example:**
 
@@ -85,6 +96,7 @@ class BallState(AbstractBodyState):
     thetadot: Float[Array, "*batch driven"] = eqx.field(
         converter=numbers("thetadot", ("driven",), batch=True), default=EMPTY
     )
+    own: Float[Array, "*batch own"] | None = eqx.field(converter=OWN, default=None)
 
     unit_vector, attitude = "q", "q"
 
@@ -99,7 +111,12 @@ class BallState(AbstractBodyState):
         return versor.vertical_in_body(self.q)
 
     def rates(
-        self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates, drift: Float[Array, "2"] | None = None
+        self,
+        r: Float[Array, ""],
+        Omegadot: Float[Array, "3"],
+        angles: Rates,
+        own: Float[Array, " own"] | None,
+        drift: Float[Array, "2"] | None = None,
     ) -> "BallState":
         """Computes the rates by q̇ = ½ q Ω♯ and the rolling constraint."""
         self._require_one()
@@ -109,6 +126,7 @@ class BallState(AbstractBodyState):
             z=centre_velocity(self.Lambda, self.Omega, r, drift),
             theta=angles[1],
             thetadot=angles[2],
+            own=own,
         )
 
     def in_space(self) -> "BallState":
@@ -123,7 +141,7 @@ class BallState(AbstractBodyState):
 
     def reduce(self) -> "ReducedState":
         """Returns (Ω, Γ), without position and heading."""
-        return ReducedState(self.Omega, self.Gamma, self.theta, self.thetadot)
+        return ReducedState(self.Omega, self.Gamma, self.theta, self.thetadot, self.own)
 
 
 class RotationState(AbstractBodyState):
@@ -137,6 +155,7 @@ class RotationState(AbstractBodyState):
     - ``theta``: θ of each driven mass, rad on a closed rail and length in a tube, shape (driven,); empty if there are
       none.
     - ``thetadot``: θ̇ of each of them, shape (driven,).
+    - ``own``: the values of the body's :class:`~jaxball.OwnStates`, shape (own,); None where it has none.
 
     **Example:**
 
@@ -154,6 +173,7 @@ class RotationState(AbstractBodyState):
     thetadot: Float[Array, "*batch driven"] = eqx.field(
         converter=numbers("thetadot", ("driven",), batch=True), default=EMPTY
     )
+    own: Float[Array, "*batch own"] | None = eqx.field(converter=OWN, default=None)
 
     attitude = "Lambda"
 
@@ -163,7 +183,12 @@ class RotationState(AbstractBodyState):
         return self.Lambda[..., 2, :]
 
     def rates(
-        self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates, drift: Float[Array, "2"] | None = None
+        self,
+        r: Float[Array, ""],
+        Omegadot: Float[Array, "3"],
+        angles: Rates,
+        own: Float[Array, " own"] | None,
+        drift: Float[Array, "2"] | None = None,
     ) -> "RotationState":
         """Computes the rates by Λ̇ = Λ Ω̂ and the rolling constraint."""
         self._require_one()
@@ -173,6 +198,7 @@ class RotationState(AbstractBodyState):
             z=centre_velocity(self.Lambda, self.Omega, r, drift),
             theta=angles[1],
             thetadot=angles[2],
+            own=own,
         )
 
     def conditions(self) -> Iterator[Condition]:
@@ -192,7 +218,8 @@ class RotationState(AbstractBodyState):
 
     def in_space(self) -> BallState:
         """Returns the same state with a versor."""
-        return BallState(versor.from_rotation_matrix(self.Lambda), self.Omega, self.z, self.theta, self.thetadot)
+        q = versor.from_rotation_matrix(self.Lambda)
+        return BallState(q, self.Omega, self.z, self.theta, self.thetadot, self.own)
 
     def turn(self, rotation: Float[Array, "3"]) -> Float[Array, "3 3"]:
         turn = versor.rotation_matrix(versor.exponential(rotation))
@@ -204,7 +231,7 @@ class RotationState(AbstractBodyState):
 
     def reduce(self) -> "ReducedState":
         """Returns (Ω, Γ), without position and heading."""
-        return ReducedState(self.Omega, self.Gamma, self.theta, self.thetadot)
+        return ReducedState(self.Omega, self.Gamma, self.theta, self.thetadot, self.own)
 
 
 class ReducedState(AbstractBodyState):
@@ -217,6 +244,7 @@ class ReducedState(AbstractBodyState):
     - ``theta``: θ of each driven mass, rad on a closed rail and length in a tube, shape (driven,); empty if there are
       none.
     - ``thetadot``: θ̇ of each of them, shape (driven,).
+    - ``own``: the values of the body's :class:`~jaxball.OwnStates`, shape (own,); None where it has none.
 
     **Example:**
 
@@ -231,15 +259,22 @@ class ReducedState(AbstractBodyState):
     thetadot: Float[Array, "*batch driven"] = eqx.field(
         converter=numbers("thetadot", ("driven",), batch=True), default=EMPTY
     )
+    own: Float[Array, "*batch own"] | None = eqx.field(converter=OWN, default=None)
 
     unit_vector = "Gamma"
 
     def rates(
-        self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates, drift: Float[Array, "2"] | None = None
+        self,
+        r: Float[Array, ""],
+        Omegadot: Float[Array, "3"],
+        angles: Rates,
+        own: Float[Array, " own"] | None,
+        drift: Float[Array, "2"] | None = None,
     ) -> "ReducedState":
         """Computes the rates by Γ̇ = Γ × Ω."""
         self._require_one()
-        return ReducedState(Omega=Omegadot, Gamma=cross(self.Gamma, self.Omega), theta=angles[1], thetadot=angles[2])
+        Gammadot = cross(self.Gamma, self.Omega)
+        return ReducedState(Omega=Omegadot, Gamma=Gammadot, theta=angles[1], thetadot=angles[2], own=own)
 
 
 class DiskState(AbstractBodyState):
@@ -255,6 +290,7 @@ class DiskState(AbstractBodyState):
     - ``theta``: θ of each driven mass, rad on a closed rail and length in a tube, shape (driven,); empty if there are
       none.
     - ``thetadot``: θ̇ of each of them, shape (driven,).
+    - ``own``: the values of the body's :class:`~jaxball.OwnStates`, shape (own,); None where it has none.
 
     **Example:**
 
@@ -272,6 +308,7 @@ class DiskState(AbstractBodyState):
     thetadot: Float[Array, "*batch driven"] = eqx.field(
         converter=numbers("thetadot", ("driven",), batch=True), default=EMPTY
     )
+    own: Float[Array, "*batch own"] | None = eqx.field(converter=OWN, default=None)
 
     @property
     def Lambda(self) -> Float[Array, "*batch 3 3"]:
@@ -298,11 +335,16 @@ class DiskState(AbstractBodyState):
         return eqx.tree_at(lambda state: state.phidot, self, -Omega[..., 1])
 
     def rates(
-        self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates, drift: Float[Array, "2"] | None = None
+        self,
+        r: Float[Array, ""],
+        Omegadot: Float[Array, "3"],
+        angles: Rates,
+        own: Float[Array, " own"] | None,
+        drift: Float[Array, "2"] | None = None,
     ) -> "DiskState":
         """Computes the rates by φ̈ = −Ω̇₂ and ż = −r φ̇ of ``eq_disk_GC``."""
         self._require_one()
-        return DiskState(phi=self.phidot, phidot=-Omegadot[1], z=-r * self.phidot, theta=angles[1], thetadot=angles[2])
+        return DiskState(self.phidot, -Omegadot[1], -r * self.phidot, angles[1], angles[2], own)
 
     def in_space(self) -> BallState:
         """Returns the same motion as the motion of a ball: rotation by −φ about E2, Ω = −φ̇ E2, z = (z, 0)."""
@@ -314,6 +356,7 @@ class DiskState(AbstractBodyState):
             z=jnp.stack([self.z, zero], axis=-1),
             theta=self.theta,
             thetadot=self.thetadot,
+            own=self.own,
         )
 
 

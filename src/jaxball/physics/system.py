@@ -454,9 +454,9 @@ def require_one(argument: str, kind: str, given: Any, shapes: Mapping[str, tuple
     """
     sized, values = getattr(given, "sized", ()), vars(given)  # Equinox looks up attributes more slowly
     for name, shape in shapes.items():
-        actual = getattr(values[name], "shape", None)
-        if actual is None:
-            actual = np.shape(values[name])
+        if (value := values[name]) is None:
+            continue
+        actual = value.shape if hasattr(value, "shape") else np.shape(value)
         fits = len(actual) == len(shape) if name in sized else actual == shape
         if not fits:
             raise ValueError(
@@ -467,13 +467,11 @@ def require_one(argument: str, kind: str, given: Any, shapes: Mapping[str, tuple
 
 @functools.cache
 def shapes_of_state(kind: type[AbstractState], dtype: np.dtype) -> dict[str, tuple[int, ...]]:
-    """Returns the shapes of the arrays of one state, where its kind has a default."""
+    """Returns the shapes of the arrays of one state, where its kind has a default; (0,) of one that it may lack."""
     default = default_of(kind, dtype)
-    return (
-        {name: np.shape(value) for name, value in vars(default).items() if is_array(value)}
-        if default is not None
-        else {}
-    )
+    values = {} if default is None else vars(default)
+    has_shape = {name: value for name, value in values.items() if is_array(value) or name in kind.sized}
+    return {name: np.shape(value) if is_array(value) else (0,) for name, value in has_shape.items()}
 
 
 def vector_field(system: AbstractSystem, t: Float[Array, ""], state: AnyState) -> AnyState:

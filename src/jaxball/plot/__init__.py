@@ -62,6 +62,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         friction_ratio as friction_ratio,
         height as height,
         measurements as measurements,
+        own_states as own_states,
         power as power,
         slip_speed as slip_speed,
     )

@@ -29,7 +29,8 @@ from ..interface.interruption import block_in_children, on_interrupt
 from ..interface.output import OutputError, replacing
 from ..numerics.arrays import Numbers
 from ..simulation.trajectory import Trajectory
-from .lagrangian import Picture, picture_scene, require_lagrangian
+from .lagrangian import picture_scene
+from .pictures import Picture, require_lagrangian
 from .record import record, require_finite_rows
 from .scene import Scene, scene
 

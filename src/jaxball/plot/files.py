@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..interface.output import OutputError, replacing
+from ..numerics.arrays import arrays_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,7 +34,7 @@ def run_mark(trajectory: "Trajectory[Any, Any]") -> str:
         with contextlib.suppress(ScenarioError):
             digest = scenario_mark(write_scenario(trajectory.scenario))
     if not digest:
-        leaves = (np.asarray(leaf).tobytes() for _, leaf in sorted(vars(trajectory.state).items()))
+        leaves = (np.asarray(leaf).tobytes() for _, leaf in sorted(arrays_of(trajectory.state).items()))
         digest = _mark(b"".join([np.asarray(trajectory.times).tobytes(), *leaves]))
     # With the end, because a run that failed early is another run of the same scenario.
     return f"{digest} to {float(trajectory.reached):.9g}"

@@ -1,8 +1,5 @@
 """Figures of own systems from a Lagrangian: their motion in panels, and pictures that a user's function draws."""
 
-import functools
-import re
-from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,27 +7,18 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
 
-from ..classical import LagrangianState
-from ..interface.arguments import refusal, require_callable
 from ..simulation.trajectory import Trajectory
 from ..simulation.variables import symbol, symbol_of
 from .modes import share_bands
 from .over_time import Series, over_time
-from .palette import COMPONENTS, INK, MASSES, SHELL
+from .palette import COMPONENTS, SHELL
+from .pictures import COLOURS, Picture, motion_panels, read_picture, require_lagrangian
 from .record import require_finite_rows
 from .scene import AZIMUTH_3D, MARGIN, SCENE_WIDTH, Scene, line, move, stage, write_around
 from .shown import ShownFigure
 from .style import WIDE_FIGURE, caption, describe_units, title_of
 
 MOTION_PANEL_HEIGHT = 1.9  # inches
-COLOURS = (INK, *MASSES)
-# Coordinates with these names, and any number after them, are angles: Greek letters, and words for turning.
-ANGLES = re.compile(
-    r"(alpha|beta|gamma|delta|epsilon|eta|theta|kappa|phi|varphi|psi|chi|omega|vartheta|angle|heading|lean|roll|pitch|"
-    r"yaw|tilt|turn|swing|back|front)[_ ]?\w?\d*"
-)
-Lines = Sequence[Float[np.ndarray, "points d"]]
-Picture = Callable[[float, Float[np.ndarray, " n"]], Lines]
 LOWEST, HIGHEST = 2.0, 6.0  # inches
 
 
@@ -48,18 +36,9 @@ def lagrangian_motion(trajectory: Trajectory[Any, Any]) -> Figure:
     """
     rows, state = require_finite_rows(trajectory), require_lagrangian(trajectory)
     times, names = np.asarray(trajectory.times)[rows], trajectory.system.coordinates
-    angles = [k for k, name in enumerate(names) if ANGLES.fullmatch(name)]
-    positions = [k for k in range(len(names)) if k not in angles]
-    of_names = {
-        ("positions", "q"): (positions, ""),
-        ("angles", "q"): (angles, ""),
-        ("rates", "qdot"): (positions, "dot"),
-        ("angular rates", "qdot"): (angles, "dot"),
-    }
     panels = {
         title: [_series(np.asarray(getattr(state, field))[rows, k], f"{names[k]}{dot}", k) for k in chosen]
-        for (title, field), (chosen, dot) in of_names.items()
-        if chosen
+        for title, field, dot, chosen in motion_panels(names)
     }
     forces = np.asarray(trajectory.multipliers)[rows]
     if forces.shape[1]:
@@ -84,33 +63,12 @@ def _series(values: Float[np.ndarray, " T"], name: str, k: int) -> Series:
     return Series(values, symbol(name) if symbol_of(name) else name, colours[k % len(colours)])
 
 
-def require_lagrangian(trajectory: Trajectory[Any, Any]) -> LagrangianState:
-    """Returns the states of a run of a system with a Lagrangian.
-
-    **Raises:** ``ValueError`` for one of another system.
-    """
-    if not isinstance(trajectory.state, LagrangianState):
-        raise ValueError(
-            "Argument `trajectory` must be of a system with a Lagrangian, but it is of a "
-            f"{type(trajectory.system).__name__}; leave `picture` out, or use its method plot()."
-        )
-    return trajectory.state
-
-
 def picture_scene(trajectory: Trajectory[Any, Any], picture: Picture) -> Scene:
     """Returns the scene of a system with a Lagrangian: the points and lines that a user's function draws.
 
-    **Raises:** ``TypeError`` and ``ValueError`` for a function that does not draw them.
+    **Raises:** ``TypeError`` and ``ValueError`` as :func:`read_picture`.
     """
-    rows, state = require_finite_rows(trajectory), require_lagrangian(trajectory)
-    require_callable("picture", picture, "t", "q")
-    times, q = np.asarray(trajectory.times)[rows], np.asarray(state.q)[rows]
-
-    @functools.cache
-    def lines_at(k: int) -> list[np.ndarray]:
-        return _lines(picture(float(times[k]), q[k]))
-
-    everything = np.concatenate([points for k in range(len(times)) for points in lines_at(k)])
+    times, lines_at, everything = read_picture(trajectory, picture)
     figure, ax = stage(everything, AZIMUTH_3D) if everything.shape[1] == 3 else _plane(everything)
     artists = []
     for k, points in enumerate(lines_at(0)):
@@ -127,20 +85,6 @@ def picture_scene(trajectory: Trajectory[Any, Any], picture: Picture) -> Scene:
         show_clock(k)
 
     return Scene(figure, show)
-
-
-def _lines(drawn: Any) -> list[np.ndarray]:
-    """Returns what a picture has as arrays.
-
-    **Raises:** ``TypeError`` for anything but a list of points and lines of the same dimension.
-    """
-    must = "a list of points and lines, each an array of shape (points, 2) or (points, 3)"
-    if not isinstance(drawn, list | tuple) or not drawn:
-        raise refusal("picture(t, q)", must, drawn)
-    lines = [np.atleast_2d(np.asarray(points, dtype=float)) for points in drawn]
-    if any(points.ndim != 2 for points in lines) or {points.shape[1] for points in lines} not in ({2}, {3}):
-        raise refusal("picture(t, q)", must, [points.shape for points in lines])
-    return lines
 
 
 def _plane(points: Float[np.ndarray, "points 2"]) -> tuple[Figure, Any]:

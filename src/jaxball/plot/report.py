@@ -33,6 +33,7 @@ from .time_series import (
     friction_ratio,
     measurements,
     of_contact,
+    own_states,
     power,
 )
 
@@ -70,7 +71,8 @@ def figures(
     Each file is named after the scenario and the function, as in ``six-tubes_energies.png``, and written in each
     format. Empty figures are left out: accelerations and angles if no mass has one, and the paths in a body without any
     mass except its homogeneous shell. A run with a law of contact also has its height and its slip speed, unless they
-    are always zero. For a classical system, the motion and its conserved quantities are drawn.
+    are always zero, and states of one's own are drawn. For a classical system, the motion and its conserved quantities
+    are.
 
     Each file records its run. Figures of the same run are replaced; those of another run are not.
 
@@ -114,11 +116,12 @@ def standard_figures(trajectory: Trajectory[Any, Any]) -> list[Callable[[Traject
         motion = lagrangian_motion if isinstance(trajectory.state, LagrangianState) else classical_motion
         return [motion, *([law_errors] if trajectory.laws else [])]
     joints = OF_JOINTS if system.mechanisms else ()
+    of_users = () if system.own_states is None else (own_states,)
     empty = {acceleration: not accelerations(trajectory), mass_angles: not mass_units(trajectory.system)}
     if not (system.n_masses or system.mechanisms):
         central = _is_central(system)
         empty |= {configuration: central, body_paths: True, space_paths: central}
-    return [draw for draw in (*STANDARD, *of_contact(trajectory), *joints) if not empty.get(draw, False)]
+    return [draw for draw in (*STANDARD, *of_contact(trajectory), *joints, *of_users) if not empty.get(draw, False)]
 
 
 def _is_central(system: AbstractBody) -> bool:
@@ -137,7 +140,8 @@ def overview(trajectory: Trajectory, title: str = "") -> Figure:
     default that of the scenario.
 
     For a body without masses or mechanisms, the velocity takes the place of the configuration and the trajectories. A
-    run with a law of contact that slips or flies has an additional row, with its height, its slip speed and its forces.
+    run with a law of contact that slips or flies has an additional row, with its height, its slip speed and its forces;
+    so have states of one's own.
 
     **Arguments:**
 
@@ -148,6 +152,7 @@ def overview(trajectory: Trajectory, title: str = "") -> Figure:
     require_one_of_body(trajectory)
     of_modes = of_contact(trajectory)
     more = (*of_modes, contact_force) if of_modes else ()
+    more += () if trajectory.system.own_states is None else (own_states,)
     in_space = {} if trajectory.system.planar else {"projection": "3d", "computed_zorder": False}
     panels: list[tuple[Callable[..., Axes], dict[str, Any]]] = [
         (configuration, in_space),
@@ -158,9 +163,9 @@ def overview(trajectory: Trajectory, title: str = "") -> Figure:
     if _is_central(trajectory.system):
         panels[:3] = (centre_path, {}), (centre_velocity, {})
     rows = math.ceil(len(panels) / 3)
-    figure = ShownFigure(figsize=(10.5, 9.6 if rows > 2 else 6.8), layout="constrained")
+    figure = ShownFigure(figsize=(10.5, round(1.2 + 2.8 * rows, 1)), layout="constrained")
     caption(figure, trajectory.system, title or title_of(trajectory), describe_units(trajectory))
-    grid = figure.add_gridspec(rows, 3, height_ratios=(1.25, 1, 1)[:rows])
+    grid = figure.add_gridspec(rows, 3, height_ratios=(1.25, 1, 1, 1)[:rows])
     for k, (draw, kind) in enumerate(panels):
         ax = draw(trajectory, figure.add_subplot(grid[k // 3, k % 3], **kind))
         ax.annotate(

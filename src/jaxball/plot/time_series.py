@@ -251,6 +251,24 @@ def attitude(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     return over_run(run, components(Gamma, r"\Gamma"), r"$\Gamma_i$", ax, size=1.0)
 
 
+def own_states(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
+    """Draws the states of one's own beside a body, its :class:`~jaxball.OwnStates`, by their names.
+
+    ``trajectory``, ``ax`` and what is raised: as for :func:`angular_velocity`, and for a body without such states.
+    """
+    require_one_of_body(trajectory)
+    states = trajectory.system.own_states
+    if states is None:
+        raise ValueError("Argument `trajectory` must be of a body with `own_states`, but it has none.")
+    run = with_jumps(trajectory)
+    values, names = np.asarray(cast(Any, run.state).own)[finite_rows(run)], states.names
+    colours = itertools.cycle(COMPONENTS)
+    if len(names) == 1:
+        return over_run(run, [Series(values[:, 0], "", next(colours))], names[0], ax)
+    series = [Series(column, name, colour) for column, name, colour in zip(values.T, names, colours, strict=False)]
+    return over_run(run, series, "own states", ax)
+
+
 @programs.filter_jit
 def _on_surface(system, times, states):
     prepared = system.prepare()

@@ -219,6 +219,9 @@ class Computation:
 
     def _once(self, which: Any, make: Callable[[], Any]) -> Any:
         """Returns the result of ``make``, kept for the present settings unless it is None."""
+        if self.steered and traces.finer.value is not None:
+            with traces.finer(None):  # as in a call of its :class:`~.program.Program`
+                return self._once(which, make)
         key = which, native.explicit_choice(), native.settings(), settings()[QUICKLY]
         if self._made.get(key) is None:
             self._made[key] = make()
@@ -248,7 +251,8 @@ class Computation:
     def _describe(self) -> list[Any]:
         """Lists everything that determines its programs, besides the compiler."""
         takes = [(array.shape, array.dtype, array.weak_type) for array in self.takes]
-        return [self.function, self.opaque, self.rows, takes]
+        finer = traces.finer.value
+        return [self.function, self.opaque, self.rows, takes, finer and (finer.tolerance, finer.steps)]
 
     def _obtain(self, place: Place | None, make: Callable[[], Any]) -> Compiled | native.Refusal:
         """Returns the program: loaded from the store, or compiled and written there."""

@@ -20,6 +20,7 @@ from ..compat import is_within_trace, settings
 from . import native, traces
 from .compiled import QUICKLY, Compiled, Rest
 from .computation import ROWS_OF_XLA, Computation, call_with, take_arrays
+from .derivatives.steering import is_steered_from_outside
 from .identity.closures import put_captures, take_captures
 from .operation import may_be_an_operation, operation
 from .store import current
@@ -113,9 +114,12 @@ class Program:
         _made.add(self)
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        if self._how["steered"] and traces.finer.value is not None:
+            with traces.finer(None):  # Its tolerances are arguments, so that the program is the same.
+                return self(*args, **kwargs)
         leaves, structure = jax.tree.flatten((args, kwargs))
         rest, arrays = take_arrays(leaves, structure, self._is_dynamic)
-        if self._how["opaque"] and not traces.within_a_computation.value and not self._is_closed(rest):
+        if self._how["opaque"] and not self._is_written_out() and not self._is_closed(rest):
             call = self._function, args, kwargs
             opened, captures = take_captures(call, local=True)
             if opened is not call:
@@ -130,6 +134,15 @@ class Program:
             with contextlib.suppress(native.CallbackReachedError):
                 return _run(program, rest, arrays)
         return self._compiled(*args, **kwargs)
+
+    def _is_written_out(self) -> bool:
+        """Returns whether a call is a part of the computation that is being traced, and no operation of its own.
+
+        What is steered is one there, too, so that its derivatives are those of the same call elsewhere: with the same
+        probe, and so in the same steps. Where something else steers it, it has none of its own.
+        """
+        has_own_probe = self._how["steered"] and not is_steered_from_outside()
+        return traces.within_a_computation.value and not has_own_probe
 
     def _is_closed(self, rest: Rest) -> bool:
         """Returns whether the function and such arguments are known to hold no function that is written
@@ -171,7 +184,7 @@ class Program:
         """Returns the result of the call as one operation of the traced program; None where it has to be
         written out.
         """
-        if traces.within_a_computation.value or not may_be_an_operation():
+        if self._is_written_out() or not may_be_an_operation():
             return None
         self._follow_store()
         numbers = [native.numbers(array) if isinstance(array, jax.Array) else jnp.asarray(array) for array in arrays]

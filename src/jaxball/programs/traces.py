@@ -4,7 +4,23 @@ JAX traces all functions anew when a setting is added. So ``import jaxball`` add
 the first use of jaxball may be within a user's trace.
 """
 
+import dataclasses
+
 from ..compat import setting_of_traces
+
+
+@dataclasses.dataclass(frozen=True)
+class Finer:
+    """By how much runs are solved more finely than they ask for.
+
+    - ``tolerance``: the factor of their tolerances; ``steps``: that of their ``max_steps``.
+    - ``met``: a list to which each run adds an entry when its tolerances are checked.
+    """
+
+    tolerance: float = 1.0
+    steps: int = 1
+    met: list[None] = dataclasses.field(default_factory=list, compare=False)
+
 
 # Whether our own compiler compiles it.
 natively = setting_of_traces(False)
@@ -14,3 +30,5 @@ differentiated_forward = setting_of_traces(False)
 within_a_computation = setting_of_traces(False)
 # Along which tangents the derivative is that by which steps are chosen, see ``derivatives.steering``.
 steering = setting_of_traces("own")
+# The ``Finer`` by which runs are solved; None if as they ask for.
+finer = setting_of_traces(None)

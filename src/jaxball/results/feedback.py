@@ -9,7 +9,7 @@ import numpy as np
 
 from ..control.history import FeedbackHistory
 from ..estimation.estimate import Followed, LoopEstimate
-from ..numerics.arrays import to_array
+from ..numerics.arrays import arrays_of, to_array
 from ..physics.hybrid import NO_HISTORY, AbstractHistory
 from ..simulation.variables import Variable
 from .variables import Variables, describe_fields, history_attributes, history_values
@@ -52,7 +52,7 @@ def _of_states(prefix: str, words: str, states: Any) -> Variables:
             descriptions[name]._replace(meaning=f"{descriptions[name].meaning}, {words}"),
             np.asarray(leaf),
         )
-        for name, leaf in vars(states).items()
+        for name, leaf in arrays_of(states).items()
     }
 
 
@@ -79,7 +79,7 @@ def read_feedback(about: Mapping[str, Any], arrays: Mapping[str, np.ndarray], st
     """
 
     def of(prefix: str) -> Any:
-        return type(states)(**{name: to_array(arrays[f"{prefix}_{name}"]) for name in vars(states)})
+        return type(states)(**{name: to_array(arrays[f"{prefix}_{name}"]) for name in arrays_of(states)})
 
     u, inputs = to_array(arrays["inputs"]), names_in(about, INPUTS)
     history = FeedbackHistory(NO_HISTORY.switches, of("nominal"), u, None, inputs)

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..interface.status import Status
-from ..numerics.arrays import to_array
+from ..numerics.arrays import arrays_of, to_array
 from ..physics.contact.released import ReleasedState
 from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario, ScenarioError, read_scenario
@@ -122,7 +122,7 @@ def _require_shapes_of(path: Path, states: AbstractState, start: Any) -> None:
     body = start.body if isinstance(start, ReleasedState) else start
     if type(body) is not type(states):
         return
-    for name, leaf in vars(states).items():
+    for name, leaf in arrays_of(states).items():
         shape = jnp.shape(getattr(body, name))
         if leaf.shape[1:] != shape:
             raise no_run(path, f"its `{name}` has the shape {leaf.shape}, but at each time it must have {shape}")
@@ -155,7 +155,7 @@ def _state(arrays: Mapping[str, np.ndarray], system: AbstractSystem, path: Path)
     types = (system.state_type, *system.other_state_types)
     fields = {type_: [field.name for field in dataclasses.fields(type_)] for type_ in types}
     for type_, names in fields.items():
-        if all(name in arrays or name in DRIVEN_FIELDS for name in names):
-            empty = np.zeros((len(arrays["time"]), 0))
-            return type_(**{name: to_array(arrays.get(name, empty)) for name in names})
+        if all(name in arrays or name in (*DRIVEN_FIELDS, "own") for name in names):
+            filled = dict.fromkeys(DRIVEN_FIELDS, np.zeros((len(arrays["time"]), 0))) | dict(arrays)
+            return type_(**{name: to_array(filled[name]) for name in names if name in filled})
     raise no_run(path, f"it has no states of a {type(system).__name__}")

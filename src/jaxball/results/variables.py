@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array
 
 from ..classical import LagrangianState
-from ..numerics.arrays import to_array
+from ..numerics.arrays import arrays_of, to_array
 from ..physics.body import AbstractBody
 from ..physics.contact.body_on_plane import NOWHERE, ContactHistory
 from ..physics.contact.law import COEFFICIENTS, AbstractFriction, Contact
@@ -57,7 +57,7 @@ def values(trajectory: Trajectory[Any, Any]) -> Variables:
     if not isinstance(trajectory.system, AbstractBody):
         return _classical_values(trajectory)
     variables = {}
-    for name, leaf in vars(trajectory.state).items():
+    for name, leaf in arrays_of(trajectory.state).items():
         array = np.asarray(leaf)
         if array.size:
             variables[name] = (_of_body_state(name, trajectory), array)
@@ -101,7 +101,7 @@ def describe(name: str, planar: bool) -> Variable:
 def describe_fields(states: Any) -> dict[str, Variable]:
     """Describes the variables of the fields of states along a leading axis, by name."""
     if isinstance(states, AbstractBodyState):
-        return {name: describe(name, isinstance(states, DiskState)) for name in vars(states)}
+        return {name: describe(name, isinstance(states, DiskState)) for name in arrays_of(states)}
     if isinstance(states, LagrangianState):
         return {name: LAGRANGIAN_STATE[name] for name in vars(states)}
     return {name: of_classical_state(name, np.ndim(leaf) - 1) for name, leaf in vars(states).items()}
@@ -145,6 +145,8 @@ def labels(system: Any, sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
         coordinates["driven"] = np.asarray(
             system.driven if len(system.driven) == len(system.coordinates) else system.coordinates
         )
+    if "own_state" in sizes:
+        coordinates["own_state"] = np.asarray(system.own_states.names)
     if "sticking" in sizes:
         coordinates["sticking"] = np.asarray(system.sticking)
     if "rail" in sizes:
@@ -204,7 +206,7 @@ def _of_events(history: History, of_state: Mapping[str, Variable]) -> Variables:
     for name, variable in EVENTS.items():
         variables[f"switch_{name}"] = variable, getattr(switches, name)
     for side in SIDES:
-        for name, leaf in vars(getattr(switches, side)).items():
+        for name, leaf in arrays_of(getattr(switches, side)).items():
             variables[f"switch_{side}_{name}"] = _beside(of_state[name], side), leaf
     return _keep(switches, variables)
 
@@ -215,7 +217,7 @@ def _of_changes(history: ContactHistory, of_state: Mapping[str, Variable]) -> Va
     variables = {f"switch_{name}": (variable, getattr(switches, name)) for name, variable in SWITCHES.items()}
     for side in SIDES:
         released = getattr(switches, side)
-        leaves = vars(released.body) | {name: getattr(released, name) for name in RELEASED}
+        leaves = arrays_of(released.body) | {name: getattr(released, name) for name in RELEASED}
         for name, leaf in leaves.items():
             if leaf.size:
                 variables[f"switch_{side}_{name}"] = _beside(RELEASED.get(name) or of_state[name], side), leaf
@@ -304,7 +306,7 @@ def read_history(
     filled = _pad_arrays(arrays, attribute("switches", int), attribute("max_switches", int))
 
     def side(name: str) -> Any:
-        of_side = {field: filled(f"{name}_{field}", leaf.shape[1:]) for field, leaf in vars(states).items()}
+        of_side = {field: filled(f"{name}_{field}", leaf.shape[1:]) for field, leaf in arrays_of(states).items()}
         return type(states)(**of_side)
 
     before, after = map(side, SIDES)
@@ -333,7 +335,7 @@ def _read_contact(
         name: to_array(arrays[name]) if variable.flags is None else jnp.asarray(arrays[name], dtype=int)
         for name, variable in HISTORY.items()
     }
-    switches = _read_switches(arrays, attribute("contact_switches", int), law.capacity, vars(states), type(states))
+    switches = _read_switches(arrays, attribute("contact_switches", int), law.capacity, arrays_of(states), type(states))
     if all(name in arrays for name in HISTORY_OF_JOINTS):
         directions = to_array(arrays["directions"])
         return StickingHistory(law=law, **over_time, switches=switches, directions=directions)

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
 from ..interface.wording import all_of
@@ -26,9 +27,11 @@ from ..physics.contact.released import ReleasedState
 from ..physics.forces.force import AbstractWrench, FunctionWrench, HarmonicForce, require_wrench
 from ..physics.forces.resistance import SMOOTHING, AbstractResistance, Resistance
 from ..physics.grounds.ground import Ground
+from ..physics.own_states import OwnStates
+from ..physics.state import BallState, DiskState
 from ..physics.system import AbstractState
 from ..sensors import AbstractSensor, Accelerometer, Encoder, Gyroscope, Position, SensorErrors, Tachometer
-from .errors import ScenarioError, each_of
+from .errors import ScenarioError, each_of, key_error
 from .grounds import GROUNDS, read_ground
 from .motions import FRAME, HARMONIC_FORCE
 from .own import FUNCTION, Open, names_own, read_own, trying, trying_class
@@ -60,6 +63,7 @@ from .values import (
     VELOCITY,
     Flag,
     Integer,
+    Names,
     Nested,
     Numbers,
     Rule,
@@ -241,6 +245,30 @@ FORCES = Open(
 )
 
 
+def _check_names(values: dict[str, Any], path: str) -> None:
+    names = values["names"]
+    if not all(names) or len(set(names)) < len(names):
+        raise key_error(join(path, "names"), "a list of names, each of them once", str(list(names)))
+
+
+OWN_STATES = Module(
+    OwnStates,
+    {"names": Key(Names()), **FUNCTION, "kink_times": Key(Numbers((None,), dimension=TIME), ())},
+    check=_check_names,
+)
+
+
+def _read_own_states(values: Any, path: str) -> OwnStates:
+    with trying(join(path, "function")):
+        return OWN_STATES.read(values, path)
+
+
+def check_own_states(system: System, start: Any, state: BallState | DiskState) -> None:
+    """Raises unless a user's function gives a rate for each state of one's own of the body."""
+    with trying("own_states.function"):
+        jax.eval_shape(system.own_rates, start, state)
+
+
 def read_shell(values: Any, path: str, kind: str) -> dict[str, Any]:
     """Reads the arguments of a ball or a disk for its shell. An impossible shell raises."""
     make, keys = BODIES[kind]
@@ -277,6 +305,7 @@ def read_surroundings(document: dict[str, Any], kind: str) -> dict[str, Any]:
         "force": lambda values, path: read_force(values, path, kind),
         "ground": lambda values, path: read_ground(values, path, kind),
         "resistance": read_resistance,
+        "own_states": _read_own_states,
     }
     present = {name: functools.partial(read, document[name], name) for name, read in tables.items() if name in document}
     parts = dict(zip(present, each_of(*present.values()), strict=True))
@@ -291,21 +320,28 @@ def read_surroundings(document: dict[str, Any], kind: str) -> dict[str, Any]:
     return parts
 
 
-def check_force(force: AbstractWrench | None, path: str, coordinates: int) -> None:
-    """Raises unless a user's function or class returns a force on a body with this number of ``coordinates``."""
+def check_force(force: AbstractWrench | None, path: str, coordinates: int, own: int) -> None:
+    """Raises unless a user's function or class returns a force on a body with this number of ``coordinates``,
+    and of states of its ``own``.
+    """
     if isinstance(force, FunctionWrench):
         with trying(join(path, "function")):
-            require_wrench("function", force, coordinates)
+            require_wrench("function", force, coordinates, own)
     elif force is not None and not isinstance(force, HarmonicForce):
         with trying_class(path, type(force).__name__):
-            require_wrench("wrench", force, coordinates)
+            require_wrench("wrench", force, coordinates, own)
 
 
-_SURROUNDINGS: dict[str, Family] = {"force": FORCES, "ground": GROUNDS, "resistance": RESISTANCES}
+_SURROUNDINGS: dict[str, Family] = {
+    "force": FORCES,
+    "ground": GROUNDS,
+    "resistance": RESISTANCES,
+    "own_states": {"": OWN_STATES},
+}
 
 
 def write_body(system: System) -> dict[str, Any]:
-    """Returns the table [body], and [force], [ground] and [resistance] where these exist."""
+    """Returns the table [body], and [force], [ground], [resistance] and [own_states] where these exist."""
     kind = kind_of(system)
     keys = BODIES[kind][1]
     body = write_table({name: getattr(system, name) for name in keys}, "body", keys)
@@ -313,7 +349,7 @@ def write_body(system: System) -> dict[str, Any]:
 
 
 def write_surroundings(parts: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns the tables [force], [ground] and [resistance] for the ``parts`` that are not None, by their names."""
+    """Returns the tables [force], [ground] … for the ``parts`` that are not None, by their names."""
     tables = {}
     for name, part in parts.items():
         if part is None:
@@ -386,6 +422,7 @@ KEYS = {
     "force": Key(unread(tables=keys_of(FORCES)), None),
     "ground": Key(unread(tables=keys_of(GROUNDS)), None),
     "resistance": Key(unread(tables=keys_of(RESISTANCES)), None),
+    "own_states": Key(unread(tables={"": OWN_STATES.keys}), None),
     "contact": Key(unread(tables={"": CONTACT.keys}), None),
     "sensors": Key(unread("a table of tables", keys_of(SENSORS)), None),
 }

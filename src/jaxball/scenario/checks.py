@@ -39,8 +39,9 @@ def check_confinement(system: System, times: Any, state: BallState | DiskState) 
     """
     motions = [group.motion for group in system.groups]
     if any_traced((system.radius, motions, system.mechanism_groups, times, state.theta)):
-        span = jnp.asarray(times)
-        leave_open("masses", lambda: is_confined(system.prepare(), span, state), lambda: surely_stay(system, *span))
+        span, prepared = jnp.asarray(times), system.prepare()
+        kinks = prepared.kinks_of_paths()
+        leave_open("masses", lambda: is_confined(prepared, span, state, kinks), lambda: surely_stay(system, *span))
     if any_traced((system, times, state)):
         return
     raise_first([_in_keys(problem) for problem in breaches(system, times, np.asarray(state.theta)[None])])

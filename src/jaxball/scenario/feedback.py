@@ -26,6 +26,7 @@ from .values import (
     POSITIVE,
     TIME,
     Integer,
+    Names,
     Nested,
     Numbers,
     Rule,
@@ -170,21 +171,6 @@ class EstimatorSettings:
 
 
 @dataclass(frozen=True)
-class _Names:
-    """Names, one or more."""
-
-    words: str = "a list of names"
-
-    def read(self, value: Any, path: str) -> tuple[str, ...]:
-        if not isinstance(value, list) or not value or not all(isinstance(name, str) for name in value):
-            raise key_error(path, self.words, describe(value))
-        return tuple(value)
-
-    def write(self, value: Any, path: str) -> list[str]:
-        return list(value)
-
-
-@dataclass(frozen=True)
 class _ByName:
     """Numbers by name in a table; or a number, or lists of numbers of some of the ``shapes``."""
 
@@ -239,7 +225,7 @@ _NAMED = Key(_ByName(), None)
 _SIZES = Key(_ByName(NOT_NEGATIVE), None)
 _WEIGHTS = _ByName(shapes=((), (None,), (None, None)))
 _FEEDFORWARD = {
-    "inputs": Key(_Names(), None),
+    "inputs": Key(Names(), None),
     "limits": Key(_ByName(NOT_NEGATIVE, shapes=((),)), None),
     "delay": Key(WholeNumber(0, 10**6), 0),
     "start": _NAMED,
@@ -260,7 +246,7 @@ FEEDBACK: Family = {
 }
 ESTIMATOR = Module(
     EstimatorSettings,
-    {"spread": Key(_ByName(NOT_NEGATIVE)), "process": _SIZES, "biases": _SIZES, "sensors": Key(_Names(), None)},
+    {"spread": Key(_ByName(NOT_NEGATIVE)), "process": _SIZES, "biases": _SIZES, "sensors": Key(Names(), None)},
 )
 KEYS = {
     "feedback": Key(unread(tables=keys_of(FEEDBACK)), None),

@@ -24,6 +24,7 @@ from .body import (
     KEYS as BODY_KEYS,
     check_force,
     check_modes,
+    check_own_states,
     check_sensors,
     kind_of,
     read_contact,
@@ -266,7 +267,9 @@ def _join_tables(kind: str, document: Mapping[str, Any], of_body: _OfBody, table
     actuation = {"form": "prescribed"} if top["actuation"] is None else top["actuation"]
     actuated = apply_actuation(actuation, "actuation", masses, mechanisms, angles, kind)
     driven = sum(isinstance(item.motion, Driven) for item in actuated.masses)
-    check_force(surroundings.get("force"), "force", driven + len(joints_in_state(mechanisms)) + len(angles))
+    coordinates = driven + len(joints_in_state(mechanisms)) + len(angles)
+    own_states = surroundings.get("own_states")
+    check_force(surroundings.get("force"), "force", coordinates, 0 if own_states is None else len(own_states.names))
     system = BODIES[kind][0](
         **shell,
         **surroundings,
@@ -275,7 +278,8 @@ def _join_tables(kind: str, document: Mapping[str, Any], of_body: _OfBody, table
         mechanisms=[item.mechanism for item in mechanisms],
     )
     # Only now: the angles of masses may have been shifted into balance.
-    state = initial_state(initial, "initial", kind, system.coordinates, actuated.targets, start)
+    state = initial_state(initial, "initial", kind, system.coordinates, actuated.targets, start, own_states)
+    check_own_states(system, start, state)
     span = namespace(times.start, times.end).stack([times.start, times.end])
     solve, sensors, events, contact = tables.solve or {}, tables.sensors, tables.events or {}, tables.contact
     feedback, estimator, held = tables.feedback, tables.estimator, HeldRun(system, times, solve)

@@ -16,6 +16,7 @@ from ..physics.body import Ball, Disk, System
 from ..physics.contact.released import ReleasedState
 from ..physics.dynamics.parameters import PointMass
 from ..physics.grounds.ground import Ground
+from ..physics.own_states import OwnStates
 from ..physics.prescribed.schedules import AbstractSchedule
 from ..physics.state import BallState, DiskState, State
 from .errors import ScenarioError, UntraceableError, key_error
@@ -47,6 +48,7 @@ _DRIVEN = {
     "theta": Key(Numbers((None,), dimension=ANGLE), None),
     "thetadot": Key(Numbers((None,), dimension=RATE), None),
     "balance": Key(_BALANCE, None),
+    "own": Key(Numbers((None,)), None),
 }
 _ABOVE = Rule("non-negative", lambda x: (x >= 0).all(), ", because a lower body would be inside the plane")
 # Of a body that need not roll.
@@ -126,8 +128,11 @@ def initial_state(
     coordinates: Sequence[str],
     targets: Sequence[AbstractSchedule | None],
     start: Any,
+    own_states: OwnStates | None = None,
 ) -> BallState | DiskState:
-    """Builds the state; θ and θ̇ of its ``coordinates`` are those of their schedules, or 0, unless they are given."""
+    """Builds the state; θ and θ̇ of its ``coordinates`` are those of their schedules, or 0, unless they are given, and
+    states of one's own are 0 unless they are given.
+    """
     fields = {name: value for name, value in fields.items() if name not in ("balance", *_RELEASED)}
     for name in ("theta", "thetadot"):
         values = fields[name]
@@ -138,6 +143,12 @@ def initial_state(
             each = f"those of {all_of(coordinates)}" if joints else "one for each mass that a law drives"
             must = f"a list of {number_of(len(coordinates), 'number')}, {each}"
             raise key_error(join(path, name), must, f"one of {len(values)}")
+    names = () if own_states is None else own_states.names
+    if fields["own"] is None:
+        fields["own"] = (0.0,) * len(names) if names else None
+    elif len(fields["own"]) != len(names):
+        must = f"a list of {number_of(len(names), 'number')}, those of `own_states.names`"
+        raise key_error(join(path, "own"), must, f"one of {len(fields['own'])}")
     return (DiskState if kind == "disk" else BallState)(**fields)
 
 
@@ -220,7 +231,7 @@ def balance_schedules(
     still = [item.without_law() for item in mechanisms]
     system = (Disk if kind == "disk" else Ball)(**shell_and_ground, masses=masses, mechanisms=still)
     targets = [joint.target for joint in joints_in_state(mechanisms)]
-    state = initial_state({**fields, "thetadot": None}, path, kind, system.coordinates, targets, start)
+    state = initial_state({**fields, "thetadot": None, "own": None}, path, kind, system.coordinates, targets, start)
     # A search for a balance is not traced: the numbers on which it depends must be known.
     try:
         answer = outside_of_traces(
@@ -250,6 +261,7 @@ def write_initial(system: System, state: State | ReleasedState) -> dict[str, Any
         )
     # A file has no key for an empty list.
     driven = {name: getattr(state, name) if system.coordinates else None for name in ("theta", "thetadot")}
+    driven["own"] = state.own
     if isinstance(state, DiskState):
         fields = {name: getattr(state, name) for name in ("phi", "phidot", "z")}
         return write_table({**fields, **released, **driven, "balance": None}, "initial", _DISK)

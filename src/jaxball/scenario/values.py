@@ -363,6 +363,21 @@ class Text:
 
 
 @dataclass(frozen=True)
+class Names:
+    """Names, one or more."""
+
+    words: str = "a list of names"
+
+    def read(self, value: Any, path: str) -> tuple[str, ...]:
+        if not isinstance(value, list) or not value or not all(isinstance(name, str) for name in value):
+            raise key_error(path, self.words, describe(value))
+        return tuple(value)
+
+    def write(self, value: Any, path: str) -> list[str]:
+        return list(value)
+
+
+@dataclass(frozen=True)
 class Choice:
     """One of several names."""
 

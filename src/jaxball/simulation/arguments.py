@@ -31,6 +31,7 @@ from ..physics.modes.dry_rolling import DryRolling
 from ..physics.modes.dry_stick_slip import DryStickSlip
 from ..physics.modes.stick_slip import StickSlip
 from ..physics.system import AbstractState, AbstractSystem, require_one, require_state, shapes_of_state
+from ..programs import traces
 from ..programs.derivatives.differentiation import is_differentiated_forward
 from ..solvers import NDF, TRBDF2, RadauIIA, Trapezoidal
 from . import DEFAULT_TOLERANCE as DEFAULT_TOLERANCE
@@ -39,6 +40,7 @@ DEFAULT_SOLVER = diffrax.Dopri8()
 DEFAULT_ADJOINT = diffrax.RecursiveCheckpointAdjoint()
 NO_PROGRESS = diffrax.NoProgressMeter()
 PLAIN = 1e30  # numbers between this and its negative have a place in every floating-point type
+LEAST_REFINEMENT = 1 / 3  # of the tolerance, by which the error can still be told
 FINEST = {name: 8 * float(np.finfo(name).eps) for name in ("float32", "float64")}
 
 
@@ -49,6 +51,25 @@ def _finest(dtype: np.dtype) -> float:
 
 class PrecisionError(UserError):
     """The tolerances are too tight for the floating-point type in use."""
+
+
+def _refine(rtol: Array | np.ndarray, atol: Array | np.ndarray) -> tuple[Any, Any]:
+    """Returns tolerances as they are, or within a block for finer runs tightened, as far as their type allows.
+
+    **Raises:** :class:`PrecisionError` where they are known and cannot be tightened to a third.
+    """
+    finer = traces.finer.value
+    if finer is None:
+        return rtol, atol
+    finer.met.append(None)
+    xp: Any = jnp if is_traced(rtol) or is_traced(atol) else np
+    factor = xp.maximum(finer.tolerance, xp.minimum(_finest(rtol.dtype) / xp.maximum(rtol, atol), 1.0))
+    if xp is np and np.any(factor > max(finer.tolerance, LEAST_REFINEMENT)):
+        raise PrecisionError(
+            f"The error at the tolerances {rtol[()]!s} and {atol[()]!s} is measured by a run at tighter ones, but "
+            f"{_finest(rtol.dtype):.1e} is the least in {rtol.dtype}; choose tolerances of three times that or more."
+        )
+    return xp.asarray(factor * rtol, rtol.dtype), xp.asarray(factor * atol, atol.dtype)
 
 
 def _as_array(name: str, x: Numbers) -> Array | np.ndarray:
@@ -131,7 +152,8 @@ def check_steps(max_steps: int) -> int:
 
     **Raises:** ``TypeError`` or ``ValueError`` for anything but a whole number from 1 to 10⁹.
     """
-    return whole_number("max_steps", max_steps, 1, MOST_STEPS)
+    max_steps, finer = whole_number("max_steps", max_steps, 1, MOST_STEPS), traces.finer.value
+    return max_steps if finer is None else min(finer.steps * max_steps, MOST_STEPS)
 
 
 def check_longest_step(max_step: float | None) -> float | None:
@@ -322,7 +344,8 @@ def check_tolerances(
     if type(rtol) is float and type(atol) is float:
         dtype = default_dtype()
         if 0 <= rtol < math.inf and 0 <= atol < math.inf and max(rtol, atol) >= _finest(dtype):
-            return np.asarray(rtol, dtype), np.asarray(atol, dtype)  # which takes microseconds, the rest tens
+            # This takes microseconds, the rest tens.
+            return _refine(np.asarray(rtol, dtype), np.asarray(atol, dtype))
     rtol, atol = _as_array("rtol", rtol), _as_array("atol", atol)
     concrete_values = {name: x for name, x in (("rtol", rtol), ("atol", atol)) if isinstance(x, np.ndarray)}
     for name, x in (("rtol", rtol), ("atol", atol)):
@@ -336,7 +359,7 @@ def check_tolerances(
             raise ValueError(f"Argument `{name}{where}` must be 0 or a positive number, but it is {got}.")
     dtype, finest = rtol.dtype, _finest(rtol.dtype)
     if not concrete_values or np.all(functools.reduce(np.maximum, concrete_values.values()) >= finest):
-        return rtol, atol
+        return _refine(rtol, atol)
     remedy = (
         'enable float64 before the first array is made, with `jax.config.update("jax_enable_x64", True)`, or '
         if dtype == jnp.float32

@@ -4,7 +4,7 @@ It rests where its centre of mass is on the vertical through the contact point, 
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -202,11 +202,6 @@ def _free_rails(system, free, state, t):
     return rails, np.asarray(angles)
 
 
-def _default_state(system: System) -> Any:
-    nothing = jnp.zeros(len(system.coordinates))
-    return system.state_type(theta=nothing, thetadot=nothing)
-
-
 def _up_and_normal(system: System, state: State | None, t: Numbers) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
     """Returns upwards, and the normal of the ground at the contact point, space axes; refuses a ground that moves."""
     ground, e3 = system.ground, to_array([0.0, 0.0, 1.0])
@@ -214,7 +209,7 @@ def _up_and_normal(system: System, state: State | None, t: Numbers) -> tuple[Flo
     if isinstance(ground, AbstractSurface):
         if ground.driven:
             raise ValueError(f"Argument `system` must {must} is driven by its law.")
-        state = _default_state(system) if state is None else state
+        state = system.upright_state() if state is None else state
         if not isinstance(state, PlacedState):
             raise refusal("state", "a state with the place of the body on its ground", state)
         normal, moves = _hold_at_rest(ground, to_array(t), system.radius, state.z)
@@ -262,7 +257,7 @@ def moves_under(
 def _others(system, free, state, t):
     """Computes Σ m χ of all but the free masses; returns it with the free masses' m, M, and Λ."""
     t = to_array(t)
-    state = _default_state(system) if state is None else state
+    state = system.upright_state() if state is None else state
     chi = kinematics(system, t, angles_in_state(system, t, state)).chi
     m = point_mass_values(system)
     held = np.setdiff1d(np.arange(chi.shape[0]), np.asarray(free))

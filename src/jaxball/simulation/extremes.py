@@ -12,10 +12,12 @@ from .. import programs
 from ..interface.arguments import require
 from ..interface.printing import Printed, format_value, is_single
 from ..interface.status import Status
-from ..numerics.calculus import with_derivatives
+from ..numerics.calculus import with_derivatives, with_second_derivatives
+from ..numerics.flows import move_to_peak
+from ..physics.hybrid import entry
 from ..physics.packing import Packing
 from ..physics.rolling import AbstractRollingSystem, Reaction
-from ..programs.derivatives.differentiation import differentiate_where, once
+from ..programs.derivatives.differentiation import differentiate_where
 from ..solvers.dense.maxima import maxima, move
 from ..solvers.dense.steps import Steps
 from .simulate import simulate
@@ -31,8 +33,8 @@ class ContactExtremes(Printed):
     """How close what rolls on a plane came to leaving the plane or slipping, and when.
 
     The times are refined between the saved ones, to the accuracy of the solver's dense output. The values have the
-    right first derivatives; the times have none, except where the extreme is at a kink of the motion or at the end of
-    the run.
+    right first and second derivatives; the times have none, except where the extreme is at a kink of the motion or at
+    the end of the run.
 
     - ``least_normal_force``: the smallest N, mass length/time².
     - ``friction_needed``: μ_min, the largest |f| / N; with less friction the ball would slip. Infinite where
@@ -143,18 +145,17 @@ def _extremes(interpolant: Interpolant, reached: Float[Array, ""], status: Array
     packing, steps = interpolant.packing, Steps.of(interpolant.solution, reached)
 
     def forces_and_rates(t, x):
-        force = packing.system.plane_reaction(t, packing.unpack(t, x))
-        # The angle is largest where |f| / N is, and has no spike where N is small.
-        return jnp.concatenate([jnp.stack([-force.normal, force.angle, force.friction]), packing.field(t, x)])
+        return jnp.concatenate([_sought(packing, t, x), packing.field(t, x)])
 
     peaks = maxima(steps, forces_and_rates, 3)
     N, _, f = jnp.diagonal(peaks.values)
     mu = Reaction(-peaks.values[1, 0], peaks.values[1, 2] ** 2).ratio
     extremes = (-N, peaks.time[0], mu, peaks.time[1], f, peaks.time[2])
     extremes = with_derivatives(extremes, _at, steps, packing, peaks.step, peaks.time)
-    extremes = once("extremes of the contact force", extremes)
     weight = packing.system.weight
     constant = _are_same(peaks.size, peaks.least, weight)
+    operands = steps, packing, peaks.step, peaks.time, constant
+    extremes = with_second_derivatives(extremes, "extremes of the contact force", _at_peaks, *operands)
     return ContactExtremes(
         *(jnp.where(started, value, jnp.nan) for value in (*extremes, weight)), constant=constant & started
     )
@@ -201,11 +202,49 @@ def _extremes_of_samples(
     )
 
 
+def _sought(packing: Packing, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, "3"]:
+    """Computes the functions that are largest at the extremes."""
+    force = packing.system.plane_reaction(t, packing.unpack(t, x))
+    # The angle is largest where |f| / N is, and has no spike where N is small.
+    return jnp.stack([-force.normal, force.angle, force.friction])
+
+
 def _at(steps: Steps, packing: Packing, index: Int[Array, "3"], times: Float[Array, "3"]) -> tuple[Array, ...]:
-    """Computes N, |f| / N and |f|, each with its time, at three times in steps, with their derivatives."""
+    """Computes N, |f| / N and |f|, each with its time, at three times in steps, with their first derivatives."""
+    times, vectors = _moved(steps, packing, index, times)
+    return _extremes_at(packing, times, times, vectors)
+
+
+def _at_peaks(
+    steps: Steps, packing: Packing, index: Int[Array, "3"], times: Float[Array, "3"], constant: Bool[Array, "3"]
+) -> tuple[Array, ...]:
+    """Computes the same as :func:`_at`, with second derivatives of the values, for which the times of extremes within
+    steps move to the zeros of the rates.
+    """
+    times, vectors = _moved(steps, packing, index, times)
+    lengths = (steps.end - steps.start)[index]
+
+    def to_peak(sample: tuple[Array, ...]) -> tuple[Float[Array, ""], Float[Array, " size"]]:
+        which, t, x, length = sample
+        return move_to_peak(packing.field, lambda t, x: entry(which, _sought(packing, t, x)), t, x, length)
+
+    moved = jax.lax.map(to_peak, (jnp.arange(3), times, vectors, jnp.where(constant, 0.0, lengths)))
+    return _extremes_at(packing, times, *moved)
+
+
+def _moved(
+    steps: Steps, packing: Packing, index: Int[Array, "3"], times: Float[Array, "3"]
+) -> tuple[Float[Array, "3"], Float[Array, "3 size"]]:
+    """Returns times in steps and the vectors then, with the derivatives of the ends of the run and of kinks."""
     kinks = packing.system.kinks()
-    times, vectors = jax.vmap(lambda i, t: move(steps, kinks, i, t))(index, times)
+    return jax.vmap(lambda i, t: move(steps, kinks, i, t))(index, times)
+
+
+def _extremes_at(
+    packing: Packing, named: Float[Array, "3"], times: Float[Array, "3"], vectors: Float[Array, "3 size"]
+) -> tuple[Array, ...]:
+    """Computes N, |f| / N and |f| at three times, each with the time that is ``named``."""
     force = jax.lax.map(
         lambda sample: packing.system.plane_reaction(sample[0], packing.unpack(*sample)), (times, vectors)
     )
-    return force.normal[0], times[0], force.ratio[1], times[1], force.friction[2], times[2]
+    return force.normal[0], named[0], force.ratio[1], named[1], force.friction[2], named[2]

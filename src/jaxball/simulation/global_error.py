@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar, cast
 
 import diffrax
 import equinox as eqx
@@ -28,6 +28,7 @@ from .trajectory import Trajectory
 Part = TypeVar("Part")
 
 TOLERANCE_BETWEEN_TIMES = 1e-14  # of the solves from one saved time to the next
+TIGHT = np.full(2, TOLERANCE_BETWEEN_TIMES)  # an array, because numbers would distinguish programs
 STEPS_BETWEEN_TIMES = 2**18
 
 
@@ -121,6 +122,44 @@ def _check(run: Any) -> None:
         )
 
 
+class SlopeOfEnd(NamedTuple):
+    """How fast the end of a run moves with its start: the ``derivative`` of a run, and ``differences`` of nearby ones.
+
+    - ``spread``: by how much differences differ that are twice as wide, at each of their entries.
+    """
+
+    derivative: Float[np.ndarray, " size"]
+    differences: Float[np.ndarray, " size"]
+    spread: Float[np.ndarray, " size"]
+
+
+def slope_of_end(
+    run: Trajectory[Any, Any],
+    direction: Float[np.ndarray, " size"],
+    width: float,
+    tolerances: tuple[float, float],
+) -> SlopeOfEnd:
+    """Computes the derivative of a run's end as its start moves in a ``direction``, and the same by differences.
+
+    The derivative is that of a run at the ``tolerances``. Differences are of runs at a tolerance of 1e-14 that start
+    ``width`` and twice that to both sides, in Richardson's combination. NaN where one of them fails. For runs without
+    modes.
+    """
+    times: Any = np.asarray(run.times)[[0, -1]]
+    start = _row(jax.tree.map(np.asarray, run.state), 0)
+    vector, unravel = ravel_state(start)
+
+    def solve(distance: float, tolerances: np.ndarray) -> list[np.ndarray]:
+        moved = jax.tree.map(np.asarray, unravel(vector + distance * direction))
+        ends, status = _solve_between(run.system, None, times, moved, None, tolerances, cast(Any, direction))
+        return [np.where(int(status) in SUCCESSES, end, np.nan) for end in ends]
+
+    _, derivative = solve(0.0, np.asarray(tolerances))
+    ends = [solve(side * distance, TIGHT)[0] for distance in (width, 2 * width) for side in (-1, 1)]
+    narrow, wide = (ends[1] - ends[0]) / (2 * width), (ends[3] - ends[2]) / (4 * width)
+    return SlopeOfEnd(derivative, narrow + (narrow - wide) / 3, np.abs(narrow - wide))
+
+
 def _carry_errors(run: Trajectory[Any, Any]) -> Any:
     """Returns the errors of the states at the saved times, as states from which a solve can start."""
     times: Any = np.asarray(run.times)
@@ -134,7 +173,7 @@ def _carry_errors(run: Trajectory[Any, Any]) -> Any:
     for k in range(int(np.isfinite(saved).all(axis=1).sum()) - 1):
         span, start = times[k : k + 2], _row(states, k)
         mode: Any = None if modes is None else np.asarray(modes[k])  # a scalar would be static
-        (end, carried), status = _solve_between(run.system, law, span, start, mode, errors[k])
+        (end, carried), status = _solve_between(run.system, law, span, start, mode, TIGHT, errors[k])
         if int(status) not in SUCCESSES:
             raise SolveError(
                 f"The error of this run cannot be estimated, because the solve from its saved time "
@@ -154,10 +193,11 @@ def _solve_between(
     times: Float[Array, "2"],
     state: Any,
     mode: Int[Array, ""] | None,
+    tolerances: Float[Array | np.ndarray, "2"],
     deviation: Float[Array, " size"],
 ) -> tuple[tuple[Float[Array, " size"], Float[Array, " size"]], Int[Array, ""]]:
-    """Solves over ``times`` from a saved state; returns its end as a vector, the deviation carried there, and the
-    status.
+    """Solves over ``times`` from a saved state, by Dopri8; returns its end as a vector, the deviation carried there,
+    and the status.
     """
     vector, unravel = ravel_state(state)
 
@@ -166,8 +206,8 @@ def _solve_between(
             system,
             times,
             _on_constraints(system, times[0], unravel(vector), mode),
-            rtol=TOLERANCE_BETWEEN_TIMES,
-            atol=TOLERANCE_BETWEEN_TIMES,
+            rtol=tolerances[0],
+            atol=tolerances[1],
             contact=law,
             adjoint=diffrax.ForwardMode(),
             max_steps=STEPS_BETWEEN_TIMES,

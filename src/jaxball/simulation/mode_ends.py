@@ -14,9 +14,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..numerics.arrays import select_tree
+from ..numerics.pieces import Span
 from ..physics.hybrid import NONE, entry
 from ..solvers.dense.crossings import Falling, FirstZero, Functions, glance
-from ..solvers.dense.pieces import Span
 
 NEAR_ZERO = 1e-10  # of the length of a step: where it ends so close to a zero of a guard, one step of Newton's is exact
 ONE_EVENT = 1e-6  # of the length of a step: zeros of guards this close to each other are one event

@@ -10,6 +10,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from ..numerics.calculus import with_second_derivatives
+from ..numerics.flows import move_to_peak
+from ..physics.hybrid import entry
 from ..programs.batches import fill_vectors
 from ..solvers.dense.integrals import Accuracy, Running, integrate
 from ..solvers.dense.peaks import Peaks, search
@@ -20,6 +23,7 @@ ASIDE = 1 / 16  # of a piece, by which the search for its peak goes beyond it
 # From a time and a vector to the vector of the state, and to quantities.
 Between = Callable[[Float[Array, ""]], Float[Array, " size"]]
 Quantities = Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, " k"]]
+Field = Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, " size"]]
 Run = tuple[Float[Array, ""], Float[Array, ""]]  # the times between which it is
 
 
@@ -79,17 +83,18 @@ class Found(NamedTuple):
 
 
 class Observers:
-    """Observe each step of one run for an :class:`Observation`, by its ``quantities`` of times and vectors.
+    """Observe each step of one run for an :class:`Observation`, by its ``quantities`` of times and vectors, of which
+    ``field`` is the rate; both are PyTrees.
 
     Integrals are as exact as the tolerances ``rtol`` and ``atol`` of the run.
     """
 
-    def __init__(self, observation: Observation, quantities: Quantities, rtol: Array, atol: Array):
+    def __init__(self, observation: Observation, quantities: Quantities, field: Field, rtol: Array, atol: Array):
         self.needs_exact, self._integrated = bool(observation.integrals), observation.integrals
         self._rtol, self._atol = rtol, atol
         self._which = tuple(which for which, _ in observation.searches)
         self._signs = tuple(sign for _, sign in observation.searches)
-        self._quantities, self._count = quantities, len(observation.quantities)
+        self._quantities, self._field, self._count = quantities, field, len(observation.quantities)
 
     def begin(self, x: Float[Array, " size"]) -> Seen:
         """Returns the observations before the first step, from ``x``."""
@@ -166,9 +171,27 @@ class Observers:
 
         return integrate(functions, start, running, accuracy, reverse=reverse)
 
-    def _sign(self, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, " k"]:
-        values = self._quantities(t, x)
+    def _sign(
+        self, t: Float[Array, ""], x: Float[Array, " size"], quantities: Quantities | None = None
+    ) -> Float[Array, " k"]:
+        values = (self._quantities if quantities is None else quantities)(t, x)
         return jnp.stack([sign * values[k] for k, sign in zip(self._which, self._signs, strict=True)])
+
+    def _at_peak(
+        self,
+        quantities: Quantities,
+        field: Field,
+        k: Array,
+        step: Step,
+        t: Float[Array, ""],
+        length: Float[Array, ""],
+    ) -> Float[Array, ""]:
+        """Computes the largest value at a time in a step of some ``length``, with its second derivatives."""
+
+        def value(t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, ""]:
+            return entry(k, self._sign(t, x, quantities))
+
+        return value(*move_to_peak(field, value, t, step.exact(t), length))
 
     def _refine(self, best: Peaks, again: Callable[[Array, Array, Array], Step]) -> tuple[Array, Array]:
         """Refines the largest values, and when they occur."""
@@ -191,7 +214,8 @@ class Observers:
             # At the end of a step it does, where the run ends or a quantity jumps.
             end = jnp.where(t >= last, step.end, jnp.where(t <= first, step.start, t))
             t += end - jax.lax.stop_gradient(end)
-            return at(t), t
+            operands = self._quantities, self._field, k, step, t, length
+            return with_second_derivatives(at(t), "largest and smallest values of a run", self._at_peak, *operands), t
 
         values, times = (x.reshape(2, count) for x in jax.lax.map(search, jnp.arange(2 * count)))
         unseen = jnp.where(jnp.isnan(best.value), jnp.nan, -jnp.inf)

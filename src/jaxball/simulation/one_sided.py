@@ -16,8 +16,8 @@ from ..physics.contact.modes import ContactState, Mode
 from ..physics.contact.over_surface import near_to
 from ..physics.contact.released import ReleasedState
 from ..physics.contact.resting import RestingHistory
-from ..physics.contact.slip import Beginning
 from ..physics.contact.sticking import StickingHistory
+from ..physics.contact.window import Beginning
 from ..physics.hybrid import AbstractHistory
 from .trajectory import Trajectory
 

@@ -6,10 +6,10 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from ..interface.wording import did_you_mean
+from ..numerics.arrays import arrays_of
 from ..physics.body import AbstractBody
 from ..physics.contact.modes import ContactState
 from ..physics.observables import Observables, compute_observables, movement
@@ -66,7 +66,7 @@ def observables_of(system: Any, t: Float[Array, ""], state: Any) -> Observables:
 def _readers(system: Any, t: Float[Array, ""], state: Any) -> dict[str, Callable[[], Any]]:
     """Returns functions without arguments, by the names of the numbers that they compute."""
     shown, seen = system.shown, system.state_to_show(state)
-    readers: dict[str, Callable[[], Any]] = {name: lambda leaf=leaf: leaf for name, leaf in _fields(seen).items()}
+    readers: dict[str, Callable[[], Any]] = {name: lambda leaf=leaf: leaf for name, leaf in arrays_of(seen).items()}
     if isinstance(state, ContactState):
         readers |= {name: lambda name=name: getattr(state, name) for name in _RELEASED}
     if isinstance(shown, AbstractBody) and not isinstance(state, ReducedState):
@@ -79,7 +79,3 @@ def _readers(system: Any, t: Float[Array, ""], state: Any) -> dict[str, Callable
         laws = jax.eval_shape(shown.laws, t, seen)
         readers |= {name: lambda name=name: getattr(shown.laws(t, seen), name) for name in laws._fields}
     return readers
-
-
-def _fields(state: Any) -> dict[str, Any]:
-    return {name: leaf for name, leaf in vars(state).items() if isinstance(leaf, jax.Array | np.ndarray)}

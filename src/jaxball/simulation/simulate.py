@@ -115,7 +115,8 @@ def simulate(
     - ``adjoint``: the mode of differentiation: ``diffrax.RecursiveCheckpointAdjoint()`` for reverse mode alone,
       ``diffrax.ForwardMode()`` for forward mode alone; both in any order if not given, and up to second derivatives of
       events and hybrid systems. ``diffrax.DirectAdjoint()`` is refused.
-    - ``max_steps``: the most steps, accepted and rejected, that the solve may take.
+    - ``max_steps``: the most steps, accepted and rejected, that the solve may take; its derivatives, which may need
+      more, are NaN where this does not suffice for them.
     - ``max_step``: the longest step, a time; none if not given. What depends on time is sampled over the run, so that
       steps are short where it changes fast; this is for what the samples miss. Each value compiles a program.
     - ``progress``: a diffrax progress meter.
@@ -365,8 +366,9 @@ class _Functions:
         """Makes the observers of quantities along the run."""
         observation = self._method.observation
         assert observation is not None
-        quantities = functools.partial(_quantities, observation, self.unpack(parameters)[0])
-        return Observers(observation, quantities, rtol, atol)
+        packing = self.unpack(parameters)[0]
+        quantities = jax.tree_util.Partial(functools.partial(_quantities, observation), packing)
+        return Observers(observation, quantities, packing.field, rtol, atol)
 
     def event_state(self, t, x, parameters):
         """Returns the state that an event's function is given, as a vector."""

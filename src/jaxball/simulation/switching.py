@@ -21,12 +21,12 @@ from jaxtyping import Array, Bool, Float, Int
 from ..interface.status import Status
 from ..numerics.arrays import select_tree
 from ..numerics.kinks import before_kink
+from ..numerics.pieces import Span
 from ..physics.hybrid import NONE, START, Accuracy, GuardedStep, Record, Transition
 from ..physics.packing import Packing
 from ..programs.derivatives.differentiation import without_derivatives
 from ..programs.derivatives.reverse_rules import CarryOut, pull_by_forward_mode, put
 from ..solvers.dense.crossings import Functions
-from ..solvers.dense.pieces import Span
 from .mode_ends import LEAST_LENGTH, SHORTER, Look, RootBracket, bracket_zero, is_too_quick, look_at
 
 GRAZING = 1e-6  # a guard that falls by less than this part of its size in a step touches zero

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     import matplotlib.figure
     import xarray
 
+    from ..plot.pictures import Picture
     from ..plot.view.page import View
     from ..scenario import Scenario
     from ..sensors import AbstractSensor
@@ -361,6 +362,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         *,
         title: str | None = None,
         friction: float | None = None,
+        picture: "Picture | None" = None,
         all_times: bool = False,
     ) -> "View":
         """Shows the run as a page: the body in three dimensions, and graphs over time, which a notebook shows in place.
@@ -368,8 +370,8 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         ``run.view().save("run.html")`` or ``run.view("run.html")`` writes it as one file that opens in any browser,
         without a network; ``run.view().html`` is its text. Each frame shows the nearest saved time.
 
-        ``path``, ``title``, ``friction``, ``all_times`` and what is raised: as for :func:`jaxball.plot.write_view`. The
-        title is that of the scenario, if there is one, unless it is given.
+        ``path``, ``title``, ``friction``, ``picture``, ``all_times`` and what is raised: as for
+        :func:`jaxball.plot.write_view`. The title is that of the scenario, if there is one, unless it is given.
         """
         raise NotImplementedError
 

@@ -50,6 +50,7 @@ STATE = {
         ("driven",), "rad or length", "parameter of a driven mass on its rail, or of a joint", symbol=r"\theta"
     ),
     "thetadot": Variable(("driven",), "rad or length / time", "rate of theta", symbol=r"\dot{\theta}"),
+    "own": Variable(("own_state",), "", "state of the user's own", symbol="x"),
 }
 
 CLASSICAL_STATE = {

@@ -111,12 +111,19 @@ def stability(system: System, state: State, *, turning: float = 0.0, t: Numbers 
 
 
 def require_prescribed(ball: Ball) -> None:
-    """Raises a ``ValueError`` where something in the ball moves by a law or freely, or resistance acts."""
+    """Raises a ``ValueError`` where something in the ball moves by a law or freely, states of its own do, or
+    resistance acts.
+    """
     if ball.coordinates:
         moving = all_of(ball.coordinates)
         raise ValueError(
             f"Argument `ball` must have nothing that moves by a law or freely, but {moving} do; hold these with a "
             "schedule, or see `periodic_motion`."
+        )
+    if ball.own_states is not None:
+        raise ValueError(
+            f"Argument `ball` must have no `own_states`, but it has {all_of(ball.own_states.names)}; leave them out, "
+            "or use `stability`, which is given the values at which they are steady."
         )
     if not ball.is_reducible or ball.resistance is not None:
         raise ValueError(

@@ -21,6 +21,7 @@ from ..control.weights import weight_matrix
 from ..ensemble import AbstractReduction
 from ..ensemble.reductions import Observed, values
 from ..interface.status import Status
+from ..numerics.arrays import arrays_of
 from ..programs.operation import in_threads
 from ..scenario import RegulatorSettings, Scenario
 from ..scenario.closed_loop import LoopNumbers, build_sampled_system
@@ -142,7 +143,7 @@ def _row(sought: Sought, common: Common, shared: Any, row: Any) -> dict[str, Arr
         "steps": jnp.asarray(sought.samples),
         "rejected": jnp.asarray(0),
         "reached": loop.times[reached],
-        **vars(loop.states),
+        **arrays_of(loop.states),
         **_of_loop(loop, common),
         **_of_estimate(loop, common),
         **_reduce(loop, sought.reductions),

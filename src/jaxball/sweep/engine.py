@@ -10,6 +10,7 @@ from jaxtyping import Array
 from .. import programs
 from ..ensemble import AbstractReduction, simulate_ensemble
 from ..ensemble.reductions import CONTACT as CONTACT_REDUCTIONS
+from ..numerics.arrays import arrays_of
 from ..physics.rolling import AbstractRollingSystem
 from ..programs.batches import of_rows
 from ..scenario.solvers import SOLVERS
@@ -71,7 +72,7 @@ def _solve_rows(
     )
     trajectory = ensemble.trajectory
     rows = {name: np.asarray(getattr(trajectory, name)) for name in ("status", "steps", "rejected", "reached")}
-    results = vars(trajectory.state) | history_results(trajectory.history) | ensemble.reductions
+    results = arrays_of(trajectory.state) | history_results(trajectory.history) | ensemble.reductions
     for name in events:
         seen = trajectory.events[name]
         results |= {f"{name}_count": seen.count, f"{name}_time": seen.times[:, 0]}

@@ -13,6 +13,7 @@ from jaxtyping import Array, Float, Int
 
 from ..classical import LagrangianState
 from ..interface.status import Status
+from ..numerics.arrays import arrays_of
 from ..physics.contact.body_on_plane import BodyOnPlane, ContactHistory
 from ..physics.contact.modes import Mode
 from ..physics.contact.released import ReleasedState
@@ -170,7 +171,7 @@ def state_variables(template: Scenario) -> dict[str, tuple[Variable, tuple[int, 
     if template.feedback is not None:
         none = np.zeros(len(_system_of_rows(template).coordinates))
         body = dataclasses.replace(body, theta=none, thetadot=none)
-    shapes = {name: np.shape(leaf) for name, leaf in vars(body).items() if np.size(leaf)}
+    shapes = {name: np.shape(leaf) for name, leaf in arrays_of(body).items() if np.size(leaf)}
     variables = {name: (_variable(body, name, shape), shape) for name, shape in shapes.items()}
     over_time, _ = history_variables(template.system_to_solve)
     sizes = {"axis": 3, "direction": 2}

@@ -16,7 +16,8 @@ from ..physics.contact.released import ReleasedState
 from ..physics.dae import WITH_UNIT
 from ..physics.dynamics.footing import in_space
 from ..scenario.solvers import SOLVERS
-from ..simulation.global_error import estimate_error
+from ..simulation.deviations import generic_vectors
+from ..simulation.global_error import estimate_error, slope_of_end
 from ..simulation.trajectory import Trajectory
 from ..solvers import Gauss, RadauIIA
 from .case import Case, flat
@@ -31,7 +32,10 @@ LOOSEST = 1e-2
 
 SHARE_UNEXPLAINED = 0.5  # of the error, by which an estimate of it may be off
 
-SLOW_COMPARISONS = ("estimate", "solvers", "dae", "embedding")  # each compiles a program of its own
+WIDTH = 3e-5  # to each side, relative to 1 + |x|, of the runs whose difference is compared with a derivative
+UNRESOLVED = 0.1  # of what a difference twice as wide changes, as Richardson's combination leaves less
+
+SLOW_COMPARISONS = ("estimate", "derivative", "solvers", "dae", "embedding")  # each compiles a program of its own
 
 
 def compare_saved(case: Case) -> Row:
@@ -103,6 +107,28 @@ def estimate(case: Case) -> Row:
     return Row("estimate", float(np.max(np.abs(estimated - measured))), expected, note=note)
 
 
+def derivative(case: Case) -> Row:
+    """Returns the row of the derivative of the run's end along a generic direction, less differences of nearby runs.
+
+    It is solved at the run's tolerances, by Dopri8 with ``estimate``'s program. An error of each step, which is up to
+    the tolerance times the size of what the direction has become, grows like any deviation. What differences do not
+    resolve is allowed as well.
+    """
+    if case.scenario.system.is_hybrid or case.scenario.may_slip:
+        return Row("derivative", reason="it has modes, and nearby runs may be in others")
+    direction = generic_vectors(1, case.weights.size)[0]
+    tolerances = case.scenario.rtol, case.scenario.atol
+    slope = slope_of_end(case.run, direction / np.linalg.norm(direction) * case.weights, WIDTH, tolerances)
+    along, true, spread = (x / case.weights for x in slope)
+    if not np.isfinite(true).all():
+        return Row("derivative", reason="a run from a nearby state fails")
+    size, unresolved = max(1.0, float(np.max(np.abs(true)))), UNRESOLVED * float(np.max(spread))
+    if unresolved >= SATURATED * size:
+        return Row("derivative", reason="runs from nearby states differ too much for differences to tell")
+    note = f"along a direction that grows {size:.3g}-fold"
+    return Row("derivative", float(np.max(np.abs(along - true))), case.expected * size + unresolved, note=note)
+
+
 def solvers(case: Case) -> Row:
     """Compares with Dopri8 or Gauss's method of order 16, whichever is of a different family than the scenario's
     solver.
@@ -157,6 +183,7 @@ CHECKS: dict[str, Callable[[Case], Row]] = {
     "error": error,
     "convergence": convergence,
     "estimate": estimate,
+    "derivative": derivative,
     "solvers": solvers,
     "dae": dae,
     "embedding": embedding,

@@ -16,6 +16,7 @@ COMPARISONS: dict[str, str] = {
     "error": "the run agrees with one at a tolerance of 1e-13",
     "convergence": "the error falls with the tolerance",
     "estimate": "the error is what errors between saved times have grown to",
+    "derivative": "the derivative of the run's end agrees with differences of nearby runs",
     "solvers": "the run agrees with that of a solver of another family",
     "dae": "the run agrees with that of the differential-algebraic equations",
     "embedding": "a disk rolls like the ball in which it is embedded",

@@ -110,6 +110,11 @@ class Rolling(AbstractControlProblem):
                 f"{all_of(system.sticking)} {'has' if len(system.sticking) == 1 else 'have'} a JointFriction; give "
                 "that `smoothing`."
             )
+        if system.own_states is not None:
+            raise DesignError(
+                "Argument `system` must have no states of its own, because collocation has unknowns for the motion of "
+                f"a body alone, but it has {all_of(system.own_states.names)}; leave its `own_states` out."
+            )
         controls = inputs(system, start, state)
         start_state = system.state_type() if state is None else state
         self.robot, self.system, self.motors = system, controls.system, controls.motors

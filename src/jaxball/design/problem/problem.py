@@ -18,7 +18,14 @@ from ...physics.body import System
 from ...physics.state import BallState, DiskState
 from ...programs.batches import of_rows
 from ...programs.identity.names import home_of
-from .requirements import AbstractConstraint, AbstractObjective, OfFunction, require_possible, require_reachable
+from .requirements import (
+    AbstractConstraint,
+    AbstractObjective,
+    OfFunction,
+    evaluate_objectives,
+    require_possible,
+    require_reachable,
+)
 from .run import RAIL_SAMPLES, Run, Solve, run_of
 from .space import Candidate, DesignError, DesignSpace, Parametrisation
 
@@ -231,7 +238,7 @@ class TracedProblem(eqx.Module):
 
     def evaluate_each(self, run: Run) -> tuple[Evaluation, dict[str, Float[Array, " places"]]]:
         """Evaluates all objectives and constraints of a run, and returns the violations of each constraint too."""
-        terms = [requirement(run) for requirement in self.objectives.values()]
+        terms = evaluate_objectives(self.objectives.values(), run)
         violations = {name: jnp.ravel(requirement(run)) for name, requirement in self.constraints.items()}
         none = jnp.zeros((0,), dtype=run.times.dtype)
         evaluation = Evaluation(
@@ -253,7 +260,8 @@ class TracedProblem(eqx.Module):
 class Problem:
     """Minimise Σ weight · objective over the designs of ``space`` that fulfil all ``constraints``.
 
-    Objectives and constraints are evaluated only at the scenario's save times, not between them.
+    Objectives and constraints are evaluated only at the scenario's save times; between them, means over a run are those
+    of polynomials through six values.
 
     With ``perturbations`` the problem is robust: its objectives are means over the perturbed balls, and its constraints
     must hold for each of them.

@@ -1,7 +1,7 @@
 """The contracts of objectives and constraints."""
 
 import abc
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -9,6 +9,7 @@ from jaxtyping import Array, Float, PyTree
 
 from ...interface.arguments import require_callable_with
 from ...numerics.arrays import numbers
+from ...numerics.quadrature import integrate_samples
 from ...physics.body import System
 from .run import Run
 from .space import DesignError
@@ -69,14 +70,25 @@ class AbstractRunningObjective(AbstractObjective):
         """Evaluates the integrand at the times of the run."""
 
     def __call__(self, run: Run):
-        return mean_in_time(run, self.integrand(run))
+        return mean_in_time(run, self.integrand(run)[:, None])[0]
 
 
-def mean_in_time(run: Run, values: Float[Array, " t"]) -> Float[Array, ""]:
-    """Computes the mean over the run, by the trapezoidal rule."""
-    # Save times need not be equally spaced.
-    steps = jnp.diff(run.times)
-    return jnp.sum(steps * (values[1:] + values[:-1]) / 2) / jnp.sum(steps)
+def mean_in_time(run: Run, values: Float[Array, "t k"]) -> Float[Array, " k"]:
+    """Computes the means of k functions over the run by their values at its times, as ``integrate_samples`` does."""
+    return integrate_samples(run.times, values, run.system.kinks()) / (run.times[-1] - run.times[0])
+
+
+def evaluate_objectives(objectives: Iterable[AbstractObjective], run: Run) -> list[Float[Array, ""]]:
+    """Evaluates objectives; those that are means over the run together, whose rule is the same."""
+    objectives = list(objectives)
+    means = [type(item).__call__ is AbstractRunningObjective.__call__ for item in objectives]
+    values = [
+        item.integrand(run)
+        for item, is_mean in zip(objectives, means, strict=True)
+        if is_mean and isinstance(item, AbstractRunningObjective)
+    ]
+    found = iter(mean_in_time(run, jnp.stack(values, axis=1)) if values else ())
+    return [next(found) if is_mean else item(run) for item, is_mean in zip(objectives, means, strict=True)]
 
 
 class AbstractConstraint(Requirement):

@@ -213,6 +213,6 @@ def warnings(design: Design) -> list[str]:
     if not np.isfinite(design.merit.gradient):
         sentences.append(
             "The gradient at the best design is not finite, and the search could not continue from there; start "
-            "elsewhere."
+            "elsewhere, or raise `max_steps`, of which a gradient may need more than its run."
         )
     return sentences

@@ -232,7 +232,10 @@ def check_gradient(optimiser: Optimiser, y: Float[np.ndarray, " n"], seed: int =
     if not np.all(np.isfinite(gradient)):
         entries = zip(optimiser.program.names, np.isfinite(gradient), strict=True)
         names = dict.fromkeys(name for name, finite in entries if not finite)
-        raise DesignError(f"The gradient at the start must be finite, but it is not for {', '.join(names)}.")
+        raise DesignError(
+            f"The gradient at the start must be finite, but it is not for {', '.join(names)}; start elsewhere, or "
+            "raise `max_steps`, of which a gradient may need more than its run."
+        )
     # A gradient of 0 has no length to compare with.
     size = float(np.linalg.norm(gradient)) or 1.0
     differences = lagrangians.value[1:].reshape(len(STEPS), 4) @ FIVE_POINTS / np.asarray(STEPS)

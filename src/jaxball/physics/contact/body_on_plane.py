@@ -49,6 +49,7 @@ from .released import (
     slip_velocity,
 )
 from .transition import response_on_plane, transition
+from .window import Beginning
 
 ROUNDING_OF_VELOCITY = 8  # in units of rounding: velocities and accelerations that are smaller count as zero
 FORCES = 32  # in units of rounding of the forces whose sum a reaction is: one that is smaller counts as zero
@@ -337,7 +338,7 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         zero = jnp.zeros_like(start_state.height)
         # In the mode of flight packing leaves V as it is, also for a body on the ground: in that of rolling it makes
         # the slip exactly zero.
-        mode, begun = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT), slips.Beginning.none(zero)
+        mode, begun = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT), Beginning.none(zero)
         near = over.near_to(self.body, start_state.body.z, zero)
         return ContactState(start_state.body, start_state.V, start_state.height, zero, zero, mode, begun, near)
 
@@ -454,7 +455,7 @@ class ContactHistory(AbstractHistory):
         """Returns the body on its plane and its states, in which the body itself has the ``states``."""
         # A saved state has its σ beside it, also where the slip begins and v_s has none: it holds at any time.
         mode, ever = self.mode.astype(self.height.dtype), jnp.full_like(self.height, jnp.finfo(self.height.dtype).max)
-        begun = slips.Beginning.along(ever, self.sigma)
+        begun = Beginning.along(ever, self.sigma)
         near = over.near_to(system, states.z, self.height)
         return BodyOnPlane(system, self.law), ContactState(
             states, self.V, self.height, self.friction_loss, self.impact_loss, mode, begun, near

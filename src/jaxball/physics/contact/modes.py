@@ -14,7 +14,7 @@ from ..state import PlacedState
 from ..system import AbstractState
 from .friction import slip_direction
 from .released import ReleasedState
-from .slip import Beginning
+from .window import Beginning
 
 
 class Mode(enum.IntEnum):

@@ -150,7 +150,7 @@ class Response(NamedTuple):
     without dry friction. ``convected`` is V̇ without v̇_s and r ω̇ × n, space axes: that of the turntable, u̇, and on a
     surface what it is by the ``footing``, which is None on a plane. ``rise`` is the rate of the height there. Where dry
     friction is exact, ``twisting`` is what a unit of torque at the contact along each space axis adds while v̇_s = 0;
-    ``rubbing`` is None there, as long as no mode of turning is known.
+    ``rubbing`` is None there, as long as no mode of turning is known. ``own`` are the rates of states of one's own.
     """
 
     rolling: Motion
@@ -161,6 +161,7 @@ class Response(NamedTuple):
     footing: Footing | None = None
     rise: Float[Array, ""] | None = None
     twisting: Motion | None = None
+    own: Float[Array, " own"] | None = None
 
     @property
     def axes(self) -> Float[Array, "3 3"] | None:
@@ -272,6 +273,7 @@ def response(
         footing=under,
         rise=None if under is None else slip_velocity(system, t, state)[2],
         twisting=jax.vmap(lambda axis: change(axis, idle, jnp.zeros_like(axis)))(Lambda) if is_exact else None,
+        own=system.own_rates(t, body),
     )
 
 
@@ -301,7 +303,7 @@ def rates(
     """
     body, r = state.body, system.radius
     Omegadot, thetaddot = body_response.accelerations(slip_acceleration, N)
-    moved = body.rates(r, Omegadot, (body.theta, body.thetadot, thetaddot))
+    moved = body.rates(r, Omegadot, (body.theta, body.thetadot, thetaddot), body_response.own)
     V = (
         _turning(body, r, Omegadot, body_response)
         + in_space(body_response.axes, slip_acceleration)

@@ -25,7 +25,7 @@ from ..body import AbstractBody
 from ..dynamics.footing import ContactAxes, footing_of_released, rate_of_carrier
 from ..dynamics.load import Load
 from ..grounds import Footing
-from ..hybrid import NONE, SLOW_ROLLING, Accuracy, Assessment, GuardedStep, Transition
+from ..hybrid import NONE, SLOW_ROLLING, WINDOW, Accuracy, Assessment, GuardedStep, Transition
 from ..state import PlacedState
 from . import friction, over_surface as over
 from .body_on_plane import BodyOnPlane, ContactHistory
@@ -33,8 +33,9 @@ from .modes import ContactState, Mode, SwitchCause
 from .released import ReleasedState, Response, response, slip_velocity
 from .resisted import DryTorque, Resisting
 from .resting_transition import Headings, transition
-from .slip import Beginning, Heading
+from .slip import Heading
 from .turning import AbstractTurning
+from .window import Beginning
 
 TURNING_GUARD, SPINNING_GUARD = 3, 4  # after the three of a contact
 
@@ -231,7 +232,8 @@ class RestingOnPlane(AbstractTurning, BodyOnPlane):
         rolling = jnp.where(state.rolls == 0, int(SwitchCause.BREAKS_LOOSE), int(SwitchCause.ROLLING_ENDS))
         spinning = jnp.where(state.spin == 0, int(SwitchCause.BEGINS_TO_SPIN), int(SwitchCause.SPINNING_ENDS))
         cause = jnp.where(step.zero == SPINNING_GUARD, spinning, rolling)
-        otherwise = jnp.where((contact.event < 0) & nears, int(SwitchCause.ROLLING_ENDS), contact.event)
+        otherwise = jnp.where((contact.event == NONE) & step.timed & rolls, WINDOW, contact.event)
+        otherwise = jnp.where((contact.event < 0) & nears, int(SwitchCause.ROLLING_ENDS), otherwise)
         return Assessment(jnp.where(ends, cause, otherwise), longest)
 
     # How modes begin.

@@ -19,12 +19,13 @@ from ..dynamics.load import in_three
 from ..dynamics.rest import candidates, resist
 from ..forces.resistance import TurningMode
 from ..hybrid import START, Accuracy, Transition, at_zero
-from . import friction, slip as slips
+from . import friction, slip as slips, window as windows
 from .modes import CAUSES, Mode, SwitchCause
 from .released import ReleasedState, Response, rates, slip_velocity, with_rise, with_slip
 from .resisted import Resisting
-from .slip import Beginning, Heading
-from .transition import Progress, end_slip, only_if, strike
+from .slip import Heading
+from .transition import Progress, along_course, end_slip, follow_slip, only_if, strike
+from .window import Beginning, Course
 
 if TYPE_CHECKING:
     from .resting import RestingOnPlane, RestingState
@@ -88,7 +89,7 @@ def _next_mode(
     done = only_if(cause == int(SwitchCause.ROLLING_ENDS), _end_rolling, plane, done, tolerance)
     done = only_if(done.lands, strike, plane, done)
     done = only_if(done.decides, _decide, plane, done, cause)
-    return done._replace(state=_begin(plane, done))
+    return done._replace(state=_begin(plane, done, tolerance))
 
 
 # The end of rolling.
@@ -111,7 +112,7 @@ class _Rolling(NamedTuple):
         mode = plane.mode(t, state)
         return cls(plane.resisting(t, state), mode, state.is_in(Mode.SLIDING), mu, sigma)
 
-    def pull(self, sigma: Float[Array, "2"]) -> slips.Pull:
+    def pull(self, sigma: Float[Array, "2"], _: Float[Array, ""]) -> slips.Pull:
         """Computes how ω_h changes in a direction of rolling."""
         turning = self.resisting.turning(self.slides, self.mu, self.sigma)
         acting = resist(self.resisting.resistance, turning, self.mode._replace(sigma=in_three(sigma)))
@@ -137,7 +138,7 @@ def _end_rolling(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array
 
     def end(about: _Rolling) -> slips.End:
         about = about._replace(mode=plane.mode(t, state, unit(omega)))
-        return slips.end(_Rolling.pull, about, omega)
+        return slips.end(_Rolling.pull, slips.Around(about), omega)
 
     def brake(about: _Rolling, time: Float[Array, ""], share: float, where: Any) -> Any:
         rate = -omega / jnp.where(time > 0, time, 1.0)
@@ -368,13 +369,13 @@ class _Turning(NamedTuple):
         return self.plane.rate_over_ground(t, now, moved.body.Omega)[:2], moved
 
 
-def _begin(plane: "RestingOnPlane", done: Progress) -> "RestingState":
-    """Returns the state with the directions of a slip and of rolling that begin, for as long as they are computed in
-    advance.
+def _begin(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array, ""]) -> "RestingState":
+    """Returns the state with the directions of a slip and of rolling that begin or stay slow, for as long as they are
+    computed in advance.
     """
     t, state = done.t, done.state
     assert done.turns is not None
-    longest = slips.longest_window(t, plane.driving_kinks(), slips.unit_of_time(plane.body))
+    longest = windows.longest_window(t, plane.driving_kinks(), slips.unit_of_time(plane.body))
     begins, turns, none = done.begins & plane.slips_end, done.turns, Beginning.none(t)
     start: Any = state
     sigma, rolling = start.begun.sigma, start.rolling.sigma
@@ -382,26 +383,34 @@ def _begin(plane: "RestingOnPlane", done: Progress) -> "RestingState":
         begun = select_tree(done.decides, select_tree(begins, Beginning.along(t + longest, sigma), none), start.begun)
         ever = Beginning.along(jnp.full_like(t, float(jnp.finfo(t.dtype).max)), rolling)
         return eqx.tree_at(lambda x: (x.begun, x.rolling), state, (begun, ever))
+    # What goes on, but so slowly that its direction has to be known beforehand as if it began.
+    slip, slips_on = follow_slip(plane, done, tolerance)
+    turn, turns_on = plane.follow_rolling(t, done.before, state, tolerance)
+    turns_on &= ~turns
+    slip, begins = select_tree(slips_on, slip, Course.of(sigma)), begins | slips_on
+    turn, turns = select_tree(turns_on, turn, Course.of(rolling)), turns | turns_on
 
-    def windows(start: Any, first: Bool[Array, ""]) -> tuple[Any, None]:
+    def next_windows(start: Any, first: Bool[Array, ""]) -> tuple[Any, None]:
         # One window alone is final after the first pass; only two that depend on each other are computed again.
-        needed = first | begins & turns
+        needed = first | begins & turns & (start.begun.until > t) & (start.rolling.until > t)
         begun = jax.lax.cond(
             needed & begins,
-            lambda: slips.beginning(_Slipping(plane, start), t, state.released, sigma, longest),
+            lambda: windows.beginning(_Slipping(plane, start), t, state.released, slip, longest),
             lambda: start.begun,
         )
         start = eqx.tree_at(lambda x: x.begun, start, begun)
         turning = jax.lax.cond(
             needed & turns,
-            lambda: slips.beginning(_Turning(plane, start), t, state.released, rolling, longest),
+            lambda: windows.beginning(_Turning(plane, start), t, state.released, turn, longest),
             lambda: start.rolling,
         )
         return eqx.tree_at(lambda x: x.rolling, start, turning), None
 
     # The first guess of a direction that is found in turn with the other: the one in which it begins.
-    ahead = Beginning.along(t + longest, sigma), Beginning.along(t + longest, rolling)
+    ahead = Beginning.along(t + longest, slip.sigma), Beginning.along(t + longest, turn.sigma)
     previous = select_tree(done.decides, none, start.begun), select_tree(done.decides, none, start.rolling)
     first = select_tree(begins, ahead[0], previous[0]), select_tree(turns, ahead[1], previous[1])
     start = eqx.tree_at(lambda x: (x.begun, x.rolling), start, first)
-    return jax.lax.scan(windows, start, jnp.arange(TURNS_TAKEN) == 0)[0]
+    start = jax.lax.scan(next_windows, start, jnp.arange(TURNS_TAKEN) == 0)[0]
+    start = select_tree(slips_on & (start.begun.until > t), along_course(plane, t, start, slip), start)
+    return select_tree(turns_on & (start.rolling.until > t), plane.along_course(t, start, turn), start)

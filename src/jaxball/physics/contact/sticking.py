@@ -39,8 +39,9 @@ from . import friction
 from .body_on_plane import BodyOnPlane, ContactHistory
 from .modes import CAUSES, ContactState, ContactSwitches, Mode, SwitchCause
 from .released import ReleasedState, Response, response, slip_velocity, with_rise, with_slip
-from .slip import Beginning, Heading
+from .slip import Heading
 from .transition import Progress, begin_slip, end_slip, only_if, strike
+from .window import Beginning
 
 OF_CONTACT = 3  # guards of the contact, before those of the joints
 FIRST_OF_JOINTS = 16  # among the events of a step: that of the first guard of the joints, more than any cause
@@ -189,7 +190,7 @@ def _next_mode(
     done = only_if(event == int(SwitchCause.STOPS), end_slip, plane, done, tolerance)
     done = only_if(done.lands, _strike, plane, done)
     done = only_if(done.decides, _decide, plane, done, event)
-    return done._replace(state=begin_slip(plane, done))
+    return done._replace(state=begin_slip(plane, done, tolerance))
 
 
 def _strike(plane: StickingOnPlane, done: Progress) -> Progress:

@@ -15,10 +15,20 @@ from ...interface.status import Status
 from ...numerics.arrays import select_tree
 from ...programs.derivatives.differentiation import without_derivatives
 from ..hybrid import START, WINDOW, Accuracy, Transition, at_zero
-from . import friction, slip as slips
+from . import friction, slip as slips, window as windows
 from .impact import impact
 from .modes import CAUSES, ContactState, Mode, SwitchCause
-from .released import ReleasedState, Response, rates, slip_velocity, with_rise, with_slip
+from .released import (
+    ReleasedState,
+    Response,
+    in_space,
+    rates,
+    rolling_contact,
+    slip_velocity,
+    with_rise,
+    with_slip,
+)
+from .window import Beginning, Course
 
 if TYPE_CHECKING:
     from .body_on_plane import BodyOnPlane
@@ -57,7 +67,7 @@ def _next_mode(
     done = only_if(cause == int(SwitchCause.STOPS), end_slip, plane, done, tolerance)
     done = only_if(done.lands, strike, plane, done)
     done = only_if(done.decides, _decide, plane, done, cause)
-    return done._replace(state=begin_slip(plane, done))
+    return done._replace(state=begin_slip(plane, done, tolerance))
 
 
 def only_if(happens: Bool[Array, ""], stage: Callable[..., "Progress"], plane: Any, done: "Progress", *others: Any):
@@ -72,41 +82,40 @@ def response_on_plane(plane: "BodyOnPlane", t: Float[Array, ""], state: ContactS
 
 
 def end_slip(plane: "BodyOnPlane", done: "Progress", tolerance: Float[Array, ""]) -> "Progress":
-    """Moves the state to the end of a slip, if it has one soon, with the response halfway."""
-    t, state = done.t, done.state
-    end, response = _end(plane, done, t, state)
-    ends = end.comes & (end.time <= slips.longest_pause(tolerance, slips.unit_of_time(plane.body)))
-    # As in the midpoint rule: the end is found again with the response halfway, to which that of the start leads.
-    halfway = _slow(plane, done, response, state, end, slips.HALFWAY)
-    end, response = _end(plane, done, t + slips.HALFWAY * end.time, halfway)
-    stopped = _slow(plane, done, response, halfway, end, 1.0)
+    """Moves the state to the end of a slip, if it has one soon, with a response that changes linearly with the time."""
+    t, state, body = done.t, done.state, plane.body
+    slip, now = slip_velocity(body, t, state.released), response_on_plane(plane, t, state)
+    mu = _coefficients(plane, slip)
+    first = slips.end(slips.pull_of_friction, slips.Around((now, mu)), slip[:2])
+    ends = first.comes & (first.time <= slips.longest_pause(tolerance, slips.unit_of_time(body)))
+    # Where a slip turns, its acceleration is not that of the response halfway: the velocities there are to be the means
+    # until the end, for which early accelerations count more.
+    half, (mean, late) = slips.HALFWAY * first.time, first.braking(slip)
+    early, pressed = 2 * mean - late, 2 * first.normal - first.late_normal
+    moved = rates(body, state.released, now, early, pressed)
+    halfway = _move(state, half, moved)
+    later = response_on_plane(plane, t + half, halfway)
+    end = slips.end(slips.pull_of_friction, slips.Around((now, mu), (later, mu), half), slip[:2])
+    mean, late = end.braking(slip)
+    stopped = _move(state, end.time, rates(body, halfway.released, later, late, end.late_normal))
+    # What accelerates it more than that is early, with the response of the start.
+    more = rates(body, state.released, now, early + mean - late, pressed + end.normal - end.late_normal)
+    stopped = _move(stopped, end.time, jax.tree.map(jnp.subtract, more, moved))
     stopped = eqx.tree_at(lambda x: x.friction_loss, stopped, stopped.friction_loss + end.friction_loss)
     after = done._replace(t=t + end.time, before=stopped, state=stopped, still=jnp.asarray(True))
     # Where no end is near, the slip has only been slow for a while, and the mode goes on.
     return select_tree(ends, after, done._replace(decides=jnp.asarray(False)))
 
 
-def _end(
-    plane: "BodyOnPlane", done: "Progress", t: Float[Array, ""], where: ContactState
-) -> tuple[slips.End, Response]:
-    """Computes the end of a slip with the response at some time and state, and that response."""
-    # The speed falls nearly in proportion to the time that is left, so that the mean coefficient is that of half the
-    # speed.
-    response, slip = response_on_plane(plane, t, where), slip_velocity(plane.body, done.t, done.state.released)
-    return slips.end(slips.pull_of_friction, (response, plane.coefficient(slip, slips.HALFWAY)), slip[:2]), response
+def _coefficients(plane: "BodyOnPlane", slip: Float[Array, "3"]) -> Float[Array, "3"]:
+    """Computes the coefficient of a slip that slows down as a polynomial in the share of its speed, lowest first."""
+    none, half, whole = (plane.coefficient(slip, share) for share in (0.0, slips.HALFWAY, 1.0))
+    return jnp.stack([none, 4 * (half - none) - (whole - none), 2 * (whole - none) - 4 * (half - none)])
 
 
-def _slow(
-    plane: "BodyOnPlane", done: "Progress", response: Response, where: ContactState, end: slips.End, share: float
-) -> ContactState:
-    """Returns the state after a share of the time until a slip ends. ``where`` is the state of the response, whose
-    rates it uses.
-    """
-    time, slip = share * end.time, slip_velocity(plane.body, done.t, done.state.released)
-    # The mean slip acceleration until the end, not that of the response, so that v_s is then exactly zero.
-    braking = jnp.where(end.time > 0, slip / jnp.where(end.time > 0, end.time, 1.0), 0.0).at[2].set(0.0)
-    moved = rates(plane.body, where.released, response, -braking, end.normal)
-    return done.state.move(jax.tree.map(lambda x, rate: x + time * rate, done.state.released, moved))
+def _move(state: ContactState, time: Float[Array, ""], moved: ReleasedState) -> ContactState:
+    """Returns the state after some time at these rates."""
+    return state.move(jax.tree.map(lambda x, rate: x + time * rate, state.released, moved))
 
 
 def strike(plane: "BodyOnPlane", done: "Progress") -> "Progress":
@@ -152,27 +161,49 @@ def _decide(plane: "BodyOnPlane", done: "Progress", cause: Int[Array, ""]) -> "P
     V = with_rise(body, t, state.released, jnp.where(flies & (cause != int(SwitchCause.LIFTS)), rise, 0.0))
     begins = (mode == int(Mode.SLIDING)) & still
     # Takes σ to ``begin_slip``, which puts the window in its place, or none.
-    begun = slips.Beginning.along(t, sigma)
+    begun = Beginning.along(t, sigma)
     after = eqx.tree_at(lambda x: (x.V, x.mode, x.begun), state, (V, mode.astype(V.dtype), begun))
     return done._replace(state=after, begins=begins)
 
 
-def begin_slip(plane: "BodyOnPlane", done: "Progress") -> ContactState:
-    """Returns the state with the direction of a slip that begins, for as long as it is computed in advance."""
-    t, state = done.t, done.state
-    begins = done.begins & plane.slips_end
-    longest = slips.longest_window(t, plane.driving_kinks(), slips.unit_of_time(plane.body))
-    sigma, slipping = state.begun.sigma, slips.OnPlane(plane.moving(state), plane.coefficient)
+def begin_slip(plane: "BodyOnPlane", done: "Progress", tolerance: Float[Array, ""]) -> ContactState:
+    """Returns the state with the direction of a slip that begins or stays slow, for as long as it is computed in
+    advance.
+    """
+    t, state, begins = done.t, done.state, done.begins & plane.slips_end
+    longest = windows.longest_window(t, plane.driving_kinks(), slips.unit_of_time(plane.body))
+    sigma, none = state.begun.sigma, Beginning.none(t)
     # A disk slips along a line, so its direction needs no search.
     if plane.body.planar:
-        begun = slips.Beginning.along(t + longest, sigma)
-    else:
-        begun = jax.lax.cond(
-            begins,
-            lambda: slips.beginning(slipping, t, state.released, sigma, longest),
-            lambda: slips.Beginning.along(t + longest, sigma),
-        )
-    return eqx.tree_at(lambda x: x.begun, state, select_tree(begins, begun, slips.Beginning.none(t)))
+        return eqx.tree_at(lambda x: x.begun, state, select_tree(begins, Beginning.along(t + longest, sigma), none))
+    slipping = windows.OnPlane(plane.moving(state), plane.coefficient)
+    course, goes_on = follow_slip(plane, done, tolerance)
+    course = select_tree(goes_on, course, Course.of(sigma))
+    begun = jax.lax.cond(
+        begins | goes_on,
+        lambda: windows.beginning(slipping, t, state.released, course, longest),
+        lambda: none,
+    )
+    state = select_tree(goes_on & (begun.until > t), along_course(plane, t, state, course), state)
+    return eqx.tree_at(lambda x: x.begun, state, begun)
+
+
+def follow_slip(plane: "BodyOnPlane", done: "Progress", tolerance: Float[Array, ""]) -> tuple[Course, Bool[Array, ""]]:
+    """Returns how a slip moves, and whether it goes on although its direction is not known beforehand."""
+    t, state = done.t, done.state
+    slip = slip_velocity(plane.body, t, state.released)
+    # At the end of a window σ is still that of the window.
+    sigma = done.before.direction(t, slip)
+    course = Course(sigma, jnp.sum(sigma * slip[:2]))
+    slides = state.is_in(Mode.SLIDING) & ~done.begins & plane.slips_end & (state.begun.until <= t)
+    return course, slides & course.is_that_of(slip[:2], plane.speed_of(state), tolerance)
+
+
+def along_course(plane: "BodyOnPlane", t: Float[Array, ""], state: Any, course: Course) -> Any:
+    """Returns the state with a slip exactly along its direction, without the errors of the solve across it."""
+    slip = slip_velocity(plane.body, t, state.released).at[:2].set(course.slip)
+    rolling, axes = rolling_contact(plane.body, t, state.body)
+    return eqx.tree_at(lambda x: x.V, state, rolling + in_space(axes, slip))
 
 
 class Progress(NamedTuple):
@@ -211,7 +242,7 @@ class Progress(NamedTuple):
         return cls(
             t=t,
             before=state,
-            state=eqx.tree_at(lambda x: (x.height, x.begun), state, (height, slips.Beginning.none(state.height))),
+            state=eqx.tree_at(lambda x: (x.height, x.begun), state, (height, Beginning.none(state.height))),
             still=(cause == int(SwitchCause.GIVES_WAY)) | state.is_in(Mode.ROLLING),
             flies=(cause == int(SwitchCause.LIFTS)) | flies,
             lands=(cause == int(SwitchCause.LANDS)) | starts & (state.height <= 0) & (rise < 0),

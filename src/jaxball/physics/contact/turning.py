@@ -8,19 +8,23 @@ vectors are in contact axes: on a plane those of space.
 from abc import abstractmethod
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ...numerics.vectors import root
 from ..body import AbstractBodyWithModes
+from ..dynamics.footing import ContactAxes
 from ..dynamics.load import in_three
 from ..dynamics.rest import Needs
 from ..forces.resistance import Resistance, TurningMode
 from ..hybrid import Accuracy, GuardedStep
 from . import slip as slips
 from .slip import Heading
+from .window import Course
 
+SLOW = 0.4  # as slip.SLOW, for rolling, which is followed to its end with what acts halfway
 ERRORS_OF_ROLLING = 50  # tolerances: how fast a ball may roll to and fro by the errors of a method of low order
 LONGEST_WAY = 10  # in tolerances: the angle over which a ball is followed to its rest however long that takes, ...
 STEADY_RESPONSE = 0.2  # ... if what acts halfway changes the time until then by no more than this share
@@ -39,6 +43,10 @@ class AbstractTurning(AbstractBodyWithModes[Any]):
     @abstractmethod
     def over_ground(self, t: Float[Array, ""], state: Any) -> Float[Array, "3"]:
         """Computes ω of the body relative to the ground."""
+
+    @abstractmethod
+    def contact_axes(self, t: Float[Array, ""], state: Any) -> ContactAxes:
+        """Returns the axes of the contact at a state."""
 
     @abstractmethod
     def direction(self, t: Float[Array, ""], state: Any) -> Float[Array, "2"]:
@@ -80,7 +88,7 @@ class AbstractTurning(AbstractBodyWithModes[Any]):
         sigma, omega = self.direction(t, state), self.over_ground(t, state)
         size = root(jnp.sum(omega**2))
         g, r, rate = jax.lax.stop_gradient((jnp.abs(self.body.gravity), self.body.radius, size))
-        heading = Heading.of(sigma, omega[:2], root(g / r) + rate, accuracy.atol + accuracy.rtol * size)
+        heading = Heading.of(sigma, omega[:2], root(g / r) + rate, accuracy.atol + accuracy.rtol * size, SLOW)
         # The direction of a disk's rolling does not turn as that ends, so nothing has to stop short of zero.
         return heading._replace(least=jnp.zeros_like(heading.least)) if self.body.planar else heading
 
@@ -109,6 +117,27 @@ class AbstractTurning(AbstractBodyWithModes[Any]):
         is_short = root(jnp.sum(omega**2)) * first.time <= LONGEST_WAY * tolerance
         is_steady = second.comes & (jnp.abs(second.time - first.time) <= STEADY_RESPONSE * first.time)
         return first.comes & (is_soon | (is_short & is_steady))
+
+    def follow_rolling(
+        self, t: Float[Array, ""], before: Any, state: Any, tolerance: Float[Array, ""]
+    ) -> tuple[Course, Bool[Array, ""]]:
+        """Returns how a ball rolls, and whether it does although its direction is not known beforehand.
+
+        - ``before``: the state before an event, by whose window the direction may be known at its end.
+        """
+        omega, sigma = self.over_ground(t, state), self.direction(t, before)
+        course, size = Course(sigma, jnp.sum(sigma * omega[:2])), self.unit_of_rate() + root(jnp.sum(omega**2))
+        rolls = (state.rolls != 0) & (before.rolls != 0) & (state.rolling.until <= t) & self.resists_rolling
+        return course, rolls & course.is_that_of(omega[:2], size, tolerance)
+
+    def along_course(self, t: Float[Array, ""], state: Any, course: Course) -> Any:
+        """Returns the state with ω_h exactly along its direction, without the errors of the solve across it."""
+        omega = self.over_ground(t, state).at[:2].set(course.slip)
+        return eqx.tree_at(lambda x: x.body, state, state.body.with_Omega(self.contact_axes(t, state).in_body(omega)))
+
+    def unit_of_rate(self) -> Float[Array, ""]:
+        """Computes √(g/r)."""
+        return root(jax.lax.stop_gradient(jnp.abs(self.body.gravity) / self.body.radius))
 
     def approach_rest(
         self, step: GuardedStep, heading: Heading, guard: int, accuracy: Accuracy

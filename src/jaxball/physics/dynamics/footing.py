@@ -139,7 +139,7 @@ def rates(
     under: Footing | None,
 ) -> Any:
     """Computes ẋ where Ω̇ is known, and θ, θ̇, θ̈: the kinematics of rolling. ``under`` is the :func:`footing`."""
-    moved = state.rates(system.radius, Omegadot, angles, system.drift(t, state))
+    moved = state.rates(system.radius, Omegadot, angles, system.own_rates(t, state), system.drift(t, state))
     return moved if under is None else eqx.tree_at(lambda x: x.z, moved, under.coordinate_rates)
 
 

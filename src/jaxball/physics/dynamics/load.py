@@ -152,7 +152,7 @@ def _external_wrench(
         position = in_three(place(state))
     velocity = velocity if slip is None else velocity + slip
     position = position if height is None or under is not None else position.at[2].set(height)
-    motion = BodyMotion(position, velocity, state.Lambda, state.Omega, state.theta, state.thetadot)
+    motion = BodyMotion(position, velocity, state.Lambda, state.Omega, state.theta, state.thetadot, state.own)
     force, torque = system.force.wrench(t, motion)
     if system.planar:
         force = force.at[1].set(0.0)

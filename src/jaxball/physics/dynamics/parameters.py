@@ -23,6 +23,7 @@ from ..forces.force import AbstractWrench, FunctionForce, HarmonicForce, require
 from ..forces.resistance import AbstractResistance, Resistance
 from ..grounds.ground import AbstractGround, Ground
 from ..mechanisms import AbstractMechanism
+from ..own_states import OwnStates
 from ..prescribed.motion import AbstractMotion, Driven, OnRail, rail_of, schedule_of
 from ..prescribed.rails import AbstractRail
 from ..prescribed.schedules import AbstractSchedule
@@ -115,6 +116,7 @@ class BodyParameters(Printed):
     mechanism_order: tuple[tuple[int, ...], ...] = eqx.field(static=True)
     ground: AbstractGround | None
     resistance: AbstractResistance | None
+    own_states: OwnStates | None
 
     def __init__(
         self,
@@ -130,6 +132,7 @@ class BodyParameters(Printed):
         mechanisms: Sequence[AbstractMechanism] = (),
         ground: AbstractGround | None = None,
         resistance: AbstractResistance | None = None,
+        own_states: OwnStates | None = None,
     ):
         arguments = mass, radius, gravity, inertia, offset
         self.mass, self.radius, self.gravity, self.inertia, self.offset = (
@@ -142,9 +145,10 @@ class BodyParameters(Printed):
         self.groups, self.order = group_items(masses)
         self.driven = tuple(index for index, item in enumerate(masses) if isinstance(item.motion, Driven))
         self.mechanism_groups, self.mechanism_order = group_items(mechanisms)
-        self.ground, self.resistance = ground, resistance
+        self.ground, self.resistance, self.own_states = ground, resistance, own_states
         require("ground", ground, (AbstractGround, type(None)), "a Ground, a surface such as a HeightField, or None")
         require("resistance", resistance, (AbstractResistance, type(None)), "a Resistance or None")
+        require("own_states", own_states, (OwnStates, type(None)), "an OwnStates, or None")
         if self.planar:
             _require_line(ground)
         has_table = isinstance(ground, Ground) and ground.turntable is not None
@@ -220,9 +224,18 @@ class BodyParameters(Printed):
     @property
     def arguments(self) -> dict[str, Any]:
         """The arguments that make this body, by name."""
-        names = ("mass", "inertia", "radius", "offset", "gravity", "force", "law", "ground", "resistance")
+        names = ("mass", "inertia", "radius", "offset", "gravity", "force", "law", "ground", "resistance", "own_states")
         items = {"masses": self.point_masses, "mechanisms": self.mechanisms}
         return {name: getattr(self, name) for name in names} | items
+
+    @property
+    def n_own(self) -> int:
+        """The number of states of one's own."""
+        return 0 if self.own_states is None else len(self.own_states.names)
+
+    def own_rates(self, t: Float[Array, ""], state: Any) -> Float[Array, " own"] | None:
+        """Computes the rates of states of one's own; None without them."""
+        return None if self.own_states is None else self.own_states(t, state)
 
     def drift(self, t: Float[Array, ""], state: Any) -> Float[Array, "2"] | None:
         """Computes the velocity u of a turntable under the body's centre; None without one."""
@@ -314,7 +327,7 @@ def _require_force(body: "BodyParameters") -> None:
     )
     require("force", force, AbstractWrench, "a force or None", remedy)
     if not isinstance(force, HarmonicForce | FunctionForce):  # which have been checked when they were made
-        require_wrench("force", force, len(body.coordinates))
+        require_wrench("force", force, len(body.coordinates), body.n_own)
 
 
 def _require_law(body: "BodyParameters") -> None:

@@ -29,6 +29,7 @@ class BodyMotion(NamedTuple):
     - ``Lambda``: the rotation matrix Λ from body to space, shape (3, 3).
     - ``Omega``: the angular velocity Ω, body axes, rad/time, shape (3,).
     - ``theta``, ``thetadot``: θ and θ̇ of the driven masses and the joints, as in a state, shape (coordinates,).
+    - ``own``: the values of the body's :class:`~jaxball.OwnStates`, shape (own,); None where it has none.
 
     **Example:**
 
@@ -45,6 +46,7 @@ class BodyMotion(NamedTuple):
     Omega: Float[Array, "3"]
     theta: Float[Array, " coordinates"]
     thetadot: Float[Array, " coordinates"]
+    own: Float[Array, " own"] | None = None
 
     @property
     def omega(self) -> Float[Array, "3"]:
@@ -210,8 +212,9 @@ class FunctionWrench(OfKinkedFunctionOfState, AbstractWrench):
         return kinks_of_function(self, motion)
 
 
-def require_wrench(name: str, force: AbstractWrench, coordinates: int) -> None:
-    """Raises a ``TypeError`` unless ``force`` returns a force or a wrench for a body with ``coordinates`` coordinates.
+def require_wrench(name: str, force: AbstractWrench, coordinates: int, own: int = 0) -> None:
+    """Raises a ``TypeError`` unless ``force`` returns a force or a wrench for a body with ``coordinates`` coordinates
+    and ``own`` states of one's own.
 
     It is traced for this; an error that it raises itself is passed on with a note.
     """
@@ -220,12 +223,14 @@ def require_wrench(name: str, force: AbstractWrench, coordinates: int) -> None:
         return _check_wrench(name, force.wrench(t, motion)).force
 
     trace.__name__ = getattr(force, "function", force.wrench).__name__
-    require_function(name, trace, (3,), t=a_number(), motion=shapes_of_motion(coordinates))
+    require_function(name, trace, (3,), t=a_number(), motion=shapes_of_motion(coordinates, own))
 
 
-def shapes_of_motion(coordinates: int) -> BodyMotion:
-    """Returns the shapes of the motion of a body with ``coordinates`` of this number, for tracing a force."""
-    shapes = ((3,), (3,), (3, 3), (3,), (coordinates,), (coordinates,))
+def shapes_of_motion(coordinates: int, own: int) -> BodyMotion:
+    """Returns the shapes of the motion of a body with this number of ``coordinates``, and of states of its ``own``,
+    for tracing a force.
+    """
+    shapes = ((3,), (3,), (3, 3), (3,), (coordinates,), (coordinates,), *([(own,)] if own else []))
     unknown: list[Any] = [jax.ShapeDtypeStruct(shape, default_dtype()) for shape in shapes]
     return BodyMotion(*unknown)
 

@@ -18,7 +18,7 @@ from ..prescribed.motion import AbstractPrescribedMotion
 from ..prescribed.schedules import AbstractSchedule
 from .moving_frame import MovingFrame, Turn
 from .stereographic import coordinates_along, share_to_pole
-from .surface import AbstractSurface, Coordinate, Time
+from .surface import AbstractSurface, Coordinate, Coordinates, Time
 
 AXIS_ACROSS = 0.5  # the component along e2 of an axis that is not along the plane of a disk
 STAYS_IN_PLANE = "None or a schedule under a disk, which a law may only tilt about e2"
@@ -145,6 +145,9 @@ class Bowl(AbstractSurface):
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
         return _on_sphere(self.radius, u1, u2, 1.0)
 
+    def fit(self, t: Time, r: Float[Array, ""], u: Coordinates) -> Float[Array, ""]:
+        return 1 - r / self.radius
+
     def reach(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, ""]:
         return share_to_pole(self.radius, u1, u2)
 
@@ -180,6 +183,9 @@ class SphereOutside(AbstractSurface):
 
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
         return _on_sphere(self.radius, u1, u2, -1.0)
+
+    def fit(self, t: Time, r: Float[Array, ""], u: Coordinates) -> Float[Array, ""]:
+        return 1 + r / self.radius
 
     def reach(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, ""]:
         return share_to_pole(self.radius, u1, u2)
@@ -425,6 +431,9 @@ class TiltingPlane(AbstractSurface):
 
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
         return jnp.stack([u1, u2, jnp.zeros_like(u1)])
+
+    def fit(self, t: Time, r: Float[Array, ""], u: Coordinates) -> Float[Array, ""]:
+        return jnp.ones_like(r)
 
     def nearest(self, t: Time, x: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
         return x[:2]

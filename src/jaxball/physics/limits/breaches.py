@@ -3,8 +3,9 @@
 A force or a ground that would turn a disk out of its plane is reported here too.
 """
 
-from collections.abc import Iterator
-from typing import Any
+import functools
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -14,7 +15,8 @@ from jaxtyping import Array, ArrayLike, Float
 
 from ... import programs
 from ...numerics.arrays import to_array
-from ...numerics.calculus import Furthest
+from ...numerics.calculus import Furthest, furthest
+from ...numerics.excursions import first_excursion
 from ...numerics.vectors import length
 from ..conditions import Condition, Problem
 from ..dynamics.parameters import BodyParameters
@@ -27,15 +29,18 @@ from ..prescribed.rails import AbstractRail
 from ..prescribed.schedules import Sinusoids
 from .confinement import (
     TIME_SAMPLES,
-    is_bounded,
+    aside_of,
+    beyond_shell,
+    is_free_to_leave,
     is_moved_off,
     is_off_plane,
     is_outside,
+    leaving_of_mechanisms,
+    margin_of_plane,
+    margin_of_shell,
     mechanism_positions,
     rail_points,
     rounding,
-    sample_path,
-    time_of_crossing,
     time_samples,
 )
 
@@ -68,13 +73,15 @@ def _breaches(
             yield from _of_rail(system, index, rail, inside)
         if isinstance(motion, Fixed):
             yield from _of_position(system, index, motion, inside)
-        elif isinstance(motion, AbstractPrescribedMotion) and not is_bounded(motion):
+        elif isinstance(motion, AbstractPrescribedMotion) and is_free_to_leave(motion):
             yield from _of_motion(system, index, motion, inside, times)
         elif isinstance(motion, Driven) and rail is not None and rail.period is None and theta is not None:
             yield from _of_driven(system, index, rail, inside, times, np.asarray(theta))
     for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
         if not group.in_state:
+            _, seen = map(np.asarray, _leaving_of_mechanisms(system, group, order, times))
             t = np.asarray(time_samples(jnp.asarray(times)))
+            t = np.sort(np.append(t, seen)) if np.isfinite(seen) else t
             yield from _of_mechanisms(system, group, order, inside, t, np.zeros((len(t), len(system.coordinates))))
         elif theta is not None:
             yield from _of_mechanisms(system, group, order, inside, times[: len(theta)], np.asarray(theta))
@@ -106,16 +113,17 @@ def _of_motion(
 ) -> Iterator[Problem]:
     name = f"masses[{index}].motion" + (".schedule" if schedule_of(motion) is not None else "")
     t = _fine_times(motion, times)
-    (chi, top, *_), leaving = jax.tree.map(np.asarray, _sample_path(system, motion, t))
-    yield from _out_of_plane(system, name, chi)
-    if leaving == t[0]:
+    chi, top, leaving, aside = jax.tree.map(np.asarray, _sample_path(system, motion, jnp.asarray(t)))
+    yield from _out_of_plane(system, name, chi if np.isinf(aside.seen) else np.vstack([chi, aside.chi]))
+    if leaving.begin == t[0]:
         time, distance = t[0], length(chi[0])
         yield Problem(name, f"keep the mass {inside}", f"it is {distance:.6g} from the centre at t = {time:.6g}")
-    elif np.isfinite(leaving):
+    elif np.isfinite(leaving.begin):
+        distance, time = max((top.distance, top.x), (length(leaving.chi), leaving.seen))
         yield Problem(
             name,
             f"keep the mass {inside} from t = {times[0]:g} to t = {times[-1]:g}",
-            f"the mass leaves it at t = {leaving:.6g}, and is {top.distance:.6g} from the centre at t = {top.x:.6g}",
+            f"the mass leaves it at t = {leaving.begin:.6g}, and is {distance:.6g} from the centre at t = {time:.6g}",
         )
 
 
@@ -215,12 +223,39 @@ def _places_of_mechanisms(system: BodyParameters, group: AbstractMechanism, orde
     return mechanism_positions(system, prepared, order, to_array(times), to_array(theta))
 
 
+class _Out(NamedTuple):
+    """When a mass is first out of what it must be in, a time soon after that when it is, and χ then."""
+
+    begin: Float[Array, ""]
+    seen: Float[Array, ""]
+    chi: Float[Array, "3"]
+
+
 @programs.filter_jit
-def _sample_path(system: BodyParameters, motion: Any, t):
-    """Samples the path of a mass, and finds when it leaves the shell."""
+def _sample_path(system: BodyParameters, motion: Any, t: Float[Array, " n"]):
+    """Samples the path of a mass at evenly spaced times, and finds where it is furthest from the centre, and when it
+    leaves the shell and a disk's plane.
+    """
     prepared = motion.prepare()
-    seen = sample_path(system, prepared, t)
-    return seen, time_of_crossing(system, prepared, seen)
+
+    def within(x: Float[Array, ""]) -> Float[Array, ""]:
+        return jnp.clip(x, t[0], t[-1])
+
+    def find(excess: Callable[[Array], Array], margin: Array) -> _Out:
+        out = first_excursion(lambda x: excess(prepared(x)[None]), margin, t, jnp.ravel(motion.kinks()))
+        return _Out(*out, prepared(within(out.seen)))
+
+    chi = jax.vmap(prepared)(t)
+    top = furthest(lambda x: prepared(within(x)), t, chi)
+    left = find(functools.partial(beyond_shell, system), margin_of_shell(system))
+    return chi, top._replace(x=within(top.x)), left, find(aside_of, margin_of_plane(system))
+
+
+@programs.filter_jit
+def _leaving_of_mechanisms(system: BodyParameters, group: AbstractMechanism, order, times):
+    prepared = eqx.filter_vmap(lambda mechanism: mechanism.prepare())(group)
+    kinks = jnp.ravel(eqx.filter_vmap(lambda mechanism: mechanism.motion_kinks())(group))
+    return leaving_of_mechanisms(system, prepared, order, to_array(times), kinks)
 
 
 def in_plane(system: BodyParameters, times: Float[Array, " T"]) -> Iterator[Condition]:

@@ -3,13 +3,15 @@
 The rule. A closed rail must lie in the body as a whole, wherever on it the mass goes. On an open rail, and in free
 motion, it is the mass that must stay, as long as a run lasts, and so must those of mechanisms. A mass on the shell
 counts as inside. A position that is not finite is not counted as outside. When a mass leaves is known from its motion,
-where that is prescribed, and else from the states, by ``clearance``, which a solve watches in every step.
+where that is prescribed, by a search between all times, and else from the states, by ``clearance``, which a solve
+watches in every step.
 
 All of it can be traced; it has no derivatives. Bounds on how far masses get, from the centre and out of a disk's plane,
-are cheaper than checking every time.
+are cheaper than the search, which is left out where they settle it.
 """
 
 import functools
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -19,8 +21,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ...numerics.arrays import AnyArray, namespace_of
-from ...numerics.calculus import Furthest, furthest
+from ...numerics.excursions import Excursion, first_excursion
 from ...numerics.functions import HarmonicSeries
+from ...programs.derivatives.differentiation import without_derivatives
 from ..dynamics.parameters import BodyParameters
 from ..mechanisms import AbstractMechanism, Hinge
 from ..prescribed.motion import AbstractMotion, AbstractPrescribedMotion, Driven, Fixed, OnRail, Oscillating, rail_of
@@ -30,7 +33,6 @@ from ..state import State
 from ..system import AbstractSystem
 
 TIME_SAMPLES = 256
-HALVINGS = 52
 LARGEST_PHASE = 1e6  # to which ``sine_cosine`` is good
 Time = Float[Array, ""]
 
@@ -70,13 +72,15 @@ def time_samples(times: Float[Array, " T"]) -> Float[Array, " n"]:
     return jnp.linspace(times[0], times[-1], TIME_SAMPLES + 1)
 
 
-def is_confined(system: BodyParameters, times: Float[Array, " T"], state: State) -> Bool[Array, ""]:
+def is_confined(
+    system: BodyParameters, times: Float[Array, " T"], state: State, kinks: Float[Array, " kinks"]
+) -> Bool[Array, ""]:
     """Returns whether rails are in the body, and masses at the first of ``times``; a disk's prescribed motions at all
     times.
 
-    ``system`` is prepared.
+    ``system`` is prepared; ``kinks`` are those of its prescribed motions.
     """
-    system, times, state = jax.lax.stop_gradient((system, times, state))
+    system, times, state, kinks = without_derivatives((system, times, state, kinks))
     astray = jnp.asarray(False)
     for group, places in _groups(system):
         rail = rail_of(group.motion)
@@ -89,44 +93,106 @@ def is_confined(system: BodyParameters, times: Float[Array, " T"], state: State)
         if rail is None or rail.period is None:
             chi = _positions(group.motion, times[:1], state.theta[None, places])
             astray |= jnp.any(is_outside(system, norm(chi)) | is_off_plane(system, chi))
-        if system.planar and not (isinstance(group.motion, Driven) or is_bounded(group.motion)):
-            chi = _positions(group.motion, time_samples(times), state.theta[None, places])
-            astray |= jnp.any(is_off_plane(system, chi))
     for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
         chi = mechanism_positions(system, group, order, times[:1], state.theta[None])
         astray |= jnp.any(is_outside(system, norm(chi)) | is_off_plane(system, chi))
         if system.planar:
             astray |= jnp.any(is_moved_off(system, group, order, times[0], state.theta))
+    if system.planar:
+        astray |= jnp.isfinite(first_out(system, times, kinks, aside_of, margin_of_plane(system)))
     return ~astray
 
 
 def time_of_leaving(
-    system: BodyParameters, times: Float[Array, " T"], theta: Float[Array, "T driven"]
+    system: BodyParameters, times: Float[Array, " T"], theta: Float[Array, "T driven"], kinks: Float[Array, " kinks"]
 ) -> Float[Array, ""]:
-    """Finds the first time at which a mass is seen outside the shell; infinite where none is.
+    """Finds the first time at which a mass is outside the shell; infinite where none is.
 
-    A prescribed motion is checked between all of ``times``, and the time found to rounding, for a mechanism whose
-    joints are all prescribed to one of ``time_samples``; one that swings on free hinges is checked at ``times`` only.
-    Masses whose :func:`clearance` tells are left out. ``system`` is prepared.
+    A mass whose motion is prescribed, by itself or by the joints of a mechanism, is looked at between all of ``times``,
+    and the time found to rounding; one that swings on free hinges is checked at ``times`` only. Masses whose
+    :func:`clearance` tells are left out. ``system`` is prepared; ``kinks`` are those of its prescribed motions.
     """
-    system, times, theta = jax.lax.stop_gradient((system, times, theta))
-    first = jnp.asarray(jnp.inf, system.radius.dtype)
-    for group, _ in _groups(system):
-        motion = group.motion
-        if is_bounded(motion):
-            continue
-        if isinstance(motion, AbstractPrescribedMotion):
-            first = jnp.minimum(first, jnp.min(_leaving(system, motion, time_samples(times))))
+    system, times, theta, kinks = without_derivatives((system, times, theta, kinks))
+    beyond = functools.partial(beyond_shell, system)
+    first = first_out(system, times, kinks, beyond, margin_of_shell(system))
     for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
-        if _slides(group):
-            continue
-        t, angles = times, theta
-        if not group.in_state:  # known between them too
-            t = time_samples(times)
-            angles = jnp.zeros((t.shape[0], theta.shape[1]), theta.dtype)
-        outside = jnp.any(is_outside(system, norm(mechanism_positions(system, group, order, t, angles))), axis=(1, 2))
-        first = jnp.minimum(first, jnp.min(jnp.where(outside, t, jnp.inf)))
+        if not group.in_state:
+            left = leaving_of_mechanisms(system, group, order, times, kinks).begin
+            first = jnp.minimum(first, left)
+        elif not _slides(group):
+            chi = mechanism_positions(system, group, order, times, theta)
+            outside = jnp.any(is_outside(system, norm(chi)), axis=(1, 2))
+            first = jnp.minimum(first, jnp.min(jnp.where(outside, times, jnp.inf)))
     return first
+
+
+def first_out(
+    system: BodyParameters,
+    times: Float[Array, " T"],
+    kinks: Float[Array, " kinks"],
+    excess: Callable[[Float[Array, "masses 3"]], Float[Array, " masses"]],
+    margin: Float[Array, ""],
+) -> Float[Array, ""]:
+    """Finds when a mass in prescribed motion is first out of what it must be in: where ``excess`` of its χ rises above
+    zero, if it gets above the ``margin``, which is more than rounding.
+    """
+    never = jnp.asarray(jnp.inf, system.radius.dtype)
+    paths = [path_of(group.motion) for group in system.groups if is_free_to_leave(group.motion)]
+    if not paths:
+        return never
+
+    def search() -> Time:
+        return first_excursion(
+            lambda t: jnp.concatenate([excess(path(t)) for path in paths]), margin, times, kinks
+        ).begin
+
+    return jax.lax.cond(surely_stay(system, times[0], times[-1]), lambda: never, search)
+
+
+def is_free_to_leave(motion: AbstractMotion) -> bool:
+    """Returns whether a mass moves as prescribed, and not on a closed rail or in its place."""
+    return isinstance(motion, AbstractPrescribedMotion) and not is_bounded(motion)
+
+
+def beyond_shell(system: BodyParameters, chi: Float[Array, "*batch 3"]) -> Float[Array, "*batch"]:
+    """Computes |χ|² − R², which is smooth also where a mass passes the centre."""
+    return jnp.sum(chi**2, axis=-1) - system.radius**2
+
+
+def margin_of_shell(system: BodyParameters) -> Float[Array, ""]:
+    """Computes :func:`beyond_shell` of a mass as far from the centre as one inside may be."""
+    return (system.radius * (1 + rounding(system.radius))) ** 2 - system.radius**2
+
+
+def aside_of(chi: Float[Array, "*batch 3"]) -> Float[Array, "*batch"]:
+    """Computes the square of the distance from the plane of a disk."""
+    return chi[..., 1] ** 2
+
+
+def margin_of_plane(system: BodyParameters) -> Float[Array, ""]:
+    """Computes :func:`aside_of` of a mass as far aside as one in the plane may be."""
+    return (system.radius * rounding(system.radius)) ** 2
+
+
+def path_of(motion: Any) -> Callable[[Time], Float[Array, "masses 3"]]:
+    """Returns χ of a group of masses as a function of time."""
+    return lambda t: eqx.filter_vmap(lambda motion: motion(t))(motion)
+
+
+def leaving_of_mechanisms(
+    system: BodyParameters,
+    group: AbstractMechanism,
+    order: tuple[int, ...],
+    times: Float[Array, " T"],
+    kinks: Float[Array, " kinks"],
+) -> Excursion:
+    """Finds when a mass of a group of mechanisms, all of whose joints are prescribed, first leaves the shell."""
+    coordinates = jnp.zeros((1, len(system.coordinates)), system.radius.dtype)  # of which none moves them
+
+    def beyond(t: Time) -> Float[Array, " masses"]:
+        return jnp.ravel(beyond_shell(system, mechanism_positions(system, group, order, t[None], coordinates)))
+
+    return first_excursion(beyond, margin_of_shell(system), times, kinks)
 
 
 def clearance(system: BodyParameters, t: Time, theta: Float[Array, " driven"]) -> Float[Array, ""] | None:
@@ -179,46 +245,6 @@ def until_left(
     return jnp.minimum(reached, left), jnp.where(left <= reached, int(system.leaving_status), status)
 
 
-class SampledPath(NamedTuple):
-    """A mass in prescribed motion: χ at some times, where it is furthest from the centre, and when it leaves the shell.
-
-    ``last``, ``first``: two times between which it leaves; ``first`` is infinite where it does not.
-    """
-
-    chi: Float[Array, "n 3"]
-    top: Furthest
-    last: Float[Array, ""]
-    first: Float[Array, ""]
-
-
-def sample_path(system: BodyParameters, motion: AbstractPrescribedMotion, t: Float[Array, " n"]) -> SampledPath:
-    """Samples the path of a mass, at evenly spaced times ``t`` and times near them; ``motion`` is prepared."""
-
-    def within(x: Float[Array, ""]) -> Float[Array, ""]:
-        return jnp.clip(x, t[0], t[-1])
-
-    chi = jax.vmap(motion)(t)
-    top = furthest(lambda x: motion(within(x)), t, chi)
-    top = top._replace(x=within(top.x))
-    first = jnp.min(jnp.where(is_outside(system, norm(chi)), t, jnp.inf))
-    first = jnp.minimum(first, jnp.where(is_outside(system, top.distance), top.x, jnp.inf))
-    return SampledPath(chi, top, jnp.max(jnp.where(t < first, t, t[0])), first)
-
-
-def time_of_crossing(system: BodyParameters, motion: AbstractPrescribedMotion, seen: SampledPath) -> Float[Array, ""]:
-    """Finds when a mass that leaves the shell crosses it, by bisection; infinite where it does not."""
-
-    def halve(_, bracket):
-        low, high = bracket
-        middle = (low + high) / 2
-        out = norm(motion(middle)) > system.radius
-        return jnp.where(out, low, middle), jnp.where(out, middle, high)
-
-    leaves = jnp.isfinite(seen.first)
-    crossing = jax.lax.fori_loop(0, HALVINGS, halve, (seen.last, jnp.where(leaves, seen.first, seen.last)))[1]
-    return jnp.where(leaves, crossing, jnp.inf)
-
-
 def _groups(system: BodyParameters) -> list[tuple[Any, np.ndarray]]:
     """Lists the groups of masses, each with the places of its masses among the driven ones, if they are."""
     slots = {index: slot for slot, index in enumerate(system.driven)}
@@ -228,22 +254,11 @@ def _groups(system: BodyParameters) -> list[tuple[Any, np.ndarray]]:
     ]
 
 
-def _leaving(system: BodyParameters, motion: Any, t: Float[Array, " n"]) -> Float[Array, " masses"]:
-    """Finds when each mass of a group leaves the shell; infinite where it does not."""
-    seen = eqx.filter_vmap(lambda motion: sample_path(system, motion, t))(motion)
-
-    def crossings(_):
-        return eqx.filter_vmap(lambda motion, seen: time_of_crossing(system, motion, seen))(motion, seen)
-
-    # Most runs have no mass that leaves, and need no bisection.
-    return jax.lax.cond(jnp.any(jnp.isfinite(seen.first)), crossings, lambda first: first, seen.first)
-
-
 def _positions(motion: Any, t: Float[Array, " n"], theta: Float[Array, "_ driven"]) -> Float[Array, "n masses 3"]:
     """Computes χ of a group of masses at n times; driven ones have the angles ``theta`` at these."""
     if isinstance(motion, Driven):
         return jax.vmap(lambda theta: eqx.filter_vmap(lambda rail, angle: rail(angle))(motion.rail, theta))(theta)
-    return jax.vmap(lambda t: eqx.filter_vmap(lambda motion: motion(t))(motion))(t)
+    return jax.vmap(path_of(motion))(t)
 
 
 def mechanism_positions(

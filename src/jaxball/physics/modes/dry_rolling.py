@@ -27,9 +27,10 @@ from ...numerics.vectors import apply
 from ...programs.derivatives.differentiation import without_derivatives
 from ..body import AbstractBody
 from ..conditions import Condition
-from ..contact import slip as slips
-from ..contact.slip import HALFWAY, Beginning, Heading
+from ..contact import slip as slips, window as windows
+from ..contact.slip import HALFWAY, Heading
 from ..contact.turning import AbstractTurning
+from ..contact.window import Beginning, Course
 from ..dynamics.equations import turning
 from ..dynamics.footing import ContactAxes, rate_over_ground
 from ..dynamics.load import in_three
@@ -169,7 +170,10 @@ class DryRolling(AbstractTurning):
 
     def over_ground(self, t: Float[Array, ""], state: DryRollingState) -> Float[Array, "3"]:
         """Computes ω of the body relative to the ground, along the axes of the contact."""
-        return ContactAxes.of(self.body, t, state.body).over_ground(state.body.Omega)
+        return self.contact_axes(t, state).over_ground(state.body.Omega)
+
+    def contact_axes(self, t: Float[Array, ""], state: DryRollingState) -> ContactAxes:
+        return ContactAxes.of(self.body, t, state.body)
 
     def direction(self, t: Float[Array, ""], state: DryRollingState) -> Float[Array, "2"]:
         """Returns the direction of ω_h of a body that rolls, space axes."""
@@ -184,7 +188,7 @@ class DryRolling(AbstractTurning):
 
     def turning(self, t: Float[Array, ""], state: DryRollingState) -> Turning:
         """Computes how the body turns without dry friction, and how torques change that, in space axes."""
-        return turning(self.moving(state), t, state.body).in_space(ContactAxes.of(self.body, t, state.body).rows)
+        return turning(self.moving(state), t, state.body).in_space(self.contact_axes(t, state).rows)
 
     def moving(self, state: DryRollingState) -> AbstractBody:
         """Returns the body, with all that a state says of how its parts move."""
@@ -257,6 +261,7 @@ class DryRolling(AbstractTurning):
         if not self.body.planar:
             begun = select_tree(decides, after.rolling, Beginning.none(t))
             after = eqx.tree_at(lambda x: x.rolling, after, begun)
+            after = self._with_window(t, before, after, accuracy.tolerance)
         return Transition(
             t=t,
             before=before,
@@ -284,7 +289,7 @@ class DryRolling(AbstractTurning):
             end = self._end(t + HALFWAY * first.time, halfway, state, omega)
             ends = self.comes_to_rest(first, end, omega, tolerance)
             stopped = self._brake(t, state, halfway, omega, end.time, 1.0).projected()
-            contact = ContactAxes.of(self.body, t + end.time, stopped.body)
+            contact = self.contact_axes(t + end.time, stopped)
             spin = contact.over_ground(stopped.body.Omega)[2]
             at_rest = stopped.body.with_Omega(contact.in_body(jnp.stack([0 * spin, 0 * spin, spin])))
             stopped = eqx.tree_at(lambda x: x.body, stopped, at_rest)
@@ -297,7 +302,8 @@ class DryRolling(AbstractTurning):
     ) -> slips.End:
         """Computes the end of rolling with ω_h, with what acts at some time and state."""
         mode = self.mode(t, state, unit(omega))
-        return slips.end(_pull, (self.resistance, self.turning(t, where), mode), omega)
+        about = self.resistance, self.turning(t, where), mode
+        return slips.end(_pull, slips.Around(about), omega)
 
     def _brake(
         self,
@@ -348,7 +354,7 @@ class DryRolling(AbstractTurning):
         starts_to_roll: Bool[Array, ""],
     ) -> DryRollingState:
         """Returns the state in a mode, with ω in space axes, and with the direction of rolling that begins."""
-        body = state.body.with_Omega(ContactAxes.of(self.body, t, state.body).in_body(omega))
+        body = state.body.with_Omega(self.contact_axes(t, state).in_body(omega))
         rolls, sigma = jnp.where(mode.rests, 0.0, 1.0).astype(t.dtype), mode.sigma[:2]
         spin = mode.spin if self.resists_spinning else jnp.zeros_like(mode.spin)
         after = eqx.tree_at(
@@ -356,15 +362,26 @@ class DryRolling(AbstractTurning):
         )
         if self.body.planar or self.resistance.dry is None:
             return after
-        # At ω_h = 0 the direction cannot be computed from the rate: a ball needs a window in which it is known
-        # beforehand.
-        longest = slips.longest_window(t, self.driving_kinks(), slips.unit_of_time(self.body))
-        window = jax.lax.cond(
-            starts_to_roll,
-            lambda: slips.beginning(_FromRest(self, after), t, body, sigma, longest),
+        return eqx.tree_at(lambda x: x.rolling, after, select_tree(starts_to_roll, after.rolling, Beginning.none(t)))
+
+    def _with_window(
+        self, t: Float[Array, ""], before: DryRollingState, state: DryRollingState, tolerance: Float[Array, ""]
+    ) -> DryRollingState:
+        """Returns the state with the direction of rolling that begins or stays slow, for as long as it is known."""
+        if self.resistance.dry is None:
+            return state
+        longest = windows.longest_window(t, self.driving_kinks(), slips.unit_of_time(self.body))
+        # At ω_h = 0 the direction cannot be computed from the rate: ``decide`` says in which the ball begins to roll.
+        begins, (course, rolls_on) = state.rolling.until == t, self.follow_rolling(t, before, state, tolerance)
+        rolls_on &= ~begins
+        course = select_tree(rolls_on, course, Course.of(state.rolling.sigma))
+        begun = jax.lax.cond(
+            begins | rolls_on,
+            lambda: windows.beginning(_FromRest(self, state), t, state.body, course, longest),
             lambda: Beginning.none(t),
         )
-        return eqx.tree_at(lambda x: x.rolling, after, window)
+        state = select_tree(rolls_on & (begun.until > t), self.along_course(t, state, course), state)
+        return eqx.tree_at(lambda x: x.rolling, state, begun)
 
     # What a run shows.
 
@@ -423,7 +440,7 @@ def in_mode(body: AbstractBody, t: Float[Array, ""], state: PlacedState, mode: T
     return eqx.tree_at(lambda body: body.resistance.mode, body, body_mode, is_leaf=lambda x: x is None)
 
 
-def _pull(about: tuple[Resistance, Turning, TurningMode], sigma: Float[Array, "2"]) -> slips.Pull:
+def _pull(about: tuple[Resistance, Turning, TurningMode], sigma: Float[Array, "2"], _: Float[Array, ""]) -> slips.Pull:
     """Computes how a ball rolls in a direction, with what acts at a time and a state; space axes."""
     resistance, turns, mode = about
     acting = resist(resistance, turns, mode._replace(sigma=in_three(sigma)))

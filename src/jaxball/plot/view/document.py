@@ -1,11 +1,11 @@
 """Runs as one plain dictionary of JSON's types: all that a page needs to show them, and nothing else.
 
 ``format`` and ``version`` say what the dictionary is. ``bodies`` are those of the runs, all of one kind and on one
-clock; each has its ``name``, its kind ``body``, which is ball, disk, rigid or particle, what else it is made of, and
-where its ``arrays`` are in the list ``arrays`` of the dictionary. Equal arrays are there once, each with its ``type``,
-float32 or float64, its ``shape`` and its ``data``: the bytes, the least significant first, in base64. They have numbers
-at each saved time that the solve reached; where these are too many for the file, only evenly spaced ones are kept, as
-``note`` says, and ``saved`` is the number of all. A ball or a disk has
+clock; each has its ``name``, its kind ``body``, which is ball, disk, rigid, particle or drawn, what else it is made of,
+and where its ``arrays`` are in the list ``arrays`` of the dictionary. Equal arrays are there once, each with its
+``type``, float32 or float64, its ``shape`` and its ``data``: the bytes, the least significant first, in base64. They
+have numbers at each saved time that the solve reached; where these are too many for the file, only evenly spaced ones
+are kept, as ``note`` says, and ``saved`` is the number of all. A ball or a disk has
 
 - ``time`` (T,); ``centre`` (T, 3), of the shell, and ``quaternion`` (T, 4), the scalar last: from body axes to those of
   the page; ``moved`` (T, 3) and ``turned`` (T,), of a ground that moves and of a turntable;
@@ -38,8 +38,11 @@ travel with it, ``quaternion`` and ``angular_velocity`` as above;
 ``angular_momentum`` 𝕀Ω (T, 3) and ``vertical`` Γ (T, 3) in body axes, ``momentum_in_space`` (T, 3), and in Suslov's
 problem ``xi`` (T, 3), of length 1, in body axes. Its ``ellipsoid`` has its ``centre`` in the body, three ``semi_axes``
 and the ``quaternion`` from these to body axes; ``centre_of_mass`` is in body axes, or None, and so is the ``place`` of
-the ``tip`` whose path is drawn. A particle has ``time``, ``centre``, where it is, and ``velocity`` (T, 3). The array
-``laws`` (T, laws) of both has the changes of conserved quantities since the start; of a vector, its length.
+the ``tip`` whose path is drawn. A particle has ``time``, ``centre``, where it is, and ``velocity`` (T, 3). What a
+function draws of a system with a Lagrangian has ``time``, ``line_k`` (T, points, 3), of which a single point is a dot,
+``centre`` (T, 3), where the last of them ends, ``q`` and ``qdot`` (T, n), and λ as ``multipliers`` (T, k); its
+``lines`` are their colours, and ``corners`` of the dictionary those of a box around all. The array ``laws`` (T, laws)
+of all has the changes of conserved quantities since the start; of a vector, its length.
 
 ``axes`` are three rows that take space axes to those of the page, whose third axis points against gravity; ``floor`` is
 the plane, in axes of the page, or None where there is none. Where radii differ, it is that of the first body. Of a
@@ -58,13 +61,15 @@ from jaxtyping import Float
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, to_hex
 
-from ...classical import ParticleState, VakonomicState
+from ...classical import LagrangianState, ParticleState, VakonomicState
 from ...classical.state import OrientedState
 from ...interface.output import MOST_BODIES
 from ...physics.body import AbstractBody
 from ...simulation.trajectory import Trajectory
 from ..palette import ARROWS, COMPONENTS, MODES, TRAIL, mass_colour
+from ..pictures import Picture
 from ..style import COLOURS, ColourScale, describe, describe_units, dimensionless, norm_of
+from .drawn import picture_scene
 from .free import particle_scene, rigid_scene
 from .rolling import rolling_scene
 from .scene import PAIR, Discs, Pool, Scene, choose_rows
@@ -76,10 +81,10 @@ STOPS = 9
 # So that no text of a run can end the element that contains it, or a line of a program that reads it.
 ESCAPES = {ord(letter): f"\\u{ord(letter):04x}" for letter in "<>&\u2028\u2029"}
 Runs = Trajectory[Any, Any] | Mapping[str, Trajectory[Any, Any]]
-ROLLING, RIGID, PARTICLE = "body that rolls", "rigid body", "particle"
+ROLLING, RIGID, PARTICLE, DRAWN = "body that rolls", "rigid body", "particle", "system with a Lagrangian"
 SHOWN_SYSTEMS = (
-    "a ball, a disk, a rigid body with a RigidBodyState or an EllipsoidState or a particle with a ParticleState or a "
-    "VakonomicState"
+    "a ball, a disk, a rigid body with a RigidBodyState or an EllipsoidState, a particle with a ParticleState or a "
+    "VakonomicState or a system with a LagrangianState"
 )
 
 
@@ -91,6 +96,7 @@ def view_document(
     wanted: Float[np.ndarray, "k 2"] | None = None,
     discs: Discs = (),
     scale: ColourScale | None = None,
+    picture: Picture | None = None,
     room: float = np.inf,
 ) -> dict[str, Any]:
     """Returns the dictionary of a run, or of several by name, in at most ``room`` characters of JSON if possible.
@@ -107,7 +113,7 @@ def view_document(
         raise ValueError(
             f"Argument `scale` must have a value for each of the {count} runs, but it has {len(scale.values)}."
         )
-    scene = _scene(named, friction, wanted, discs)
+    scene = _scene(named, friction, wanted, discs, picture)
     looks, same_units = _looks(count, scale), all(dimensionless(trajectory.system) for trajectory in runs)
     stated = describe_units(runs[0]) if len({describe_units(run) for run in runs}) == 1 else ""
     document = {
@@ -144,6 +150,7 @@ def _scene(
     friction: float | None,
     desired_path: Float[np.ndarray, "k 2"] | None,
     discs: Discs,
+    picture: Picture | None,
 ) -> Scene:
     """Builds the scene of runs of one kind.
 
@@ -157,13 +164,18 @@ def _scene(
             system = named[name].system
             raise ValueError(
                 f"Argument `trajectory` must be of {SHOWN_SYSTEMS}, but it is of a {type(system).__name__}; its method "
-                "plot() draws its motion, and plot.animate(run, picture=...) what a function of (t, q) draws."
+                "plot() draws its motion."
             )
         if other != kind:
             raise ValueError(
                 f'Argument `trajectories` must have runs of one kind, but "{name}" is a {other} and "{first}" is a '
                 f"{kind}; show them one by one."
             )
+    if picture is not None and kind != DRAWN:
+        raise ValueError(
+            f"Argument `picture` must be left out for a {kind}, which is drawn without, but it is given; it draws a "
+            f"{DRAWN}."
+        )
     if kind == ROLLING:
         return rolling_scene(named, desired_path, discs)
     for name, value in (("friction", friction), ("wanted", desired_path), ("discs", discs or None)):
@@ -172,6 +184,13 @@ def _scene(
                 f"Argument `{name}` must be left out for a {kind}, which is no ball or disk, but it is given."
             )
     trajectories = list(named.values())
+    if kind == DRAWN:
+        if picture is None:
+            raise ValueError(
+                f"Argument `picture` must be given for a {DRAWN}: a function of (t, q) that returns a list of points "
+                "and lines; its method plot() draws its coordinates without."
+            )
+        return picture_scene(trajectories, picture)
     return rigid_scene(trajectories) if kind == RIGID else particle_scene(trajectories)
 
 
@@ -236,4 +255,6 @@ def kind_of(trajectory: Trajectory[Any, Any]) -> str | None:
         return ROLLING
     if isinstance(trajectory.state, OrientedState):
         return RIGID
+    if isinstance(trajectory.state, LagrangianState):
+        return DRAWN
     return PARTICLE if isinstance(trajectory.state, ParticleState | VakonomicState) else None

@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from ...interface.arguments import require_flags
 from ...interface.output import MARK, check_view, replacing
+from ..pictures import Picture
 from ..style import ColourScale
 from .document import Runs, in_element, view_document
 from .scene import Discs
@@ -47,6 +48,7 @@ class View:
         wanted: Float[np.ndarray, "k 2"] | None = None,
         discs: Discs = (),
         scale: ColourScale | None = None,
+        picture: Picture | None = None,
         all_times: bool = False,
     ) -> "View":
         """Makes the view of a run or of several; the arguments and the errors are the same as for
@@ -58,7 +60,8 @@ class View:
         )
         # Without the page itself, whose program takes most of it.
         room = np.inf if all_times else float(largest - len(page({}).encode()))
-        return cls(view_document(trajectories, title, friction, wanted=wanted, discs=discs, scale=scale, room=room))
+        shown = {"wanted": wanted, "discs": discs, "scale": scale, "picture": picture}
+        return cls(view_document(trajectories, title, friction, **shown, room=room))
 
     @functools.cached_property
     def html(self) -> str:
@@ -100,6 +103,7 @@ def write_view(
     wanted: Float[np.ndarray, "k 2"] | None = None,
     discs: Discs = (),
     scale: ColourScale | None = None,
+    picture: Picture | None = None,
     all_times: bool = False,
 ) -> Path:
     """Writes runs as one HTML file: the bodies in three dimensions, and graphs over time.
@@ -120,19 +124,21 @@ def write_view(
       (k, 2), or None.
     - ``discs``: centre and radius of each disc to avoid, likewise.
     - ``scale``: a :class:`ColourScale`, by which several bodies are coloured.
+    - ``picture``: for systems with a Lagrangian, a function of (t, q) that returns a list of points and lines, each an
+      array of shape (points, 2), the second upwards, or (points, 3).
     - ``all_times``: whether to show all saved times. Otherwise, a page of one run that would be larger than 1 MB, or of
       several that would be larger than 2 MB, shows evenly spaced ones.
 
     **Returns:** the path of the file.
 
-    **Raises:** ``ValueError`` for a system that is neither a ball, a disk, a rigid body nor a particle, runs of more
-    than one of these kinds, a reduced trajectory, a batch, one without a finite state, bodies that do not roll on the
-    same ground, no run or more than 24, a ``scale`` with another number of values, a ``friction`` that is not positive,
-    and ``friction``, ``wanted`` or ``discs`` for systems without a ground; :class:`~jaxball.results.OutputError` as
-    :meth:`View.save`.
+    **Raises:** ``ValueError`` for a system that is neither a ball, a disk, a rigid body, a particle nor one with a
+    Lagrangian and a ``picture``, runs of more than one of these kinds, a reduced trajectory, a batch, one without a
+    finite state, bodies that do not roll on the same ground, no run or more than 24, a ``scale`` with another number of
+    values, a ``friction`` that is not positive, and ``friction``, ``wanted`` or ``discs`` for systems without a ground;
+    :class:`~jaxball.results.OutputError` as :meth:`View.save`.
     """
     check_view(Path(path))
-    shown = {"friction": friction, "wanted": wanted, "discs": discs, "scale": scale}
+    shown = {"friction": friction, "wanted": wanted, "discs": discs, "scale": scale, "picture": picture}
     return View.of(trajectories, title, **shown, all_times=all_times).save(path)
 
 

@@ -42,8 +42,8 @@ NO_REVERSE = (
     "solve is differentiated in reverse mode (jax.grad, jax.jacrev, jax.vjp); leave it out, and simulate has both."
 )
 NO_FURTHER = (
-    "There are no {what}. Second derivatives exist of states, events and switches, third ones only of states of runs "
-    "whose modes do not change; take differences of those of the order below."
+    "There are no {what}. Second derivatives exist of states, events, switches and extremes, third ones only of states "
+    "of runs whose modes do not change; take differences of those of the order below."
 )
 NO_CAPTURED = (
     "A run has no derivatives with respect to a traced number that is hidden in a function, such as in a list or in an "
@@ -74,14 +74,6 @@ def forward_only(tree: PyTree) -> PyTree:
     """Returns ``tree`` unchanged, with derivatives in forward mode; a clear ``TypeError`` for reverse mode."""
     numbers, others = eqx.partition(tree, eqx.is_inexact_array)
     return eqx.combine(jax.tree.map(_result.bind, numbers), others)
-
-
-def once(what: str, tree: PyTree) -> PyTree:
-    """Returns ``tree`` unchanged, with first derivatives; for second ones, a clear ``TypeError`` that names ``what`` it
-    is.
-    """
-    numbers, others = eqx.partition(tree, eqx.is_inexact_array)
-    return eqx.combine(jax.tree.map(lambda leaf: _found.bind(leaf, what=what), numbers), others)
 
 
 def no_further(what: str, tangents: Tree) -> Tree:
@@ -130,7 +122,6 @@ _number = primitive("number_of_solve", _same)
 _tangent = primitive("tangent_of_solve", _no_forward)
 _cotangent = primitive("cotangent_of_solve", _same)
 _result = primitive("result_of_solve", _same)
-_found = primitive("found_in_solve", _same)
 _captured = primitive("captured_in_solve", _same)
 _last = primitive("last_tangent_of_solve", _same)
 
@@ -140,13 +131,6 @@ declare_linear(_tangent, lambda cotangent, _: [_cotangent.bind(cotangent)])
 declare_linear(_cotangent, _no_second)
 declare_linear(_result, _no_reverse)
 
-differentiate_by(
-    _found,
-    lambda primals, tangents, what: (
-        _found.bind(*primals, what=what),
-        _last.bind(*tangents, what=f"second derivatives of {what}"),
-    ),
-)
 declare_linear(_last, lambda cotangent, _, what: [cotangent])
 differentiate_by(_last, _no_further)
 differentiate_by(_captured, _no_captured)

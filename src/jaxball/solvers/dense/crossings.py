@@ -30,8 +30,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ...numerics.arrays import select_tree
+from ...numerics.pieces import ROUNDINGS, Piece, Pieces, Span, nodes_between
 from ...programs.derivatives.reverse_rules import put
-from .pieces import ROUNDINGS, Piece, Pieces, Span, nodes_between
 
 CLEARANCE = 1.1  # by which a term of a series outweighs the others, where the states are less accurate
 SMALLEST_LEVEL = 12  # halvings of a step down to which a function is resolved

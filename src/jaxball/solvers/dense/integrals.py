@@ -22,8 +22,8 @@ from jaxtyping import Array, Bool, Float
 from numpy.polynomial import legendre
 
 from ...numerics.arrays import select_tree
+from ...numerics.cuts import Cut, longest_share
 from ...programs.derivatives.reverse_rules import sum_while
-from .cuts import Cut, longest_share
 
 NODES_OF_RULE = 8  # as many as fill a vector
 END_INSIDE = 0.6  # the power of the rounding unit that is the distance of the outer nodes from the ends of a piece

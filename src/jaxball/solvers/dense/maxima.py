@@ -8,11 +8,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ...numerics.arrays import select_tree
+from ...numerics.cuts import MOST_PIECES_TRIED
+from ...numerics.pieces import LONGEST_PIECE
 from ...programs.batches import map_rows
 from ...programs.derivatives.differentiation import differentiate_where, without_derivatives
-from .cuts import MOST_PIECES_TRIED
 from .peaks import is_settled
-from .pieces import LONGEST_PIECE
 from .steps import FINENESS, NARROWER, Steps, Values, sampling
 
 # How many windows are examined in one turn, and into how many parts a window is cut that does not settle everything.

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from numpy.polynomial import legendre
 
-from .cuts import Cut, longest_share
+from ...numerics.cuts import Cut, longest_share
 from .steps import sampling
 
 DECAYED_PEAK = 0.05  # the last two terms, relative to the two before, of a series that is trusted

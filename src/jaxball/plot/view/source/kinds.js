@@ -1,8 +1,9 @@
-// The parts of a scene of each kind: what rolls, rigid bodies about fixed points, and particles.
+// The parts of a scene of each kind: what rolls, rigid bodies about fixed points, particles, and what a function draws.
 
 import { Arrows } from "./arrows.js";
 import { Body } from "./body.js";
 import { largest, row } from "./data.js";
+import { Drawing, NoArrows } from "./drawn.js";
 import { Estimate, Ghost } from "./ghost.js";
 import { Ground } from "./ground.js";
 import { Box, Particle, Velocity } from "./particle.js";
@@ -37,6 +38,7 @@ const KINDS = {
   rolls: { Shape: Body, Vectors: Arrows },
   rigid: { Shape: RigidBody, Vectors },
   particle: { Shape: Particle, Vectors: Velocity },
+  drawn: { Shape: Drawing, Vectors: NoArrows },
 };
 
 // The shape, the arrows and the traces of each body, and what they stand in: a ground, a box or nothing.
@@ -49,7 +51,7 @@ export function partsOf(view) {
   const traces = bodies.map((run) => {
     if (run.arrays.nodes) return new TraceOnMatter(run, view.floor.mesh[1], palette.trail);
     if (kind === "rolls") return new (run.spells ? Trail : Trace)(run, contactPoints(run, axes), palette.trail);
-    if (kind === "particle") return new Trace(run, run.arrays.centre.values, palette.trail);
+    if (kind === "particle" || kind === "drawn") return new Trace(run, run.arrays.centre.values, palette.trail);
     return new Trace(run, turned(run, () => run.tip.place), run.tip.colour, 2.4);
   });
   const ends = ({ angular_velocity: Omega }) => (k) => row(Omega, k).map((value) => value * scales.rate);

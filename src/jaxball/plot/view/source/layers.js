@@ -46,6 +46,10 @@ export function layersOf({ bodies, friction, cone, palette }, stage) {
       ["Shadow of the path", [stage.box.shadows], true],
       ["Box", [stage.box.frame], true],
     ],
+    drawn: () => [
+      ["Picture", stage.bodies, true],
+      ["Path of the last point", stage.traces, true, trail, "line"],
+    ],
   };
   const named = stage.labels.all.length ? [["Names", [stage.labels], true]] : [];
   return [...layers[stage.kind]().filter(([, objects]) => objects.length), ...named];

@@ -3,7 +3,7 @@
 
 import { legible, readable } from "./theme.js";
 
-const AXES = { rigid: ["E₁", "E₂", "E₃"], particle: ["x", "y", "z"] };
+const AXES = { rigid: ["E₁", "E₂", "E₃"], particle: ["x", "y", "z"], drawn: [] };
 const keyed = []; // what changes with the theme
 
 // A dot, or a line of a width, or the square of a band.

@@ -13,6 +13,7 @@ const FRAMES = {
   rolls: { ground: "Ground", follow: "Follow", body: "Body frame" },
   rigid: { ground: "Space", body: "Body frame" },
   particle: { ground: "Space", follow: "Follow" },
+  drawn: { ground: "Space" },
 };
 const element = (id) => document.getElementById(id);
 const wide = matchMedia("(min-width: 721px)"); // with a scene beside which there is room for names

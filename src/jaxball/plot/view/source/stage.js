@@ -158,7 +158,7 @@ export class Stage {
     for (const { arrays, times } of this.view.bodies) {
       for (let k = 0; k < times.length; k++) yield new Vector3().fromArray(row(arrays.centre, k));
     }
-    for (const corner of this.box?.corners ?? this.view.floor?.corners ?? []) yield new Vector3().fromArray(corner);
+    for (const corner of this.box?.corners ?? this.view.floor?.corners ?? this.view.corners ?? []) yield new Vector3().fromArray(corner);
   }
 
   // The middle of the view is that of what `margin` pixels on the right leave free.
@@ -209,9 +209,9 @@ export class Stage {
   }
 }
 
-// Those of space, at the origin on the plane; where bodies turn about points of their own, at each. A box has its own.
+// Those of space, at the origin on the plane; where bodies turn about points of their own, at each. A box has its own, a picture what its function draws.
 function axesOf({ axes, floor, bodies }) {
-  if (bodies[0].body === "particle") return null;
+  if (["particle", "drawn"].includes(bodies[0].body)) return null;
   const whole = new Group();
   whole.names = [];
   const colours = [0, 1, 2].map(() => () => css(floor ? "ink" : "soft"));

@@ -1,7 +1,7 @@
 """Cuts a step of a solve into pieces, and tells what is certain about functions of time in each of them.
 
-``crossings`` looks for zeros in them. The Chebyshev series of the polynomial through a few samples of a piece tells
-whether a function has no zero there, and whether it is monotone.
+``crossings`` looks for zeros in them, and ``excursions`` in pieces of a whole run. The Chebyshev series of the
+polynomial through a few samples of a piece tells whether a function has no zero there, and whether it is monotone.
 """
 
 from functools import cache
@@ -75,18 +75,20 @@ class _Matrices(NamedTuple):
 
 
 @cache
-def _matrices() -> _Matrices:
-    x = -np.cos(np.pi * np.arange(SAMPLES_OF_PIECE) / (SAMPLES_OF_PIECE - 1))
-    value = np.linalg.inv(chebyshev.chebvander(x, SAMPLES_OF_PIECE - 1))
+def _matrices(count: int) -> _Matrices:
+    x = -np.cos(np.pi * np.arange(count) / (count - 1))
+    value = np.linalg.inv(chebyshev.chebvander(x, count - 1))
     nodes = (1 + x) / 2
     # Exactly, so that the end of a piece is the start of the next.
     nodes[0], nodes[-1] = 0.0, 1.0
     return _Matrices(nodes, value, chebyshev.chebder(value, axis=0))
 
 
-def nodes_between(low: Float[Array, ""], high: Float[Array, ""]) -> Float[Array, " samples"]:
+def nodes_between(
+    low: Float[Array, ""], high: Float[Array, ""], count: int = SAMPLES_OF_PIECE
+) -> Float[Array, " samples"]:
     """Returns the Chebyshev points between two numbers, which are the first and the last."""
-    return low + jnp.asarray(_matrices().nodes, low.dtype) * (high - low)
+    return low + jnp.asarray(_matrices(count).nodes, low.dtype) * (high - low)
 
 
 class Piece(NamedTuple):
@@ -101,17 +103,19 @@ class Piece(NamedTuple):
     decayed: Bool[Array, " k"]
 
     @classmethod
-    def of(cls, samples: Float[Array, "samples k"], clearance: float = 1.0) -> "Piece":
+    def of(cls, samples: Float[Array, "samples k"], clearance: float = 1.0, doubt: float = 1.0) -> "Piece":
         """Examines the samples of a piece. Comparisons with NaN are false: nothing is certain then.
 
-        ``clearance``: by which the constant term has to outweigh the others, above 1 where samples are less accurate.
+        - ``clearance``: by which the constant term has to outweigh the others, above 1 where samples are less accurate.
+        - ``doubt``: how many times more the last terms count, which tell what the samples miss.
         """
-        value, slope = (_sizes(matrix, samples) for matrix in (_matrices().value, _matrices().slope))
-        others, last, tail = jnp.sum(value[1:], axis=0), value[-1], jnp.asarray(TAIL, samples.dtype)
+        matrices = _matrices(len(samples))
+        value, slope = (_sizes(matrix, samples) for matrix in (matrices.value, matrices.slope))
+        others, last, tail = jnp.sum(value[1:], axis=0), value[-1], doubt * jnp.asarray(TAIL, samples.dtype)
         return cls(
             samples,
             clear=value[0] > clearance * others + jnp.sum(tail[:, None] * value[-tail.size :], axis=0),
-            monotone=slope[0] > clearance * jnp.sum(slope[1:], axis=0) + SLOPE_TAIL * last,
+            monotone=slope[0] > clearance * jnp.sum(slope[1:], axis=0) + doubt * SLOPE_TAIL * last,
             decayed=last + value[-2] <= DECAYED * others,
         )
 
@@ -163,5 +167,5 @@ class Pieces(NamedTuple):
 
     def times(self, span: Span, place: Int[Array, ""], width: Int[Array, ""]) -> Float[Array, " samples"]:
         """Returns the times of the Chebyshev points of a piece."""
-        nodes = jnp.asarray(_matrices().nodes, span.start.dtype)
+        nodes = jnp.asarray(_matrices(SAMPLES_OF_PIECE).nodes, span.start.dtype)
         return span.time((place.astype(nodes.dtype) + nodes * width.astype(nodes.dtype)) / float(self.unit))

@@ -1,7 +1,8 @@
-"""Cuts a step of a solve into pieces that are short enough for what is asked of functions of time within it.
+"""Cuts a step of a solve, or a run, into pieces that are short enough for what is asked of functions of time within it.
 
-``integrals`` integrates them, and ``peaks`` finds where they are largest. A piece that is not good enough is halved.
-The halves are looked at from left to right, so that nothing need be kept of the others.
+``integrals`` integrates them, ``peaks`` finds where they are largest, and ``excursions`` when they are first beyond
+something. A piece that is not good enough is halved. The halves are looked at from left to right, so that nothing need
+be kept of the others.
 """
 
 from typing import NamedTuple
