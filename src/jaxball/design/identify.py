@@ -148,7 +148,12 @@ def _residuals(
     """
     solve = Solve.of(space.scenario, diffrax.ForwardMode())
     recorded, seen = jnp.asarray(path), space.parametrisation
-    return where_finite(lambda y: _residuals_and_slopes(seen, recorded, jnp.asarray(y), solve, quantity))
+
+    def evaluate(y: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+        residuals, slopes = _residuals_and_slopes(seen, recorded, jnp.asarray(y), solve, quantity)
+        return np.asarray(residuals), np.asarray(slopes)
+
+    return where_finite(evaluate)
 
 
 # No closure of a call: scenarios and paths that differ in numbers alone share one program.

@@ -181,13 +181,13 @@ def _extremes_of_samples(
 
     each = jax.lax.map(extremes_from, jnp.arange(times.size - 1))
     happened = times[1:] <= reached
-    found = [
+    quantities = [
         (each.least_normal_force, each.least_normal_force_time, -1),
         (each.friction_needed, each.friction_needed_time, 1),
         (each.largest_friction, each.largest_friction_time, 1),
     ]
     extremes, sizes = [], []
-    for value, time, sign in found:
+    for value, time, sign in quantities:
         # A value that is not a number must not be passed over in silence: it counts as the largest.
         size = jax.lax.stop_gradient(jnp.where(jnp.isnan(value), jnp.inf, sign * value))
         best = jnp.argmax(jnp.where(happened, size, -jnp.inf))

@@ -106,7 +106,7 @@ def sizes(vary: Vary, problem: Any) -> Sizes:
     return Sizes(*(part.size for part in jax.eval_shape(parts, problem)))
 
 
-def held(vary: Vary, problem: Any, states: int) -> Float[np.ndarray, " n"]:
+def find_held(vary: Vary, problem: Any, states: int) -> Float[np.ndarray, " n"]:
     """Returns 1 for each entry of the state that vary(problem, λ) determines at the start, and 0 for the others."""
     variant = jax.eval_shape(lambda problem: vary(problem, jnp.zeros(())), problem)
     fixed = np.ones(states)
@@ -238,7 +238,7 @@ class Collocation(AbstractEquations):
         self._last: tuple[np.ndarray, float, Term, Term] | None = None
         self._sizes = Sizes(*map(int, _compile_partial(sizes, vary)(problem)))
         n, m, c, i = self._sizes
-        self._held = held(vary, problem, n)
+        self._held = find_held(vary, problem, n)
         N, s = len(mesh) - 1, stages
         shapes: list[Any] = [(N + 1, n), (N, s, n), (N, s, m), (n,), (N, s, n), (N, n), (c,), (N, s, i)]
         self.shapes = Unknowns(*shapes)

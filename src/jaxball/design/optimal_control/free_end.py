@@ -82,16 +82,13 @@ class FreeEnd(AbstractControlProblem):
         problem = self.problem
         end = problem.start + share * (problem.end - problem.start)
         objectives = {
-            name: dataclasses.replace(objective, end=end) if self._ends_with_run(objective) else objective
+            name: dataclasses.replace(objective, end=end) if isinstance(objective, FollowTrajectory) else objective
             for name, objective in problem.objectives.items()
         }
         return eqx.tree_at(lambda p: (p.end, p.objectives), problem, (end, objectives))
 
     def _stretch(self, s: Float[Array, ""], share: Float[Array, ""]) -> tuple[Float[Array, ""], Rolling]:
         return self.start + share * (s - self.start), self.ending_after(share)
-
-    def _ends_with_run(self, objective) -> bool:
-        return isinstance(objective, FollowTrajectory)
 
 
 def solve_with_free_end(
@@ -135,8 +132,15 @@ def solve_with_free_end(
     require_holdable(problem)
     least, most = ((t - start) / (end - start) for t in (shortest, longest))
     timed = eqx.tree_at(lambda p: p.end, problem, to_array(end))
-    numbers = map(to_array, (least, most, time_weight))
-    free = FreeEnd(timed, *numbers, timed.start, timed.end, timed.softness)
+    free = FreeEnd(  # pyright: ignore[reportCallIssue]
+        problem=timed,
+        least=to_array(least),
+        most=to_array(most),
+        weight=to_array(time_weight),
+        start=timed.start,
+        end=timed.end,
+        softness=timed.softness,
+    )
     collocation = Collocation(free, mesh, stages, as_it_is, barrier)
     path = guess(timed, mesh, stages)
     whole = path._replace(knots=_with_share(path.knots, 1.0), nodes=_with_share(path.nodes, 1.0))
