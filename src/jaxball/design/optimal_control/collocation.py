@@ -355,7 +355,7 @@ class Collocation(AbstractEquations):
     def _initial(self, parameter: float) -> tuple[np.ndarray, np.ndarray]:
         """Returns the initial state and its derivative by λ, 0 where it is free."""
         value, slope = _compile_partial(initial, self.vary)(self.problem, jnp.asarray(parameter))
-        return self._held * value, self._held * slope
+        return self._held * np.asarray(value), self._held * np.asarray(slope)
 
     def cost(self, y: Float[np.ndarray, " size"], parameter: float) -> float:
         """Computes the mean of the running cost, by the weights of Gauss."""

@@ -77,9 +77,8 @@ def _normal_at_end(problem: Rolling) -> Float[Array, "3"]:
     # Charts of curved grounds are searched from one place to the next.
     centres = jnp.zeros((STEPS_TO_PLACE, 2)).at[:, : place.size].set(jnp.linspace(first, place, STEPS_TO_PLACE))
     angles = jnp.broadcast_to(theta, (STEPS_TO_PLACE, theta.size))
-    return hold_along(problem, jnp.full(STEPS_TO_PLACE, problem.end), centres, angles, jnp.zeros_like(angles)).normal[
-        -1
-    ]
+    times = jnp.full(STEPS_TO_PLACE, problem.end)
+    return hold_along(problem, times, centres, angles, jnp.zeros_like(angles)).normal[-1]
 
 
 def _find_reach(problem: Rolling) -> float:
