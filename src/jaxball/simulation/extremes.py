@@ -145,7 +145,7 @@ def _extremes(interpolant: Interpolant, reached: Float[Array, ""], status: Array
     packing, steps = interpolant.packing, Steps.of(interpolant.solution, reached)
 
     def forces_and_rates(t, x):
-        return jnp.concatenate([_sought(packing, t, x), packing.field(t, x)])
+        return jnp.concatenate([_evaluate_sizes(packing, t, x), packing.field(t, x)])
 
     peaks = maxima(steps, forces_and_rates, 3)
     N, _, f = jnp.diagonal(peaks.values)
@@ -202,7 +202,7 @@ def _extremes_of_samples(
     )
 
 
-def _sought(packing: Packing, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, "3"]:
+def _evaluate_sizes(packing: Packing, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, "3"]:
     """Computes the functions that are largest at the extremes."""
     force = packing.system.plane_reaction(t, packing.unpack(t, x))
     # The angle is largest where |f| / N is, and has no spike where N is small.
@@ -211,7 +211,7 @@ def _sought(packing: Packing, t: Float[Array, ""], x: Float[Array, " size"]) -> 
 
 def _at(steps: Steps, packing: Packing, index: Int[Array, "3"], times: Float[Array, "3"]) -> tuple[Array, ...]:
     """Computes N, |f| / N and |f|, each with its time, at three times in steps, with their first derivatives."""
-    times, vectors = _moved(steps, packing, index, times)
+    times, vectors = _move_each(steps, packing, index, times)
     return _extremes_at(packing, times, times, vectors)
 
 
@@ -221,18 +221,18 @@ def _at_peaks(
     """Computes the same as :func:`_at`, with second derivatives of the values, for which the times of extremes within
     steps move to the zeros of the rates.
     """
-    times, vectors = _moved(steps, packing, index, times)
+    times, vectors = _move_each(steps, packing, index, times)
     lengths = (steps.end - steps.start)[index]
 
     def to_peak(sample: tuple[Array, ...]) -> tuple[Float[Array, ""], Float[Array, " size"]]:
         which, t, x, length = sample
-        return move_to_peak(packing.field, lambda t, x: entry(which, _sought(packing, t, x)), t, x, length)
+        return move_to_peak(packing.field, lambda t, x: entry(which, _evaluate_sizes(packing, t, x)), t, x, length)
 
     moved = jax.lax.map(to_peak, (jnp.arange(3), times, vectors, jnp.where(constant, 0.0, lengths)))
     return _extremes_at(packing, times, *moved)
 
 
-def _moved(
+def _move_each(
     steps: Steps, packing: Packing, index: Int[Array, "3"], times: Float[Array, "3"]
 ) -> tuple[Float[Array, "3"], Float[Array, "3 size"]]:
     """Returns times in steps and the vectors then, with the derivatives of the ends of the run and of kinks."""
