@@ -26,6 +26,7 @@ from .following import (
     first_of,
     has_tangents,
     in_directions,
+    in_steps_of_probe,
     of_each_row,
     tangents_and_probe,
     tangents_of,
@@ -73,6 +74,7 @@ class Computation:
     - ``in_lanes``: whether rows are computed side by side in the lanes of vectors, or else one after another.
     - ``together``: how many rows XLA computes side by side on a CPU.
     - ``steered``: whether it has loops whose steps are chosen for its derivatives as well.
+    - ``by_steps``: whether its results list such steps, so that beside derivatives they must be of the same steps.
     - ``gives``: the types of the results, where they are known.
     - ``opaque``: whether all within is one program; otherwise, as in a user's function, computations in it are
       differentiated and mapped by themselves.
@@ -96,11 +98,12 @@ class Computation:
         together: int = ROWS_OF_XLA,
         opaque: bool = True,
         steered: bool = False,
+        by_steps: bool = False,
         gives: Sequence[Any] | None = None,
     ):
         self.function = self.smooth = function
         self.name, self.large, self.in_lanes, self.together, self.opaque = name, large, in_lanes, together, opaque
-        self.steered, self._gives = steered, gives
+        self.steered, self.by_steps, self._gives = steered, by_steps, gives
         self._results: list[Rest] = []
         self.linear = (False,) * len(arrays)
         self.traced = native.Lowered(
@@ -342,6 +345,19 @@ class Computation:
             return computation
 
         return self._following(("tangents", which), make)
+
+    def beside_derivatives(self, which: tuple[bool, ...]) -> "Computation":
+        """Returns the computation of the results that belong to derivatives by the arrays chosen by ``which``."""
+        if not self.by_steps or self.is_derivative:
+            return self
+
+        def make() -> Computation:
+            function = functools.partial(in_steps_of_probe, self.smooth, which)
+            computation = self._from_callable(function, self.takes, self.gives)
+            computation.is_derivative = True  # whose own derivatives are of the same steps
+            return computation
+
+        return self._following(("beside", which), make)
 
     def cotangents(self, which: tuple[bool, ...], of: tuple[bool, ...]) -> "Computation":
         """Returns the computation of the cotangents of the arrays chosen by ``which``, from all arrays and the

@@ -73,6 +73,15 @@ def tangents_and_probe(
     return [result[:count] for result in rows]
 
 
+def in_steps_of_probe(function: Callable, which: tuple[bool, ...], arrays: list[Any]) -> list[Any]:
+    """Computes a function in the steps that its derivatives by the arrays chosen by ``which`` take."""
+    moving = choose(arrays, which)
+    with differentiate_forward(), steering_by_itself():
+        return jax.jvp(
+            lambda *moving: arrays_of(function(replace_chosen(arrays, which, moving))), moving, directions_of(moving)
+        )[0]
+
+
 def cotangents_of(
     function: Callable, which: tuple[bool, ...], of: tuple[bool, ...], steered: bool, arrays: list[Any]
 ) -> list[Any]:

@@ -3,7 +3,7 @@
 Two primitives. ``run`` computes a computation. ``tangents`` is linear in its second half, the tangents of some of the
 arrays. Their rules make new computations, which are compiled like any other:
 
-- derivative of ``run``: ``run`` and ``tangents``;
+- derivative of ``run``: ``run``, in the steps of the derivative where the results list them, and ``tangents``;
 - derivative of ``tangents``: itself, of the other tangents, and ``tangents`` of the computation of tangents;
 - transpose of ``tangents``: ``run`` of the cotangents, in reverse mode;
 - either of many: ``run`` of many rows or, where only linear arguments are many, of many directions.
@@ -143,9 +143,10 @@ def _target(platform: str, context: Any, types: Sequence[Any], computation: Comp
 
 def _differentiate(primals: Sequence[Any], tangents: Sequence[Any], *, computation: Computation, rows: Which) -> Any:
     which = tuple(not no_tangent(tangent) for tangent in tangents)
-    results = run.bind(*primals, computation=computation, rows=rows)
     if not any(which):
+        results = run.bind(*primals, computation=computation, rows=rows)
         return results, list(map(zero_tangent, results))
+    results = run.bind(*primals, computation=computation.beside_derivatives(which), rows=rows)
     moving = choose(tangents, which)
     varied = iter(tangents_of_run.bind(*primals, *moving, computation=computation, which=which, rows=rows))
     have_tangents = [jnp.issubdtype(result.dtype, jnp.inexact) for result in computation.gives]
