@@ -28,6 +28,7 @@ from . import native
 from .batches import map_batches
 from .compiled import Compiled
 from .computation import Computation, in_rows
+from .derivatives.differentiation import along
 from .derivatives.reverse_rules import choose
 from .store import current
 
@@ -165,7 +166,7 @@ def _along(tangents: Sequence[Any], rows: Which, rates: Sequence[Any]) -> list[A
     """Computes tangents of results from those of the arguments, and from the derivatives by each number of these."""
     if not rows:
         numbers = jnp.concatenate([jnp.ravel(tangent) for tangent in tangents])
-        return [jnp.tensordot(numbers.astype(rate.dtype), rate, 1) for rate in rates]
+        return [along(numbers, rate) for rate in rates]
     axes = [0 if many else None for many in rows]
     return jax.vmap(lambda tangents, rates: _along(tangents, (), rates), in_axes=(axes, 0))(list(tangents), list(rates))
 
