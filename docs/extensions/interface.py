@@ -64,7 +64,10 @@ CHAPTERS = {
         ],
     ),
     "mechanisms": ("Mechanisms", ["physics.mechanisms"]),
-    "states": ("States and observables", ["physics.state", "physics.observables", "simulation.equilibrium"]),
+    "states": (
+        "States and observables",
+        ["physics.state", "physics.own_states", "physics.observables", "simulation.equilibrium"],
+    ),
     "events": (
         "Events and extremes",
         ["simulation.events", "simulation.extremes"],

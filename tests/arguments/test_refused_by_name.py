@@ -33,7 +33,10 @@ class OwnBall(Ball):
         (lambda: Ball(mass=1.0), "Argument `inertia` of Ball must be given, but it is missing."),
         (lambda: Ball(1.0, 2.0), "Arguments of Ball must be named, as in Ball(mass=...), but 2 have no names."),
         (lambda: Disk(1.0), "Arguments of Disk must be named, as in Disk(mass=...), but 1 has no name."),
-        (lambda: BallState(1, 2, 3, 4, 5, 6), "must be no more than q, Omega, z, theta, thetadot, but there are 6."),
+        (
+            lambda: BallState(1, 2, 3, 4, 5, 6, 7),
+            "must be no more than q, Omega, z, theta, thetadot, own, but there are 7.",
+        ),
     ],
 )
 def test_the_class_that_was_typed(make, sentence):

@@ -211,7 +211,7 @@ CALLS = [
     (lambda: jaxball.problems(scenario()), "`system` must be a Ball.*but it is a Scenario"),
     (lambda: scenario().simulate(solver=diffrax.Dopri8()), "`solver` must be a name, one of .*but it is a Dopri8"),
     (lambda: run(dense=True).at("end"), "`t` must be numbers, but it is 'end'"),
-    (lambda: jaxball.contact_extremes(BALL), "`trajectory` must be what jaxball.simulate returns, but it is a Ball"),
+    (lambda: jaxball.contact_extremes(BALL), "what jaxball.simulate returns, or `run` of a closed loop, but it is"),
     (lambda: jaxball.balance(scenario(), [0]), "`system` must be a Ball or a Disk, but it is a Scenario"),
     (lambda: jaxball.balance(BALL, 0), "`free` must be a list of indices of masses, but it is 0"),
     (lambda: lyapunov_spectrum(scenario(), TIMES), "`system` must be a Ball.*but it is a Scenario"),

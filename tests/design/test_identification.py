@@ -1,12 +1,14 @@
 """Parameters recovered from paths that were simulated with noise."""
 
 import functools
+import sys
 import tomllib
 
 import numpy as np
 import pytest
 
 from jaxball.design import DesignError, DesignSpace, Variable, identify
+from jaxball.design.problem.run import run_of
 from jaxball.scenario import read_document
 from tests.design.documents import builtin
 
@@ -95,6 +97,22 @@ def test_a_spring_and_friction_are_found_from_the_motion_of_a_joint():
     result = identify(space, path, joint_position)
     np.testing.assert_allclose(result.estimates, (8.0, 0.3), atol=1e-4)
     assert result.alike == []
+
+
+@pytest.mark.long
+def test_what_differs_in_numbers_is_compiled_once(monkeypatch):
+    """A scenario with another mass, another path and another start are traced no more; what is found is theirs."""
+    module, traced = sys.modules["jaxball.design.identify"], []
+    monkeypatch.setattr(module, "run_of", lambda *run: traced.append(None) or run_of(*run))
+    for mass, radius in ((1.0, 0.8), (1.2, 0.7)):
+        before = len(traced)
+        document = builtin("disk", start=0.0, end=2.0, saves=21)
+        document["body"]["mass"] = mass
+        truth = DesignSpace(document, [Variable(("masses[0].rail.radius",), start=radius)])
+        path = np.asarray(truth.scenario_of(np.array([radius])).simulate().state.z)
+        space = DesignSpace(document, [Variable(("masses[0].rail.radius",), start=radius + 0.02)])
+        np.testing.assert_allclose(identify(space, path).estimates, [radius], atol=1e-6)
+        assert (len(traced) > before) == (before == 0)
 
 
 @pytest.mark.thorough

@@ -11,6 +11,7 @@ from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
 import jaxball
+from jaxball.numerics.arrays import arrays_of
 
 E1, E2, E3 = np.eye(3)
 D, M, R, G = 0.6, 1.3, 0.9, 2.0  # a homogeneous ball: its moment of inertia, mass and radius; and gravity
@@ -234,13 +235,13 @@ class TestSphericalPendulum:
         expected = run(self.ball(ground=tilted, gravity=strength, **UNBALANCED), self.start, 6.0).state
         found = run(accelerated, self.start, 6.0).state
         assert spread(np.asarray(found.z)) > 1
-        for name, value in vars(found).items():
+        for name, value in arrays_of(found).items():
             np.testing.assert_allclose(value, getattr(expected, name), atol=1e-11, err_msg=name)
 
     def test_a_lifted_ground_is_stronger_gravity(self):
         expected = run(self.ball(gravity=G + 0.7, **UNBALANCED), self.start, 6.0).state
         lifted = self.ball(ground=ground(steady=0.7 * E3), **UNBALANCED)
-        for name, value in vars(run(lifted, self.start, 6.0).state).items():
+        for name, value in arrays_of(run(lifted, self.start, 6.0).state).items():
             np.testing.assert_allclose(value, getattr(expected, name), atol=1e-11, err_msg=name)
 
     def test_moving_energy_on_a_turntable(self):
@@ -393,7 +394,7 @@ class TestRotors:
     def test_three_masses_on_a_ring_move_as_four(self):
         _, expected = self.anywhere()
         _, found = self.anywhere(count=4)
-        for name, value in vars(found.state).items():
+        for name, value in arrays_of(found.state).items():
             np.testing.assert_allclose(value, getattr(expected.state, name), atol=1e-11, err_msg=name)
 
 
@@ -426,7 +427,7 @@ class TestGyroscopicPendulum:
         rigid = jaxball.rigid_body_masses(self.m, moments, centre=-self.l * E3)
         expected = run(self.ball(self.made()), self.start, 4.0)
         found = run(self.ball(jaxball.Mechanism(hinges, rigid)), self.start, 4.0)
-        for name, value in vars(found.state).items():
+        for name, value in arrays_of(found.state).items():
             np.testing.assert_allclose(value, getattr(expected.state, name), atol=1e-11, err_msg=name)
 
 

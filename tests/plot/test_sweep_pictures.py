@@ -426,8 +426,8 @@ def test_the_scale_of_a_view_has_symbols_and_units_in_plain_text():
 
 
 def test_what_a_study_finds_by_itself_has_a_unit():
-    data = xarray.Dataset({name: ("row", np.zeros(2)) for name in ("distance", "largest_angular_speed", "own")})
-    assert [label_of(data, name) for name in data] == ["distance (length)", "largest angular speed (rad/time)", "own"]
+    data = xarray.Dataset({name: ("row", np.zeros(2)) for name in ("distance", "largest_angular_speed", "mine")})
+    assert [label_of(data, name) for name in data] == ["distance (length)", "largest angular speed (rad/time)", "mine"]
 
 
 @pytest.mark.thorough

@@ -17,6 +17,7 @@ from ..interface.output import replacing, write_text
 from ..interface.printing import json_types
 from ..interface.status import Status
 from ..interface.wording import heading, number_of
+from ..numerics.arrays import arrays_of
 from ..plot.files import check_others, figures_in, plain_name, scenario_mark
 from ..results.saving import write_netcdf
 from ..scenario import Scenario, ScenarioError, read_document, write_scenario
@@ -281,7 +282,7 @@ def _row(motion: "Motion", names: Names, complex_names: Names) -> dict[str, Any]
 
 
 def _state(motion: "Motion") -> dict[str, np.ndarray]:
-    return {name: np.asarray(leaf) for name, leaf in vars(motion.state).items() if np.size(leaf)}
+    return {name: np.asarray(leaf) for name, leaf in arrays_of(motion.state).items() if np.size(leaf)}
 
 
 def _format(values: np.ndarray) -> str:

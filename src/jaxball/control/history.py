@@ -27,6 +27,7 @@ class FeedbackHistory(AbstractHistory):
 
     described: ClassVar[str] = "feedback, between whose samples it is not known"
     restarts: ClassVar[bool] = False  # the inputs follow from the states of the run, which have errors
+    always_rolls: ClassVar[bool] = True
 
     switches: Switches
     nominal: PlacedState

@@ -22,10 +22,10 @@ from ..physics.forces.force import HarmonicForce, Push, Wrenches
 from ..physics.forces.resistance import Resistance
 from ..physics.state import DiskState, PlacedState
 from ..simulation import DEFAULT_TOLERANCE
+from ..simulation.extremes import MOST_STEPS_OF_SAMPLE
 from ..simulation.simulate import simulate
 from .inputs import Place, hold_inputs, limits_of, places_of, with_inputs
 
-MOST_STEPS_OF_SAMPLE = 256  # in one sample
 LEAST_REACHED = 1e-8  # of the largest singular value of the reachable subspace's factor; below it is rounding
 ROUNDING_OF_COMBINATION = 1e-6  # of the largest entry of a combination
 

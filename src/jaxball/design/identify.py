@@ -17,7 +17,7 @@ from ..numerics.arrays import to_numpy
 from ..numerics.fitting import Residuals, find_determined, fit_unknowns, where_finite
 from .problem.plane import places
 from .problem.run import Run, Solve, run_of
-from .problem.space import DesignError, DesignSpace
+from .problem.space import DesignError, DesignSpace, Parametrisation
 
 # A combination of parameters that is uncertain by this fraction of its scale counts as undetermined.
 UNCERTAIN = 0.5
@@ -147,13 +147,33 @@ def _residuals(
     not finite.
     """
     solve = Solve.of(space.scenario, diffrax.ForwardMode())
+    recorded, seen = jnp.asarray(path), space.parametrisation
 
-    def residuals(y: Float[Array, " n"], path: Float[Array, "T *d"]) -> Float[Array, " residuals"]:
-        return jnp.ravel(quantity(run_of(space.candidate(y), solve)) - path)
+    def evaluate(y: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+        residuals, slopes = _residuals_and_slopes(seen, recorded, jnp.asarray(y), solve, quantity)
+        return np.asarray(residuals), np.asarray(slopes)
 
-    both = programs.jit(lambda y, path: (residuals(y, path), jax.jacfwd(residuals)(y, path)))
+    return where_finite(evaluate)
 
-    return where_finite(lambda y: both(jnp.asarray(y), path))
+
+# No closure of a call: scenarios and paths that differ in numbers alone share one program.
+@programs.filter_jit
+def _residuals_and_slopes(
+    seen: Parametrisation,
+    path: Float[Array, "T *d"],
+    y: Float[Array, " n"],
+    solve: Solve,
+    quantity: Callable[[Run], Float[Array, "T *d"]],
+) -> tuple[Float[Array, " residuals"], Float[Array, "residuals n"]]:
+    def residuals(y: Float[Array, " n"]) -> Float[Array, " residuals"]:
+        return jnp.ravel(quantity(run_of(seen.candidate(y), solve)) - path)
+
+    return residuals(y), jax.jacfwd(residuals)(y)
+
+
+@programs.filter_jit
+def _numbers_and_slopes(seen: Parametrisation, y: Float[Array, " n"]) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
+    return seen.numbers(y), jax.jacfwd(seen.numbers)(y)
 
 
 def _estimate(space: DesignSpace, y: np.ndarray, r: np.ndarray, J: np.ndarray, converged: bool) -> Identification:
@@ -167,8 +187,7 @@ def _estimate(space: DesignSpace, y: np.ndarray, r: np.ndarray, J: np.ndarray, c
     # Parameters that were fitted use up as many residuals; at least one is left to divide by.
     noise = float(np.sqrt(r @ r / max(rows - int(np.sum(seen)), 1)))
     covariance = noise**2 * (Vt[seen].T / s[seen] ** 2) @ Vt[seen]
-    numbers = programs.jit(lambda y: (space.numbers(y), jax.jacfwd(space.numbers)(y)))
-    x, slopes = (np.asarray(a) for a in numbers(jnp.asarray(y)))
+    x, slopes = map(np.asarray, _numbers_and_slopes(space.parametrisation, jnp.asarray(y)))
     # From unknowns y to numbers x within their bounds; each x depends on its own y, so that the Jacobian is diagonal.
     slope = np.diag(slopes)
     deviations = np.abs(slope) * np.sqrt(np.diag(covariance))

@@ -18,8 +18,8 @@ def integrate_samples(
 ) -> Float[Array, " k"]:
     """Computes the integrals of k functions from the first to the last of their increasing ``times``.
 
-    - ``kinks``: unsorted times at which a function jumps or is not smooth, from which on a value is that of what
-      follows. The integral changes with them where the function jumps.
+    - ``kinks``: unsorted times at which a function jumps or is not smooth; at such a time, its value is the one after
+      it. The integral changes with them where the function jumps.
     """
     n = times.size
     neighbours = min(MOST_NEIGHBOURS, n)

@@ -179,7 +179,7 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
             jnp.ravel(eqx.filter_vmap(lambda mechanism: mechanism.driving_kinks(state))(group))
             for group in self.mechanism_groups
         ]
-        return join_arrays([*times, *self._kinks_of_schedules()] if self._is_dry else times)
+        return join_arrays([*times, self.kinks_of_paths()] if self._is_dry else times)
 
     @property
     def _is_dry(self) -> bool:
@@ -187,15 +187,11 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
 
     def kinks_of_paths(self) -> Float[Array, " kinks"]:
         """Returns the unsorted times at which χ̈ of a prescribed motion jumps or has a kink."""
-        return join_arrays(self._kinks_of_schedules())
-
-    def _kinks_of_schedules(self) -> list[Float[Array, " kinks"]]:
         motions = [group.motion for group in self.groups if not isinstance(group.motion, Driven)]
-        times = [jnp.ravel(eqx.filter_vmap(lambda motion: motion.kinks())(motion)) for motion in motions]
-        return times + [
-            jnp.ravel(eqx.filter_vmap(lambda mechanism: mechanism.motion_kinks())(group))
-            for group in self.mechanism_groups
-        ]
+        times = [eqx.filter_vmap(lambda motion: motion.kinks())(motion) for motion in motions]
+        groups = self.mechanism_groups
+        times += [eqx.filter_vmap(lambda mechanism: mechanism.motion_kinks())(group) for group in groups]
+        return join_arrays([*map(jnp.ravel, times)])
 
     def to_packed(self, t: Float[Array, ""], state: Any) -> Any:
         return to_locked(self, t, state)
@@ -306,8 +302,7 @@ class Ball(AbstractBody):
     - ``mechanisms``: joints with masses, such as a :class:`~jaxball.Mechanism`, any number of them.
     - ``ground``: a :class:`~jaxball.Ground`, if the plane is tilted or moves, or a surface such as a
       :class:`~jaxball.HeightField`; None for a level plane at rest.
-    - ``resistance``: a :class:`~jaxball.Resistance` to rolling, or another
-      :class:`~jaxball.AbstractResistance`, or None.
+    - ``resistance``: a :class:`~jaxball.Resistance` to rolling, another :class:`~jaxball.AbstractResistance`, or None.
     - ``own_states``: states of your own beside the body, an :class:`~jaxball.OwnStates`, or None.
 
     Any consistent units will do; the paper rescales so that m = r = g = 1.

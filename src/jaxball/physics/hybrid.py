@@ -217,12 +217,14 @@ class AbstractHistory(Printed):
 
     An implementer supplies ``switches``, with at least ``count``, ``times``, ``before``, ``after`` and ``grazing``. All
     else has a default, that of a system without quantities of its own. Files, figures, views and studies ask for these
-    and do not depend on the kind of a history. ``described`` says what the modes are, after "with", and ``restarts``
-    whether the motion after any saved time follows from the state there.
+    and do not depend on the kind of a history. ``described`` says what the modes are, after "with", ``restarts``
+    whether the motion after any saved time follows from the state there, and ``always_rolls`` that there is no mode but
+    rolling.
     """
 
     described: ClassVar[str] = "modes"
     restarts: ClassVar[bool] = True
+    always_rolls: ClassVar[bool] = False
 
     switches: eqx.AbstractVar[Any]
 
@@ -339,6 +341,8 @@ class History(AbstractHistory):
 
 class NoHistory(AbstractHistory):
     """The history of a system without modes."""
+
+    always_rolls: ClassVar[bool] = True
 
     @property
     def switches(self) -> Switches:

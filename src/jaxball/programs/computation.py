@@ -6,6 +6,7 @@ such functions again, each compiled where it is first needed. ``program`` makes 
 
 import contextlib
 import functools
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -26,13 +27,16 @@ from .following import (
     first_of,
     has_tangents,
     in_directions,
+    in_steps_of_probe,
     of_each_row,
+    results_and_rates,
     tangents_and_probe,
     tangents_of,
 )
 from .store import current
 from .store.current import Store
 
+MOST_RATES = 2**28  # bytes of derivatives that are computed beside the results of a run
 ROWS_OF_BLOCK = native.FEWEST * native.LANES  # rows that a program computes at once
 ROWS_OF_XLA = 64  # rows that are one solve by XLA on a CPU, where 512 were no faster
 
@@ -73,6 +77,7 @@ class Computation:
     - ``in_lanes``: whether rows are computed side by side in the lanes of vectors, or else one after another.
     - ``together``: how many rows XLA computes side by side on a CPU.
     - ``steered``: whether it has loops whose steps are chosen for its derivatives as well.
+    - ``by_steps``: whether its results list such steps, so that beside derivatives they must be of the same steps.
     - ``gives``: the types of the results, where they are known.
     - ``opaque``: whether all within is one program; otherwise, as in a user's function, computations in it are
       differentiated and mapped by themselves.
@@ -96,11 +101,12 @@ class Computation:
         together: int = ROWS_OF_XLA,
         opaque: bool = True,
         steered: bool = False,
+        by_steps: bool = False,
         gives: Sequence[Any] | None = None,
     ):
         self.function = self.smooth = function
         self.name, self.large, self.in_lanes, self.together, self.opaque = name, large, in_lanes, together, opaque
-        self.steered, self._gives = steered, gives
+        self.steered, self.by_steps, self._gives = steered, by_steps, gives
         self._results: list[Rest] = []
         self.linear = (False,) * len(arrays)
         self.traced = native.Lowered(
@@ -342,6 +348,37 @@ class Computation:
             return computation
 
         return self._following(("tangents", which), make)
+
+    def beside_derivatives(self, which: tuple[bool, ...]) -> "Computation":
+        """Returns the computation of the results that belong to derivatives by the arrays chosen by ``which``: where
+        results list steps, those of the derivatives, to rounding; exactly so by :meth:`with_rates`.
+        """
+        return self._in_steps(in_steps_of_probe, which, ()) if self.by_steps else self
+
+    def with_rates(self, which: tuple[bool, ...]) -> "Computation | None":
+        """Returns the computation of the results, and of their derivatives by each number of the arrays chosen by
+        ``which``; None where results do not list steps, or where these would be too many.
+
+        Another computation of the derivatives has the same steps only to rounding, which the length of a step
+        amplifies: from an error as small as rounding it follows with an error of 1e-5.
+        """
+        if not self.by_steps:
+            return None
+        count = sum(math.prod(array.shape) for array in choose(self.takes, which))
+        rates = [in_rows(array, count) for array in self.gives if has_tangents(array)]
+        if sum(math.prod(array.shape) * array.dtype.itemsize for array in rates) > MOST_RATES:
+            return None
+        return self._in_steps(results_and_rates, which, rates)
+
+    def _in_steps(self, compute: Callable[..., list[Any]], which: tuple[bool, ...], more: Sequence[Any]) -> Any:
+        def make() -> Computation:
+            computation = self._from_callable(
+                functools.partial(compute, self.smooth, which), self.takes, [*self.gives, *more]
+            )
+            computation.is_derivative = True  # whose own derivatives are of the same steps
+            return computation
+
+        return self._following((compute.__name__, which), make)
 
     def cotangents(self, which: tuple[bool, ...], of: tuple[bool, ...]) -> "Computation":
         """Returns the computation of the cotangents of the arrays chosen by ``which``, from all arrays and the

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
 
 from .compiled import Rest
 from .derivatives.differentiation import NO_REVERSE, differentiate_forward
@@ -71,6 +72,37 @@ def tangents_and_probe(
             [jnp.concatenate([rows, direction[None]]) for rows, direction in zip(each, probe, strict=True)]
         )
     return [result[:count] for result in rows]
+
+
+def in_steps_of_probe(function: Callable, which: tuple[bool, ...], arrays: list[Any]) -> list[Any]:
+    """Computes a function in the steps that its derivatives by the arrays chosen by ``which`` take."""
+    moving = choose(arrays, which)
+    with differentiate_forward(), steering_by_itself():
+        return jax.jvp(
+            lambda *moving: arrays_of(function(replace_chosen(arrays, which, moving))), moving, directions_of(moving)
+        )[0]
+
+
+def results_and_rates(function: Callable, which: tuple[bool, ...], arrays: list[Any]) -> list[Any]:
+    """Computes a function, and the derivatives of the results that have some by each number of the arrays chosen by
+    ``which``, all in the steps that are chosen for a probe. A derivative has these numbers as leading axis.
+    """
+    moving = choose(arrays, which)
+    numbers, unravel = ravel_pytree(moving)
+    probe = ravel_pytree(list(directions_of(moving)))[0]
+    directions = jnp.concatenate([jnp.eye(numbers.size, dtype=numbers.dtype), probe[None]])
+
+    def of_numbers(numbers: Any) -> tuple[list[Any], list[Any]]:
+        results = arrays_of(function(replace_chosen(arrays, which, unravel(numbers))))
+        return list(filter(has_tangents, results)), results
+
+    def along(direction: Any) -> tuple[list[Any], list[Any]]:
+        _, rates, results = jax.jvp(of_numbers, (numbers,), (direction,), has_aux=True)
+        return rates, results
+
+    with differentiate_forward(), steering_by_last_row():
+        rates, results = jax.vmap(along, out_axes=(0, None), axis_name=DIRECTIONS)(directions)
+    return [*results, *(rate[:-1] for rate in rates)]
 
 
 def cotangents_of(

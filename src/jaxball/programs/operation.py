@@ -3,7 +3,7 @@
 Two primitives. ``run`` computes a computation. ``tangents`` is linear in its second half, the tangents of some of the
 arrays. Their rules make new computations, which are compiled like any other:
 
-- derivative of ``run``: ``run`` and ``tangents``;
+- derivative of ``run``: ``run`` and ``tangents``; where results list steps, one ``run`` of both, in the same steps;
 - derivative of ``tangents``: itself, of the other tangents, and ``tangents`` of the computation of tangents;
 - transpose of ``tangents``: ``run`` of the cotangents, in reverse mode;
 - either of many: ``run`` of many rows or, where only linear arguments are many, of many directions.
@@ -28,6 +28,7 @@ from . import native
 from .batches import map_batches
 from .compiled import Compiled
 from .computation import Computation, in_rows
+from .derivatives.differentiation import along
 from .derivatives.reverse_rules import choose
 from .store import current
 
@@ -143,15 +144,31 @@ def _target(platform: str, context: Any, types: Sequence[Any], computation: Comp
 
 def _differentiate(primals: Sequence[Any], tangents: Sequence[Any], *, computation: Computation, rows: Which) -> Any:
     which = tuple(not no_tangent(tangent) for tangent in tangents)
-    results = run.bind(*primals, computation=computation, rows=rows)
     if not any(which):
+        results = run.bind(*primals, computation=computation, rows=rows)
         return results, list(map(zero_tangent, results))
     moving = choose(tangents, which)
-    varied = iter(tangents_of_run.bind(*primals, *moving, computation=computation, which=which, rows=rows))
+    joint = computation.with_rates(which)
+    if joint is None:
+        results = run.bind(*primals, computation=computation.beside_derivatives(which), rows=rows)
+        varied = iter(tangents_of_run.bind(*primals, *moving, computation=computation, which=which, rows=rows))
+    else:
+        both = run.bind(*primals, computation=joint, rows=rows)
+        results, rates = both[: len(computation.gives)], both[len(computation.gives) :]
+        varied = iter(_along(moving, tuple(choose(rows, which)) if rows else (), rates))
     have_tangents = [jnp.issubdtype(result.dtype, jnp.inexact) for result in computation.gives]
     return results, [
         next(varied) if has else zero_tangent(result) for result, has in zip(results, have_tangents, strict=True)
     ]
+
+
+def _along(tangents: Sequence[Any], rows: Which, rates: Sequence[Any]) -> list[Any]:
+    """Computes tangents of results from those of the arguments, and from the derivatives by each number of these."""
+    if not rows:
+        numbers = jnp.concatenate([jnp.ravel(tangent) for tangent in tangents])
+        return [along(numbers, rate) for rate in rates]
+    axes = [0 if many else None for many in rows]
+    return jax.vmap(lambda tangents, rates: _along(tangents, (), rates), in_axes=(axes, 0))(list(tangents), list(rates))
 
 
 def _batch(arrays: Sequence[Any], axes: Sequence[Any], *, computation: Computation, rows: Which) -> Any:

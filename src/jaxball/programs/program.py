@@ -40,7 +40,12 @@ def forget() -> None:
 
 
 def jit(
-    function: Callable[P, T], *, in_lanes: bool = True, together: int = ROWS_OF_XLA, steered: bool = False
+    function: Callable[P, T],
+    *,
+    in_lanes: bool = True,
+    together: int = ROWS_OF_XLA,
+    steered: bool = False,
+    by_steps: bool = False,
 ) -> "Program":
     """Compiles like ``jax.jit``: all leaves of all arguments are arrays. The values that ``function`` holds distinguish
     programs.
@@ -48,8 +53,10 @@ def jit(
     - ``in_lanes``: whether ``jax.vmap`` of it computes several rows side by side, in vectors.
     - ``together``: how many rows are computed side by side where XLA compiles it for a CPU.
     - ``steered``: whether it has loops whose steps are chosen for its derivatives as well.
+    - ``by_steps``: whether its results list such steps.
     """
-    return Program(function, jax.jit(function), None, in_lanes=in_lanes, together=together, steered=steered)
+    how: dict[str, Any] = {"in_lanes": in_lanes, "together": together, "steered": steered, "by_steps": by_steps}
+    return Program(function, jax.jit(function), None, **how)
 
 
 def filter_jit(function: Callable[P, T], *, large: bool = False) -> Callable[P, T]:
@@ -85,6 +92,7 @@ class Program:
     - ``together``: how many rows are computed side by side where XLA compiles it for a CPU.
     - ``opaque``: whether all within is one program, as in jaxball's own functions.
     - ``steered``: whether it has loops whose steps are chosen for its derivatives as well.
+    - ``by_steps``: whether its results list such steps.
     """
 
     follows = "_programs", "_computations", "_open", "_closed", "_store"  # what does not determine what it computes
@@ -100,10 +108,11 @@ class Program:
         together: int = ROWS_OF_XLA,
         opaque: bool = True,
         steered: bool = False,
+        by_steps: bool = False,
     ):
         self._function, self._compiled, self._is_dynamic = function, compiled, is_dynamic
         how = {"large": large, "in_lanes": in_lanes, "together": together, "opaque": opaque, "steered": steered}
-        self._how: dict[str, Any] = how
+        self._how: dict[str, Any] = how | {"by_steps": by_steps}
         self._programs: dict[Any, Compiled | None] = {}
         self._computations: dict[Any, Computation] = {}
         self._open: dict[Any, Program] = {}

@@ -110,6 +110,8 @@ def _require_rows(path: Path, run: Trajectory[Any, Any]) -> None:
         raise no_run(path, f"its times have the shape {jnp.shape(run.times)}")
     recorded = {name: value for name, value in vars(run.history).items() if name not in ("switches", "law")}
     for place, leaf in jax.tree_util.tree_leaves_with_path({"state": run.state, **recorded}):
+        if isinstance(leaf, str):  # the name of an input
+            continue
         if jnp.ndim(leaf) == 0 or len(leaf) != len(run.times):
             name = jax.tree_util.keystr(place, simple=True, separator=".")
             raise no_run(path, f"it has {len(run.times)} times, but its `{name}` has the shape {jnp.shape(leaf)}")

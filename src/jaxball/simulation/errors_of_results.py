@@ -1,4 +1,4 @@
-"""Estimates the error of what a function computes with runs, such as a derivative, by the same with finer runs."""
+"""Estimates the error of a result that a function computes with runs, such as a derivative, by finer runs."""
 
 import contextlib
 from collections.abc import Callable, Iterator
@@ -14,7 +14,7 @@ from ..interface.arguments import describe, refusal
 from ..interface.status import SolveError
 from ..programs import traces
 
-TIGHTER = 1e-2  # the factor of the tolerances of finer runs, whose errors are about as much smaller
+FINER_BY = 1e-2  # the factor of the tolerances of finer runs, whose errors are about as much smaller
 MORE_STEPS = 16  # times as many: at a hundredth of the tolerance a method of order 2 takes five to ten times the steps
 OUT_OF_STEPS = (
     "The result of `function` has NaN that are numbers where its runs may take 16 times as many steps: a run in it "
@@ -28,8 +28,8 @@ OUT_OF_STEPS_WHEN_FINER = (
 
 
 def estimate_error_of(function: Callable[..., Any], *arguments: Any) -> Any:
-    """Estimates the error of what a function computes with runs, such as a derivative: the computed value less the true
-    one.
+    """Estimates the error of a result that a function computes with runs, such as a derivative: the computed value less
+    the true one.
 
     The function is computed as it is, and with all of its runs at a hundredth of their tolerances. The difference is
     the error of the former up to that of the latter, which is about a hundred times smaller. What the tolerance does
@@ -69,7 +69,7 @@ def estimate_error_of(function: Callable[..., Any], *arguments: Any) -> Any:
             "argument is traced; give the whole function, as in estimate_error_of(jax.grad(loss), parameters)."
         )
     value = _numbers(function(*arguments))
-    tighter = traces.Finer(TIGHTER)
+    tighter = traces.Finer(FINER_BY)
     finer = _compute_with(tighter, function, arguments)
     if _form_of(value) != _form_of(finer):
         raise ValueError(
@@ -81,7 +81,7 @@ def estimate_error_of(function: Callable[..., Any], *arguments: Any) -> Any:
         if _is_unknown(value, longer):
             raise SolveError(OUT_OF_STEPS)
     if _is_unknown(finer, value):
-        finer = _compute_with(traces.Finer(TIGHTER, MORE_STEPS), function, arguments)
+        finer = _compute_with(traces.Finer(FINER_BY, MORE_STEPS), function, arguments)
         if _is_unknown(finer, value):
             raise SolveError(OUT_OF_STEPS_WHEN_FINER)
     errors = jax.tree.map(lambda x, y: x - y, value, finer)

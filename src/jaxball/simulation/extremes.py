@@ -20,10 +20,12 @@ from ..physics.rolling import AbstractRollingSystem, Reaction
 from ..programs.derivatives.differentiation import differentiate_where
 from ..solvers.dense.maxima import maxima, move
 from ..solvers.dense.steps import Steps
+from .simulate import simulate
 from .trajectory import Interpolant, Trajectory, always_rolls
 
 # Of the weight, or of 1: anything smaller counts as zero, and leaves a constant value constant.
 ROUNDING_OF_EXTREME = 1e-12
+MOST_STEPS_OF_SAMPLE = 256  # of a run under feedback
 SAME_VALUE = 1e-8  # the relative change that a constant value may have
 
 
@@ -95,11 +97,13 @@ class ContactExtremes(Printed):
 def contact_extremes(trajectory: Trajectory[Any, Any]) -> ContactExtremes:
     """Finds the extreme values of N, |f| / N and |f| within the steps of a run, not just at its saved times.
 
-    NaN for a run that could not start.
+    NaN for a run that could not start. A run under feedback is solved again from each sample to the next, with the
+    inputs that acted: just before a sample the last ones still act, and at it those that are held from there on.
 
     **Arguments:**
 
-    - ``trajectory``: what :func:`jaxball.simulate` returns with ``dense=True``.
+    - ``trajectory``: what :func:`jaxball.simulate` returns with ``dense=True``, or ``run`` of a
+      :class:`~jaxball.control.ClosedLoop`.
 
     **Raises:** ``ValueError`` when the trajectory was made without ``dense=True`` or with a law of contact, and
     ``TypeError`` for a system that does not touch a plane.
@@ -112,7 +116,7 @@ def contact_extremes(trajectory: Trajectory[Any, Any]) -> ContactExtremes:
     least normal force 1.47002... at t = 1.162..., 0.98 of the weight
     friction needed, max |f|/N, 0.12 at t = 0
     """
-    require("trajectory", trajectory, Trajectory, "what jaxball.simulate returns")
+    require("trajectory", trajectory, Trajectory, "what jaxball.simulate returns, or `run` of a closed loop")
     if not isinstance(trajectory.system, AbstractRollingSystem):
         raise TypeError(
             "Argument `trajectory` must be of a system that rolls on a plane, such as a Ball, but it is of a "
@@ -123,6 +127,9 @@ def contact_extremes(trajectory: Trajectory[Any, Any]) -> ContactExtremes:
             "Argument `trajectory` must be of a body without modes, but it is of one with "
             f"{trajectory.history.described}; its forces at the saved times are in `observables`."
         )
+    if not trajectory.history.restarts:
+        times = jnp.asarray(trajectory.times)
+        return _extremes_of_samples(trajectory.system, times, trajectory.state, trajectory.reached)
     if trajectory.interpolant is None:
         raise ValueError(
             "Argument `trajectory` must have dense output; call simulate(..., dense=True). The forces at the saved "
@@ -138,7 +145,7 @@ def _extremes(interpolant: Interpolant, reached: Float[Array, ""], status: Array
     packing, steps = interpolant.packing, Steps.of(interpolant.solution, reached)
 
     def forces_and_rates(t, x):
-        return jnp.concatenate([_sought(packing, t, x), packing.field(t, x)])
+        return jnp.concatenate([_evaluate_sizes(packing, t, x), packing.field(t, x)])
 
     peaks = maxima(steps, forces_and_rates, 3)
     N, _, f = jnp.diagonal(peaks.values)
@@ -146,10 +153,7 @@ def _extremes(interpolant: Interpolant, reached: Float[Array, ""], status: Array
     extremes = (-N, peaks.time[0], mu, peaks.time[1], f, peaks.time[2])
     extremes = with_derivatives(extremes, _at, steps, packing, peaks.step, peaks.time)
     weight = packing.system.weight
-    sizes = jax.lax.stop_gradient(jnp.stack([weight, jnp.ones_like(weight), weight]))
-    constant = peaks.size - peaks.least <= jnp.maximum(
-        SAME_VALUE * jnp.abs(peaks.size), ROUNDING_OF_EXTREME * jnp.abs(sizes)
-    )
+    constant = _are_same(peaks.size, peaks.least, weight)
     operands = steps, packing, peaks.step, peaks.time, constant
     extremes = with_second_derivatives(extremes, "extremes of the contact force", _at_peaks, *operands)
     return ContactExtremes(
@@ -157,7 +161,48 @@ def _extremes(interpolant: Interpolant, reached: Float[Array, ""], status: Array
     )
 
 
-def _sought(packing: Packing, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, "3"]:
+def _are_same(largest: Float[Array, "3"], least: Float[Array, "3"], weight: Float[Array, ""]) -> Bool[Array, "3"]:
+    """Returns whether N, |f| / N and |f| are constant to within rounding."""
+    sizes = jax.lax.stop_gradient(jnp.stack([weight, jnp.ones_like(weight), weight]))
+    return largest - least <= jnp.maximum(SAME_VALUE * jnp.abs(largest), ROUNDING_OF_EXTREME * jnp.abs(sizes))
+
+
+@programs.filter_jit
+def _extremes_of_samples(
+    system: AbstractRollingSystem, times: Float[Array, " T"], states: Any, reached: Float[Array, ""]
+) -> ContactExtremes:
+    """Finds the extremes of a run whose inputs change at its saved times, ``times``: of all solves between these."""
+
+    def extremes_from(k: Int[Array, ""]) -> ContactExtremes:
+        ends, start = times[k + jnp.arange(2)], jax.tree.map(lambda leaf: leaf[k], states)
+        run = simulate(system, ends, start, dense=True, max_steps=MOST_STEPS_OF_SAMPLE, inside=False)
+        assert run.interpolant is not None
+        return _extremes(run.interpolant, run.reached, run.status)
+
+    each = jax.lax.map(extremes_from, jnp.arange(times.size - 1))
+    happened = times[1:] <= reached
+    quantities = [
+        (each.least_normal_force, each.least_normal_force_time, -1),
+        (each.friction_needed, each.friction_needed_time, 1),
+        (each.largest_friction, each.largest_friction_time, 1),
+    ]
+    extremes, sizes = [], []
+    for value, time, sign in quantities:
+        # A value that is not a number must not be passed over in silence: it counts as the largest.
+        size = jax.lax.stop_gradient(jnp.where(jnp.isnan(value), jnp.inf, sign * value))
+        best = jnp.argmax(jnp.where(happened, size, -jnp.inf))
+        extremes += [value[best], time[best]]
+        sizes.append(size)
+    largest = jnp.stack([jnp.max(size, where=happened, initial=-jnp.inf) for size in sizes])
+    least = jnp.stack([jnp.min(size, where=happened, initial=jnp.inf) for size in sizes])
+    weight, began = each.weight[0], happened[0]
+    constant = jnp.all(each.constant, axis=0, where=happened[:, None]) & _are_same(largest, least, weight)
+    return ContactExtremes(
+        *(jnp.where(began, value, jnp.nan) for value in (*extremes, weight)), constant=constant & began
+    )
+
+
+def _evaluate_sizes(packing: Packing, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, "3"]:
     """Computes the functions that are largest at the extremes."""
     force = packing.system.plane_reaction(t, packing.unpack(t, x))
     # The angle is largest where |f| / N is, and has no spike where N is small.
@@ -166,7 +211,7 @@ def _sought(packing: Packing, t: Float[Array, ""], x: Float[Array, " size"]) -> 
 
 def _at(steps: Steps, packing: Packing, index: Int[Array, "3"], times: Float[Array, "3"]) -> tuple[Array, ...]:
     """Computes N, |f| / N and |f|, each with its time, at three times in steps, with their first derivatives."""
-    times, vectors = _moved(steps, packing, index, times)
+    times, vectors = _move_each(steps, packing, index, times)
     return _extremes_at(packing, times, times, vectors)
 
 
@@ -176,18 +221,18 @@ def _at_peaks(
     """Computes the same as :func:`_at`, with second derivatives of the values, for which the times of extremes within
     steps move to the zeros of the rates.
     """
-    times, vectors = _moved(steps, packing, index, times)
+    times, vectors = _move_each(steps, packing, index, times)
     lengths = (steps.end - steps.start)[index]
 
     def to_peak(sample: tuple[Array, ...]) -> tuple[Float[Array, ""], Float[Array, " size"]]:
         which, t, x, length = sample
-        return move_to_peak(packing.field, lambda t, x: entry(which, _sought(packing, t, x)), t, x, length)
+        return move_to_peak(packing.field, lambda t, x: entry(which, _evaluate_sizes(packing, t, x)), t, x, length)
 
     moved = jax.lax.map(to_peak, (jnp.arange(3), times, vectors, jnp.where(constant, 0.0, lengths)))
     return _extremes_at(packing, times, *moved)
 
 
-def _moved(
+def _move_each(
     steps: Steps, packing: Packing, index: Int[Array, "3"], times: Float[Array, "3"]
 ) -> tuple[Float[Array, "3"], Float[Array, "3 size"]]:
     """Returns times in steps and the vectors then, with the derivatives of the ends of the run and of kinks."""

@@ -211,7 +211,8 @@ def _program(method: Method) -> Callable[..., tuple]:
 @functools.cache
 def _compile_program(method: Method) -> Callable[..., tuple]:
     in_lanes = not fills_vectors(method.solver)
-    return programs.jit(functools.partial(simulate_arrays, method), in_lanes=in_lanes, steered=True)
+    how = {"in_lanes": in_lanes, "steered": True, "by_steps": method.dense}
+    return programs.jit(functools.partial(simulate_arrays, method), **how)
 
 
 def simulate_arrays(method: Method, system: AbstractSystem, times: Array, *others: Any) -> tuple:

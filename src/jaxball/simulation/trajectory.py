@@ -25,7 +25,7 @@ from ..numerics.kinks import just_before
 from ..physics.body import AbstractBody, System
 from ..physics.conditions import Problem
 from ..physics.contact.body_on_plane import ContactHistory
-from ..physics.hybrid import NO_HISTORY, AbstractHistory, NoHistory, Switches
+from ..physics.hybrid import NO_HISTORY, AbstractHistory, Switches
 from ..physics.observables import Observables, compute_observables, movement
 from ..physics.packing import Packing
 from ..physics.rolling import AbstractRollingSystem, Reaction
@@ -424,7 +424,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
 
 def always_rolls(trajectory: Trajectory[Any, Any]) -> bool:
     """Returns whether a run is of a system without modes, which rolls and has extremes of the contact force."""
-    return isinstance(trajectory.system, AbstractRollingSystem) and isinstance(trajectory.history, NoHistory)
+    return isinstance(trajectory.system, AbstractRollingSystem) and trajectory.history.always_rolls
 
 
 @functools.cache

@@ -33,7 +33,7 @@ LOOSEST = 1e-2
 SHARE_UNEXPLAINED = 0.5  # of the error, by which an estimate of it may be off
 
 WIDTH = 3e-5  # to each side, relative to 1 + |x|, of the runs whose difference is compared with a derivative
-UNRESOLVED = 0.1  # of what a difference twice as wide changes, as Richardson's combination leaves less
+UNRESOLVED = 0.1  # of the change by a difference twice as wide, as Richardson's combination leaves less
 
 SLOW_COMPARISONS = ("estimate", "derivative", "solvers", "dae", "embedding")  # each compiles a program of its own
 
@@ -111,7 +111,7 @@ def derivative(case: Case) -> Row:
     """Returns the row of the derivative of the run's end along a generic direction, less differences of nearby runs.
 
     It is solved at the run's tolerances, by Dopri8 with ``estimate``'s program. An error of each step, which is up to
-    the tolerance times the size of what the direction has become, grows like any deviation. What differences do not
+    the tolerance times the size that the direction has by then, grows like any deviation. What differences do not
     resolve is allowed as well.
     """
     if case.scenario.system.is_hybrid or case.scenario.may_slip:

@@ -265,9 +265,11 @@ def _components(state: Any) -> dict[str, tuple[str, tuple[int, ...]]]:
     """Returns the numbers of a state by their paths, counted from 0."""
     import numpy as np
 
+    from ...numerics.arrays import arrays_of
+
     return {
         entry: (name, index)
-        for name, leaf in vars(state).items()
+        for name, leaf in arrays_of(state).items()
         for entry, index in entries(name, np.shape(leaf)).items()
     }
 

@@ -219,7 +219,8 @@ def _angles(state: "AbstractState") -> list[str]:
     """Lists the names of the components that may gain whole turns."""
     import numpy as np
 
+    from ...numerics.arrays import arrays_of
     from ...stability.shooting import countable
 
-    names = [entry for name, leaf in vars(state).items() for entry in entries(name, np.shape(leaf))]
+    names = [entry for name, leaf in arrays_of(state).items() for entry in entries(name, np.shape(leaf))]
     return [name for name, angle in zip(names, countable(state), strict=True) if angle]

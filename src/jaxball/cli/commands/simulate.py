@@ -183,12 +183,13 @@ def _content(scenario: "Scenario", trajectory: "Trajectory[Any, Any]") -> dict[s
     """Returns the summary as JSON: the attributes of a result file, and the state at the end."""
     import numpy as np
 
+    from ...numerics.arrays import arrays_of
     from ...physics.body import AbstractBody
     from ...results.saving import attributes
     from ...results.variables import history_summary
 
     about = {name: value for name, value in attributes(trajectory, scenario).items() if name != "format"}
-    end = {name: np.asarray(leaf)[-1] for name, leaf in vars(trajectory.state).items()}
+    end = {name: np.asarray(leaf)[-1] for name, leaf in arrays_of(trajectory.state).items()}
     content = {**about, "ok": trajectory.ok, "time": float(trajectory.times[-1]), "state": end}
     if not isinstance(scenario.system, AbstractBody):
         content["law_changes"] = _law_changes(trajectory)

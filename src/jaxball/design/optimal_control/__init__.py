@@ -7,6 +7,7 @@ masses.
 
 from ...interface.names import interface as _interface
 from .collocation import Collocation as Collocation, Unknowns as Unknowns
+from .free_end import solve_with_free_end as solve_with_free_end
 from .guess import rolling_along as rolling_along
 from .problem import AbstractControlProblem as AbstractControlProblem, Path as Path
 from .rolling import Rolling as Rolling, between as between

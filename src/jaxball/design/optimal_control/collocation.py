@@ -106,6 +106,14 @@ def sizes(vary: Vary, problem: Any) -> Sizes:
     return Sizes(*(part.size for part in jax.eval_shape(parts, problem)))
 
 
+def find_held(vary: Vary, problem: Any, states: int) -> Float[np.ndarray, " n"]:
+    """Returns 1 for each entry of the state that vary(problem, λ) determines at the start, and 0 for the others."""
+    variant = jax.eval_shape(lambda problem: vary(problem, jnp.zeros(())), problem)
+    fixed = np.ones(states)
+    fixed[list(variant.free_at_start)] = 0.0
+    return fixed
+
+
 def at_nodes(vary: Vary, shape: Sizes, problem: Any, parameter, barrier, times, weights, steps, local) -> NodeTerm:
     """Computes the derivatives of the Lagrangian by x, u and the costate of each node, and its complementarity.
 
@@ -230,6 +238,7 @@ class Collocation(AbstractEquations):
         self._last: tuple[np.ndarray, float, Term, Term] | None = None
         self._sizes = Sizes(*map(int, _compile_partial(sizes, vary)(problem)))
         n, m, c, i = self._sizes
+        self._held = find_held(vary, problem, n)
         N, s = len(mesh) - 1, stages
         shapes: list[Any] = [(N + 1, n), (N, s, n), (N, s, m), (n,), (N, s, n), (N, n), (c,), (N, s, i)]
         self.shapes = Unknowns(*shapes)
@@ -328,7 +337,7 @@ class Collocation(AbstractEquations):
     def residual(self, y, parameter):
         node, end = self._terms(y, parameter)
         first = self.linear @ y
-        first[self.places.at_start] -= _compile_partial(initial, self.vary)(self.problem, jnp.asarray(parameter))[0]
+        first[self.places.at_start] -= self._initial(parameter)[0]
         np.add.at(first, self._node_places, node.value)
         np.add.at(first, self._end_places, end.value)
         return first
@@ -340,10 +349,13 @@ class Collocation(AbstractEquations):
         by_parameter = np.zeros(self.size)
         np.add.at(by_parameter, self._node_places, node.by_parameter)
         np.add.at(by_parameter, self._end_places, end.by_parameter)
-        by_parameter[self.places.at_start] -= _compile_partial(initial, self.vary)(
-            self.problem, jnp.asarray(parameter)
-        )[1]
+        by_parameter[self.places.at_start] -= self._initial(parameter)[1]
         return self.linear + at_nodes + at_end, by_parameter
+
+    def _initial(self, parameter: float) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the initial state and its derivative by λ, 0 where it is free."""
+        value, slope = _compile_partial(initial, self.vary)(self.problem, jnp.asarray(parameter))
+        return self._held * np.asarray(value), self._held * np.asarray(slope)
 
     def cost(self, y: Float[np.ndarray, " size"], parameter: float) -> float:
         """Computes the mean of the running cost, by the weights of Gauss."""
@@ -379,7 +391,9 @@ class Collocation(AbstractEquations):
         shape = (N, s + 1, s + 2, n)
         data = np.broadcast_to(block[None, :, :, None], shape)
         row, column = np.broadcast_to(rows[:, :, None], shape), np.broadcast_to(columns[:, None], shape)
-        entries = [(data, row, column), (np.ones(n), states.at_start, states.knots[0])]
+        # What is free at the start has the multiplier 0 there, in place of a value; the diagonal counts twice below.
+        entries = [(data, row, column), (self._held, states.at_start, states.knots[0])]
+        entries.append(((1 - self._held) / 2, states.at_start, states.at_start))
         data, row, column = (np.concatenate([np.ravel(x) for x in part]) for part in zip(*entries, strict=True))
         lower = scipy.sparse.csr_array((data, (row, column)), shape=(self.size, self.size))
         # These equations are linear in the states, and their multipliers enter the other rows by the same

@@ -122,7 +122,7 @@ def _rolling_states(
 ) -> BallState | DiskState:
     """Returns the states along the desired path with these θ and θ̇, and ω as if its direction changed slowly."""
     times, start = path.x, problem.state
-    held = _hold_along(problem, *map(jnp.asarray, (times, path(times), *angles)))
+    held = hold_along(problem, *map(jnp.asarray, (times, path(times), *angles)))
     if not np.all(np.isfinite(held.centre)):
         raise DesignError(
             "Argument `problem` must have a desired path that is over its ground, where that is not vertical, but at "
@@ -153,7 +153,8 @@ class _Held(NamedTuple):
 
 
 @programs.jit
-def _hold_along(problem: Rolling, times, wanted: Float[Array, "t 2"], theta, thetadot) -> _Held:
+def hold_along(problem: Rolling, times, wanted: Float[Array, "t 2"], theta, thetadot) -> _Held:
+    """Finds how the ground holds the body with its centre at ``wanted``; NaN from where it is not over the ground."""
     start, r = problem.state, problem.system.radius
     first = jnp.zeros((len(times), 3), wanted.dtype)
     if _surface_at(problem, problem.start, start.theta, start.thetadot) is None:
@@ -226,7 +227,7 @@ def _with_masses_for(problem: Rolling, times, state, p: Float[np.ndarray, "t 3"]
     return dataclasses.replace(state, theta=theta, thetadot=CubicSpline(times, theta)(times, 1))
 
 
-def _moment(problem: Rolling, t: Float[Array, ""], theta: Float[Array, " m"]) -> Float[Array, "3"]:
+def moment(problem: Rolling, t: Float[Array, ""], theta: Float[Array, " m"]) -> Float[Array, "3"]:
     """Computes p = Σ m χ."""
     return velocity_moments(problem.packing.system, t, (theta, jnp.zeros_like(theta))).p
 
@@ -240,7 +241,7 @@ def _weight(problem: Rolling) -> Float[Array, "3"]:
 @programs.jit
 def _initial_moment(problem: Rolling) -> Float[Array, "3"]:
     """Computes Λp at the start."""
-    return apply(problem.state.Lambda, _moment(problem, problem.start, problem.state.theta))
+    return apply(problem.state.Lambda, moment(problem, problem.start, problem.state.theta))
 
 
 @programs.jit
@@ -262,7 +263,7 @@ def _angles(problem: Rolling, times, state, p) -> Float[Array, "t m"]:
 
     def step(theta, sample):
         t, Lambda, momentum = sample
-        theta = _nearest_angles(functools.partial(_moment, problem, t), theta, Lambda.T @ momentum)
+        theta = _nearest_angles(functools.partial(moment, problem, t), theta, Lambda.T @ momentum)
         return theta, theta
 
     Lambda = jax.vmap(lambda pose: pose.Lambda)(state)

@@ -39,6 +39,11 @@ class AbstractControlProblem(eqx.Module):
     def initial(self) -> Float[Array, " n"]:
         """x_a."""
 
+    @property
+    def free_at_start(self) -> tuple[int, ...]:
+        """The indices of the entries of x that x_a does not determine at the start; by default none."""
+        return ()
+
     @abc.abstractmethod
     def rate(self, t: Float[Array, ""], x: Float[Array, " n"], u: Float[Array, " m"]) -> Float[Array, " n"]:
         """Computes ẋ."""

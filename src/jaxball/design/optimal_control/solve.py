@@ -21,6 +21,7 @@ from .problem import VIOLATION, AbstractControlProblem, Path
 from .rolling import Rolling, between, rolling
 from .schedules import Resimulated, resimulate
 from .solution import Solution, finer_mesh, least_curvature, means, mesh_errors, newton_from, solve_near, violations
+from .statics import require_holdable
 
 # Steps in the homotopy parameter, from 0 to 1.
 FIRST_HOMOTOPY_STEP, LONGEST_HOMOTOPY_STEP = 0.05, 0.2
@@ -77,8 +78,10 @@ def solve_from_guess(
     - ``stages``: how many nodes of Gauss an interval has.
     - ``tolerance``: the largest error of an interval of the mesh.
 
-    **Raises:** :class:`~jaxball.design.DesignError` where it does not converge.
+    **Raises:** :class:`~jaxball.design.DesignError` where it does not converge, and before that for an end at which
+    the centre of mass cannot be where the robot could rest.
     """
+    require_holdable(problem)
     collocation = Collocation((problem, problem), mesh, stages, between, barrier)
     return solve_near(collocation, guess(problem, mesh, stages), 0.0, tolerance)
 
@@ -189,7 +192,7 @@ def sharpen(
 
 def _has_motor_limits(problem: AbstractControlProblem) -> bool:
     """Returns whether motors of a robot have limits."""
-    return isinstance(problem, Rolling) and MOTOR_LIMITS in problem.constraints
+    return MOTOR_LIMITS in getattr(problem, "constraints", {})
 
 
 def _lower_barrier(

@@ -87,8 +87,8 @@ def evaluate_objectives(objectives: Iterable[AbstractObjective], run: Run) -> li
         for item, is_mean in zip(objectives, means, strict=True)
         if is_mean and isinstance(item, AbstractRunningObjective)
     ]
-    found = iter(mean_in_time(run, jnp.stack(values, axis=1)) if values else ())
-    return [next(found) if is_mean else item(run) for item, is_mean in zip(objectives, means, strict=True)]
+    of_means = iter(mean_in_time(run, jnp.stack(values, axis=1)) if values else ())
+    return [next(of_means) if is_mean else item(run) for item, is_mean in zip(objectives, means, strict=True)]
 
 
 class AbstractConstraint(Requirement):

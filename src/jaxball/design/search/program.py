@@ -22,6 +22,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
 from ... import programs
+from ...numerics.arrays import arrays_of
 from ...physics.body import System
 from ...physics.state import BallState, DiskState
 from ...programs.batches import of_rows
@@ -287,11 +288,10 @@ class Components(eqx.Module):
         """Returns the components of states such as this one."""
         kinds = {name: key.kind for name, key in INITIAL[kind_of(system)].items()}
         scales = []
-        for field in dataclasses.fields(state):
-            dimension = getattr(kinds.get(field.name), "dimension", None)
+        for name, values in arrays_of(state).items():
+            dimension = getattr(kinds.get(name), "dimension", None)
             # A component without a dimension, as those of versors, has scale 1.
-            size = np.size(getattr(state, field.name))
-            scales.append(np.full(size, default_scale(dimension, 1.0, system)))
+            scales.append(np.full(np.size(values), default_scale(dimension, 1.0, system)))
         return cls(jnp.asarray(np.concatenate(scales)))
 
     @property

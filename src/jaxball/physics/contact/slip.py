@@ -37,7 +37,7 @@ ERRORS = 30  # errors of the speed, by which a slip at its end may exceed twice 
 LONGEST_PAUSE = 0.25  # power of rounding: the longest time, in √(r/g), over which a slip is followed to its end
 COARSER = 0.3  # times the cube root of the tolerance: the same if that is loose, as the error is cubic in the time
 HALFWAY = 0.5  # through the time, and the speed, of a slip that ends
-STEPS_TO_END = 24  # in the time τ, to the end of a slip
+STEPS_TO_END = 16  # in the time τ, to the end of a slip
 TURN = 1.5  # by which σ turns and ln s falls in one of them, at most
 
 

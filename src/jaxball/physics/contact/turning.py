@@ -24,7 +24,7 @@ from . import slip as slips
 from .slip import Heading
 from .window import Course
 
-SLOW = 0.4  # as slip.SLOW, for rolling, which is followed to its end with what acts halfway
+SLOW_TURNING = 0.4  # as slip.SLOW, for rolling, which is followed to its end with what acts halfway
 ERRORS_OF_ROLLING = 50  # tolerances: how fast a ball may roll to and fro by the errors of a method of low order
 LONGEST_WAY = 10  # in tolerances: the angle over which a ball is followed to its rest however long that takes, ...
 STEADY_RESPONSE = 0.2  # ... if what acts halfway changes the time until then by no more than this share
@@ -89,7 +89,7 @@ class AbstractTurning(AbstractBodyWithModes[Any]):
         sigma, omega = self.direction(t, state), self.over_ground(t, state)
         size = root(jnp.sum(omega**2))
         g, r, rate = jax.lax.stop_gradient((jnp.abs(self.body.gravity), self.body.radius, size))
-        heading = Heading.of(sigma, omega[:2], root(g / r) + rate, accuracy.atol + accuracy.rtol * size, SLOW)
+        heading = Heading.of(sigma, omega[:2], root(g / r) + rate, accuracy.atol + accuracy.rtol * size, SLOW_TURNING)
         # The direction of a disk's rolling does not turn as that ends, so nothing has to stop short of zero.
         return heading._replace(least=jnp.zeros_like(heading.least)) if self.body.planar else heading
 

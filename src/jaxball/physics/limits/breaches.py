@@ -224,7 +224,7 @@ def _places_of_mechanisms(system: BodyParameters, group: AbstractMechanism, orde
 
 
 class _Out(NamedTuple):
-    """When a mass is first out of what it must be in, a time soon after that when it is, and χ then."""
+    """When a mass is first beyond its bounds, a time soon after that when it is, and χ then."""
 
     begin: Float[Array, ""]
     seen: Float[Array, ""]

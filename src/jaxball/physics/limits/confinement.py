@@ -133,7 +133,7 @@ def first_out(
     excess: Callable[[Float[Array, "masses 3"]], Float[Array, " masses"]],
     margin: Float[Array, ""],
 ) -> Float[Array, ""]:
-    """Finds when a mass in prescribed motion is first out of what it must be in: where ``excess`` of its χ rises above
+    """Finds when a mass in prescribed motion is first beyond its bounds: where ``excess`` of its χ rises above
     zero, if it gets above the ``margin``, which is more than rounding.
     """
     never = jnp.asarray(jnp.inf, system.radius.dtype)

@@ -186,6 +186,18 @@ def with_unknown_derivatives(tree: Tree, given: PyTree, here: Bool[Array, ""] | 
     return eqx.combine(jax.tree.map(one, numbers), others)
 
 
+def along(numbers: Array, rates: Array) -> Array:
+    """Computes the tangent of a result from those of ``numbers`` and its derivatives by each of these, which lead the
+    axes of ``rates``.
+
+    Where a derivative is not finite the tangent is NaN, and in reverse mode a cotangent of 0 stays 0.
+    """
+    each = numbers.astype(rates.dtype).reshape(-1, *(1,) * (rates.ndim - 1))
+    known = jnp.isfinite(rates)
+    unknown = _nan.bind(jnp.broadcast_to(each, rates.shape))
+    return jnp.sum(jnp.where(known, each * jnp.where(known, rates, 0), unknown), axis=0)
+
+
 # 0, whose tangents are NaN, as is each returning cotangent except one of 0.
 _zero = primitive("zero_of_unknown_derivative", jnp.zeros_like)
 _nan = primitive("unknown_derivative", lambda x: jnp.full_like(x, jnp.nan))
