@@ -71,6 +71,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
     )
     from .physics.contact.modes import Mode as Mode, SwitchCause as SwitchCause
     from .physics.contact.released import ReleasedState as ReleasedState
+    from .physics.convex import ConvexBody as ConvexBody
     from .physics.dynamics.parameters import PointMass as PointMass
     from .physics.feedback import (
         AbstractLaw as AbstractLaw,
@@ -178,6 +179,11 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         PiecewiseSignal as PiecewiseSignal,
     )
     from .physics.rolling import AbstractRollingSystem as AbstractRollingSystem, Reaction as Reaction
+    from .physics.shape import (
+        AbstractShape as AbstractShape,
+        Ellipsoid as Ellipsoid,
+        SupportFunction as SupportFunction,
+    )
     from .physics.state import (
         BallState as BallState,
         DiskState as DiskState,

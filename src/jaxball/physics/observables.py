@@ -27,14 +27,15 @@ from .dynamics.energy import (
     potential_energy,
 )
 from .dynamics.equations import accelerations, angles_in_state, equations
-from .dynamics.load import Load, in_three, load
+from .dynamics.footing import in_three, velocity_by_turning
+from .dynamics.load import Load, height_over_origin, load
 from .dynamics.moments import AbstractMoments, joint_motion, kinematics, point_mass_values, principal_inertia
 from .dynamics.momentum import contact_momentum, linear_momentum
 from .dynamics.rails import along_rails
 from .dynamics.reaction import ContactForce, reaction_in_body
 from .grounds.ground import Ground
 from .prescribed.motion import Kinematics
-from .state import BallState, DiskState, Rates, ReducedState, RotationState, State, centre_velocity
+from .state import BallState, DiskState, Rates, ReducedState, RotationState, State
 from .system import require_one_state
 
 
@@ -213,7 +214,8 @@ def compute_observables(system: AbstractBody, t: Float[Array, ""], motion: Movem
     in_space, body_moments, acting, slip = motion.state, motion.body_moments, motion.acting, motion.slip
     r, g, Omega, Lambda = system.radius, system.gravity, in_space.Omega, in_space.Lambda
     under, omega, Omegadot = acting.footing, apply(Lambda, Omega), motion.Omegadot
-    Gamma = Lambda[2] if under is None else acting.Gamma
+    arm = acting.arm.along
+    square = None if system.shape is None else dot(arm, arm)
     points = kinematics(system, t, motion.angles)
     still = jnp.zeros((1, 3), dtype=Omega.dtype)
     with_shell = Kinematics(
@@ -222,26 +224,31 @@ def compute_observables(system: AbstractBody, t: Float[Array, ""], motion: Movem
         jnp.concatenate([still, points.chiddot]),
     )
     m = jnp.concatenate([system.mass[None], point_mass_values(system)])
-    a = accelerations_of_masses(r, with_shell, Omega, Omegadot, Gamma)
+    a = accelerations_of_masses(r, with_shell, Omega, Omegadot, arm)
     weight, u = motion.weight, None
     if under is None:
         contact = ContactForce(motion.R[2], motion.R[:2])
         u = system.drift(t, in_space)
-        velocity, lowest = in_three(centre_velocity(Lambda, Omega, r, u)), None if u is None else in_three(u)
+        velocity, lowest = velocity_by_turning(system, Lambda, Omega), None if u is None else in_three(u)
+        velocity = velocity if lowest is None else velocity + lowest
         centre = in_three(in_space.z)
-        foot = centre - jnp.stack([jnp.zeros_like(r), jnp.zeros_like(r), r])
+        if system.shape is None:
+            foot = centre - jnp.stack([jnp.zeros_like(r), jnp.zeros_like(r), r])
+        else:
+            centre = centre.at[2].set(height_over_origin(system, Lambda[2], None))
+            foot = centre - apply(Lambda, r * arm)
     else:
         contact = ContactForce(dot(under.normal, motion.R), jnp.sum(under.tangents * motion.R[None], axis=1))
         velocity, lowest, centre, foot = under.centre_velocity, under.velocity, under.centre, under.foot
     if slip is not None:
         velocity, lowest = velocity + slip.velocity, slip.velocity if lowest is None else lowest + slip.velocity
-        centre = centre.at[2].set(slip.height) if under is None else centre
+        centre = centre if under is not None else centre.at[2].set(height_over_origin(system, Lambda[2], slip.height))
     # Momentum and energy are those of rolling on a plane at rest, with the velocity of the lowest point added to every
     # mass.
-    drift, Pi = None, contact_momentum(body_moments, r, Omega, Gamma)
+    drift, Pi = None, contact_momentum(body_moments, r, Omega, arm, square)
     if lowest is not None:
         drift = apply(Lambda.T, lowest)
-        Pi = Pi + cross(body_moments.M * r * Gamma + body_moments.p, drift)
+        Pi = Pi + cross(body_moments.M * r * arm + body_moments.p, drift)
     up = jnp.zeros_like(Omega).at[2].set(1.0) if system.ground is None else system.ground.up()
     lost = dissipation(acting, motion.dry, Lambda, velocity, omega)
     if slip is not None:
@@ -256,7 +263,7 @@ def compute_observables(system: AbstractBody, t: Float[Array, ""], motion: Movem
     # Energy is relative to the axes that move with the plane, in which −m Ẍ acts on each mass.
     if isinstance(system.ground, Ground) and system.ground.motion is not None:
         P = apply(
-            Lambda, linear_momentum(body_moments, r, Omega, Gamma) + (0.0 if drift is None else body_moments.M * drift)
+            Lambda, linear_momentum(body_moments, r, Omega, arm) + (0.0 if drift is None else body_moments.M * drift)
         )
         power = power - dot(system.ground.motion.kinematics(t).chiddot, P)
     on_rails, places = along_rails(system, t, motion.angles), np.asarray(system.on_rails, dtype=int)
@@ -273,7 +280,7 @@ def compute_observables(system: AbstractBody, t: Float[Array, ""], motion: Movem
         angular_velocity_space=omega,
         angular_acceleration_body=Omegadot,
         contact_momentum=Pi,
-        kinetic_energy=kinetic_energy(m, principal_inertia(system), r, with_shell, Omega, Gamma, drift),
+        kinetic_energy=kinetic_energy(m, principal_inertia(system), r, with_shell, Omega, arm, drift),
         potential_energy=potential_energy(m, g, with_shell, apply(Lambda.T, up), dot(up, centre)),
         power=power,
         dissipation=lost,

@@ -204,7 +204,9 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
     ) -> Float[Array, "3"] | None:
         """Computes the torque of dry friction against rolling and spinning, body axes; None without."""
         resistance = self.body.resistance
-        unit = None if resistance is None else resistance.dry_torque(self.body.radius, acting.resisted, acting.Gamma)
+        unit = None if resistance is None else resistance.dry_torque(
+            self.body.height_of_centre(acting.Gamma), acting.resisted, acting.Gamma
+        )
         return None if unit is None else interaction.normal * unit
 
     def step_reference(self, t: Float[Array, ""], state: ContactState, accuracy: Accuracy) -> slips.Heading:

@@ -17,7 +17,7 @@ from ...numerics.arrays import select_tree
 from ...numerics.directions import diverging, unit
 from ...programs.derivatives.differentiation import without_derivatives
 from ..dynamics.law import release
-from ..dynamics.load import in_three
+from ..dynamics.footing import in_three
 from ..dynamics.rest import let_go, needs
 from ..dynamics.sticking import loosen, overloads, with_directions
 from ..forces.resistance import TurningMode
@@ -49,6 +49,7 @@ class _Rolling(NamedTuple):
     """A body that rolls: how it is ``pulled`` and its response depend on a mode of turning."""
 
     plane: "RestingOnPlane"
+    at: Any
     mode: TurningMode
     contact: friction.SolvedContact
     mu: Float[Array, ""]
@@ -59,11 +60,11 @@ class _Rolling(NamedTuple):
         """Describes the rolling of a body at a state, in a mode of turning."""
         slip, response = slip_velocity(plane.body, t, state.released), plane.response_in(t, state, mode)
         contact = friction.SolvedContact.of(response, state.is_in(Mode.SLIDING), jnp.asarray(False))
-        return cls(plane, mode, contact, plane.coefficient(slip), state.direction(t, slip))
+        return cls(plane, state, mode, contact, plane.coefficient(slip), state.direction(t, slip))
 
     def act(self, sigma: Float[Array, "2"]) -> friction.Interaction:
         """Computes what acts where it rolls in a direction."""
-        given = self.plane.law_of_turning(self.mode._replace(sigma=in_three(sigma)))
+        given = self.plane.law_of_turning(self.at, self.mode._replace(sigma=in_three(sigma)))
         return self.contact.with_turning(given).interaction(self.mu, self.sigma)
 
     def pull(self, sigma: Float[Array, "2"], _: Float[Array, ""]) -> slips.Pull:
@@ -147,7 +148,9 @@ class Deciding(NamedTuple):
             body = with_directions(self.plane.body, choice.slips)
             responds = response(body, self.t, self.at, touching=~choice.flies)
             responds = responds._replace(turned=self.response.turned)
-        return responds if choice.mode is None else responds.with_turning(self.plane.law_of_turning(choice.mode))
+        return responds if choice.mode is None else responds.with_turning(
+            self.plane.law_of_turning(self.at, choice.mode)
+        )
 
     def first_slip(self, choice: Choice, responds: Response) -> Float[Array, "2"]:
         """Finds the direction in which a slip begins, if one does."""
@@ -158,7 +161,7 @@ class Deciding(NamedTuple):
         """Finds the direction in which rolling begins."""
         assert choice.mode is not None
         contact = friction.SolvedContact.of(self.respond(choice), ~choice.sticks & ~choice.flies, choice.flies)
-        rolling = _Rolling(self.plane, choice.mode, contact, self.mu, choice.sigma)
+        rolling = _Rolling(self.plane, self.at, choice.mode, contact, self.mu, choice.sigma)
         return in_three(diverging(_pull, rolling, jax.lax.stop_gradient(choice.mode.sigma[:2])).sigma)
 
     def weigh(self, choice: Choice) -> tuple[Float[Array, " loads"], tuple[Choice, Any, Any]]:
@@ -173,7 +176,7 @@ class Deciding(NamedTuple):
         torque = holding = None
         if choice.mode is not None:
             torque = acting.torque
-            need = needs(self.plane.resistance, self.plane.body.radius, torque, acting.normal)
+            need = needs(self.plane.resistance, self.plane.body.height_of_centre(self.at.body.Gamma), torque, acting.normal)
             loads.append(need.overloads(choice.mode))
         if choice.slips is not None:
             holding = responds.part("holding", acting.amounts)

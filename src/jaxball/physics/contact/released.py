@@ -37,16 +37,16 @@ from ..body import AbstractBody
 from ..dynamics.coupling import Joints, join_coordinates
 from ..dynamics.energy import kinetic_energy, potential_energy
 from ..dynamics.equations import equations
-from ..dynamics.footing import footing_of_released, locate_surface
+from ..dynamics.footing import arm_of, footing_of_released, in_three, locate_surface, velocity_by_turning
 from ..dynamics.law import Law, Rows
-from ..dynamics.load import Load, in_three, load, place, table_under
+from ..dynamics.load import Load, height_over_origin, load, place, table_under
 from ..dynamics.moments import kinematics, point_mass_values, principal_inertia
 from ..dynamics.reaction import reaction_in_body
 from ..dynamics.rest import TurningLaw
 from ..dynamics.sticking import of_sticking
 from ..grounds import Footing
 from ..prescribed.motion import Kinematics
-from ..state import DiskState, PlacedState, centre_velocity
+from ..state import DiskState, PlacedState
 
 
 class ReleasedState(Printed):
@@ -93,7 +93,8 @@ def rolling_contact(
     """
     r, surface = system.radius, locate_surface(system, t, body)
     if surface is None:
-        return in_three(centre_velocity(body.Lambda, body.Omega, r, system.drift(t, body))), None
+        over, drift = velocity_by_turning(system, body.Lambda, body.Omega), system.drift(t, body)
+        return over if drift is None else over + in_three(drift), None
     touch = surface.touch_at(t, body.z)
     return touch.w + r * cross(apply(body.Lambda, body.Omega), touch.n), touch.axes
 
@@ -127,7 +128,7 @@ def with_rise(
     """Returns V of a body that leaves its ground at this rate, and slips as before."""
     rolling, axes = rolling_contact(system, t, state.body)
     if axes is None:
-        return state.V.at[2].set(rate)
+        return state.V.at[2].set(rate if system.shape is None else rolling[2] + rate)
     return state.V + (rate - dot(axes[2], state.V - rolling)) * axes[2]
 
 
@@ -271,9 +272,11 @@ def response(
         # The rate of V = w + r ω × n + v_s, in axes that turn, without ω̇ and v̇_s.
         turning = apply(body.Lambda, body.Omega)
         convected = under.acceleration + r * cross(turning, under.normal_rate) + cross(under.turning, slip)
+    elif acting.arm.rate is not None:
+        convected = apply(body.Lambda, r * cross(body.Omega, acting.arm.rate))
     dynamics = equations(system, t, body, None if under is None else acting.Gamma)
     # Σ m s: an angular acceleration gives all masses together the change of momentum Ω̇ × Σ m s.
-    lever = dynamics.body_moments.M * r * dynamics.Gamma + dynamics.body_moments.p
+    lever = dynamics.body_moments.M * r * dynamics.lever.arm + dynamics.body_moments.p
     p = [link.weights for link in dynamics.free]
     still = jnp.zeros_like(body.theta)
 
@@ -307,10 +310,10 @@ def response(
 
     Omegadot, thetaddot = dynamics.solve(r, t, body, acting)
     R = reaction_in_body(dynamics.complete(thetaddot), r, acting, dynamics.Omega, Omegadot)
-    resistance = system.resistance
+    resistance, height = system.resistance, system.height_of_centre(dynamics.Gamma)
     # Exact resistance depends on a mode that is not known here: it acts by ``twisting``.
     is_exact = resistance is not None and resistance.holds
-    dry = None if resistance is None or is_exact else resistance.dry_torque(r, acting.resisted, dynamics.Gamma)
+    dry = None if resistance is None or is_exact else resistance.dry_torque(height, acting.resisted, dynamics.Gamma)
     of_slip = jax.vmap(yielding)(Lambda)
     # No force acts on a disk along e2: without an entry there, the matrix would have no inverse. Nothing moves along
     # it, so any mass will do.
@@ -318,7 +321,7 @@ def response(
         of_slip = of_slip._replace(reaction=of_slip.reaction.at[1, 1].set(dynamics.body_moments.M))
     table = table_under(system, t, body, slip)
     if table is not None:
-        convected = in_three(table.acceleration)
+        convected = convected + in_three(table.acceleration)
     coordinates = join_coordinates(dynamics.angles[2], dynamics.links, thetaddot)
     return Response(
         rolling=motion(Omegadot, coordinates, R, dynamics.holding(t, body, acting, Omegadot, thetaddot)),
@@ -326,7 +329,7 @@ def response(
         rubbing=None if dry is None else twist(dry[None]),
         convected=convected,
         footing=under,
-        rise=None if under is None else slip_velocity(system, t, state)[2],
+        rise=None if under is None and system.shape is None else slip_velocity(system, t, state)[2],
         twisting=twist(Lambda) if is_exact else None,
         own=system.own_rates(t, body),
     )
@@ -354,10 +357,10 @@ def rates(
 
     V̇ = rω̇ × n + v̇_s + ``convected``.
     """
-    body, r = state.body, system.radius
+    body = state.body
     Omegadot, thetaddot = (body_response.part(name, amounts) for name in ("Omegadot", "thetaddot"))
-    moved = body.rates(r, Omegadot, (body.theta, body.thetadot, thetaddot), body_response.own)
-    V = _turning(body, r, Omegadot, body_response) + in_space(body_response.axes, amounts[:3]) + body_response.convected
+    moved = body.rates(system.radius, Omegadot, (body.theta, body.thetadot, thetaddot), body_response.own)
+    V = _turning(system, body, Omegadot, body_response) + in_space(body_response.axes, amounts[:3]) + body_response.convected
     rise = state.V[2] if body_response.rise is None else body_response.rise
     return ReleasedState(_place_centre(moved, state.V, body_response.footing), V, rise)
 
@@ -376,7 +379,7 @@ def with_slip(
     body, change = state.body, after - before
     amounts = body_response.jump(change)
     Omega, thetadot = (combine_rows(amounts, body_response.each(name)) for name in ("Omegadot", "thetaddot"))
-    V = state.V + _turning(body, system.radius, Omega, body_response) + in_space(body_response.axes, change)
+    V = state.V + _turning(system, body, Omega, body_response) + in_space(body_response.axes, change)
     moved = eqx.tree_at(lambda x: x.thetadot, body.with_Omega(body.Omega + Omega), body.thetadot + thetadot)
     return ReleasedState(moved, V, state.height)
 
@@ -393,10 +396,11 @@ def energy_of_released(system: AbstractBody, t: Float[Array, ""], state: Release
     )
     m = jnp.concatenate([system.mass[None], point_mass_values(system)])
     # What every mass has besides the velocity of rolling on a plane at rest.
-    lowest = state.V - in_three(centre_velocity(body.Lambda, body.Omega, r, None))
+    lowest = state.V - velocity_by_turning(system, body.Lambda, body.Omega)
     up = jnp.zeros_like(state.V).at[2].set(1.0) if system.ground is None else system.ground.up()
     centre = position(system, t, state)
-    T = kinetic_energy(m, principal_inertia(system), r, masses, body.Omega, body.Gamma, apply(body.Lambda.T, lowest))
+    arm, relative = arm_of(system, body.Gamma), apply(body.Lambda.T, lowest)
+    T = kinetic_energy(m, principal_inertia(system), r, masses, body.Omega, arm, relative)
     return T + potential_energy(m, system.gravity, masses, apply(body.Lambda.T, up), dot(up, centre))
 
 
@@ -404,15 +408,17 @@ def position(system: AbstractBody, t: Float[Array, ""], state: ReleasedState) ->
     """Returns the place of the geometric centre, space axes; a plane is at the height −r."""
     body, surface = state.body, locate_surface(system, t, state.body)
     if surface is None:
-        return in_three(place(body)).at[2].set(state.height)
+        return in_three(place(body)).at[2].set(height_over_origin(system, body.Gamma, state.height))
     return surface.place_of_centre(t, system.radius + state.height, body.z)
 
 
-def _turning(body: PlacedState, r: Float[Array, ""], Omega: Float[Array, "3"], response: Response) -> Float[Array, "3"]:
+def _turning(
+    system: AbstractBody, body: PlacedState, Omega: Float[Array, "3"], response: Response
+) -> Float[Array, "3"]:
     """Computes r ω × n, space axes, where ``Omega`` is Ω, or a rate or a change of it, body axes."""
     if response.footing is None:
-        return in_three(centre_velocity(body.Lambda, Omega, r, None))
-    return r * cross(apply(body.Lambda, Omega), response.footing.normal)
+        return velocity_by_turning(system, body.Lambda, Omega)
+    return system.radius * cross(apply(body.Lambda, Omega), response.footing.normal)
 
 
 def combine_rows(amounts: Float[Array, " amounts"], rows: Float[Array, "amounts n"]) -> Float[Array, " n"]:

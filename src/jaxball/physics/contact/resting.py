@@ -163,12 +163,12 @@ class RestingOnPlane(AbstractTurning, BodyOnPlane):
         """Computes how the body moves under each reaction in a mode of turning."""
         body_response = super().response(t, state)
         carried = self.compute_carried_rate(t, state, body_response.footing)
-        turned = Turned(self.contact_axes(t, state).rows, carried, self.law_of_turning(mode))
+        turned = Turned(self.contact_axes(t, state).rows, carried, self.law_of_turning(state, mode))
         return body_response._replace(turned=turned)
 
-    def law_of_turning(self, mode: TurningMode) -> TurningLaw:
+    def law_of_turning(self, state: Any, mode: TurningMode) -> TurningLaw:
         """Returns what exact dry resistance gives in a mode of turning."""
-        given = TurningLaw.of(self.resistance, self.body.radius, mode)
+        given = TurningLaw.of(self.resistance, self.body.height_of_centre(state.body.Gamma), mode)
         # A disk is held upright by other forces than friction.
         return given._replace(solved=given.solved.at[0].set(False)) if self.body.planar else given
 
@@ -194,7 +194,8 @@ class RestingOnPlane(AbstractTurning, BodyOnPlane):
     ) -> Float[Array, "5"]:
         """Computes the guards of the contact, of rolling and of spinning."""
         of_contact = super().guards_where(t, state, reference.slip, response, acting)
-        spare = needs(self.resistance, self.body.radius, acting.torque, acting.normal)
+        height = self.body.height_of_centre(state.body.Gamma)
+        spare = needs(self.resistance, height, acting.torque, acting.normal)
         of_turning = self.guards_of_turning(t, state, spare, reference.rolling)
         return jnp.concatenate([of_contact, jnp.where(state.is_in(Mode.FLIGHT), 1.0, of_turning)])
 

@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float
 from ...numerics.vectors import root
 from ..body import AbstractBodyWithModes
 from ..dynamics.footing import ContactAxes
-from ..dynamics.load import in_three
+from ..dynamics.footing import in_three
 from ..dynamics.rest import Needs
 from ..forces.resistance import Resistance, TurningMode
 from ..hybrid import Accuracy, GuardedStep

@@ -96,12 +96,15 @@ class FactoredInertia(NamedTuple):
         return Omega, rates
 
 
-def inertia(B: Float[Array, "3 3"], r: Float[Array, ""], Gamma: Float[Array, "3"], links: list[Linkage]) -> Inertia:
-    """Computes the inertia, with B the inertia of the body about the contact point, all masses in their places."""
+def inertia(B: Float[Array, "3 3"], r: Float[Array, ""], arm: Float[Array, "3"], links: list[Linkage]) -> Inertia:
+    """Computes the inertia, with B the inertia of the body about the contact point, all masses in their places.
+
+    ``arm`` is Γ, or what a body that is no sphere has in its place.
+    """
     c, H = [], []
     for link in with_free_joints(links):
         weighted = link.m[:, None, :, None] * link.partial
-        s = r * Gamma[None, None] + link.chi
+        s = r * arm[None, None] + link.chi
         c.append(jnp.sum(_cross(s[:, None], weighted), axis=2))
         H.append(jnp.sum(weighted[:, :, None] * link.partial[:, None], axis=(-2, -1)))
     return Inertia(B, c, H)
@@ -110,8 +113,8 @@ def inertia(B: Float[Array, "3 3"], r: Float[Array, ""], Gamma: Float[Array, "3"
 def inertia_rate(
     Bdot: Float[Array, "3 3"],
     r: Float[Array, ""],
-    Gamma: Float[Array, "3"],
-    Gammadot: Float[Array, "3"],
+    arm: Float[Array, "3"],
+    armdot: Float[Array, "3"],
     links: list[Linkage],
 ) -> Inertia:
     """Computes the rate of the inertia."""
@@ -119,8 +122,8 @@ def inertia_rate(
     for link in with_free_joints(links):
         m = link.m[:, None, :, None]
         partial, slope = link.partial, link.slope[:, link.free]
-        s = r * Gamma[None, None] + link.chi
-        sdot = r * Gammadot[None, None] + link.chidot
+        s = r * arm[None, None] + link.chi
+        sdot = r * armdot[None, None] + link.chidot
         c.append(jnp.sum(_cross(sdot[:, None], m * partial) + _cross(s[:, None], m * slope), axis=2))
         mixed = jnp.sum((m * slope)[:, :, None] * partial[:, None], axis=(-2, -1))
         H.append(mixed + jnp.swapaxes(mixed, 1, 2))

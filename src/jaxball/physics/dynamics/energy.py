@@ -1,4 +1,7 @@
-"""The energy of the ball, and the power supplied to it and dissipated (section 3.1)."""
+"""The energy of the ball, and the power supplied to it and dissipated (section 3.1).
+
+The ``arm`` is Γ, or what a body that is no sphere has in its place.
+"""
 
 import jax
 import jax.numpy as jnp
@@ -16,25 +19,25 @@ def kinetic_energy(
     r: Float[Array, ""],
     masses: Kinematics,
     Omega: Float[Array, "3"],
-    Gamma: Float[Array, "3"],
+    arm: Float[Array, "3"],
     drift: Float[Array, "3"] | None = None,
 ) -> Float[Array, ""]:
     """Computes T = ½ Ω·𝕀Ω + ½ Σ m |Ω × s + χ̇ + Λ⁻¹u|², over the shell (first) and the point masses.
 
     ``drift`` is Λ⁻¹u, where a turntable carries the body.
     """
-    Y = velocities(r, masses, Omega, Gamma)
+    Y = velocities(r, masses, Omega, arm)
     Y = Y if drift is None else Y + drift[None]
     return 0.5 * dot(Omega, apply(inertia, Omega)) + 0.5 * jnp.sum(m * jnp.sum(Y**2, axis=1))
 
 
 def velocities(
-    r: Float[Array, ""], masses: Kinematics, Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
+    r: Float[Array, ""], masses: Kinematics, Omega: Float[Array, "3"], arm: Float[Array, "3"]
 ) -> Float[Array, "n 3"]:
     """Computes Y = Ω × s + χ̇, the velocities in space of masses that roll with the ball, ``eq:roll_c_con``;
     body axes.
     """
-    return jax.vmap(lambda chi, chidot: cross(Omega, r * Gamma + chi) + chidot)(masses.chi, masses.chidot)
+    return jax.vmap(lambda chi, chidot: cross(Omega, r * arm + chi) + chidot)(masses.chi, masses.chidot)
 
 
 def accelerations_of_masses(
@@ -42,12 +45,12 @@ def accelerations_of_masses(
     masses: Kinematics,
     Omega: Float[Array, "3"],
     Omegadot: Float[Array, "3"],
-    Gamma: Float[Array, "3"],
+    arm: Float[Array, "3"],
 ) -> Float[Array, "n 3"]:
     """Computes a = Ω̇ × s + Ω × (Ω × χ + 2χ̇) + χ̈, the accelerations in space of the masses; body axes."""
 
     def one(chi, chidot, chiddot):
-        return cross(Omegadot, r * Gamma + chi) + cross(Omega, cross(Omega, chi) + 2 * chidot) + chiddot
+        return cross(Omegadot, r * arm + chi) + cross(Omega, cross(Omega, chi) + 2 * chidot) + chiddot
 
     return jax.vmap(one)(*masses)
 

@@ -21,7 +21,7 @@ from ..conditions import Condition
 from ..forces.resistance import Resistance
 from ..state import Rates, ReducedState, State
 from .coupling import FactoredInertia, Inertia, Joints, inertia, join_coordinates, joint_forces, with_free_joints
-from .footing import ContactAxes, contact_normal, rate_of_carrier
+from .footing import ContactAxes, arm_of, contact_normal, rate_of_carrier
 from .law import Rows, pressing_force
 from .linkage import Linkage, along, linkages
 from .load import Load, load
@@ -34,6 +34,40 @@ SOLVABLE = (
     "so small, or the masses so nearly above the contact point, that friction at the start adds less to the normal "
     "force than this force itself (Painlevé's paradox)"
 )
+
+
+class Lever(NamedTuple):
+    """The place of the contact in a body: its normal Γ, the ``arm`` from it to the geometric centre over r, Γ of a
+    sphere, and the ``square`` of that, None for 1.
+
+    ``moment`` is Σ m s, without what of it is along Γ, which adds nothing to the normal force.
+    """
+
+    Gamma: Float[Array, "3"]
+    arm: Float[Array, "3"]
+    square: Float[Array, ""] | None
+    moment: Float[Array, "3"]
+
+    @classmethod
+    def of(cls, system: BodyParameters, Gamma: Float[Array, "3"], body_moments: AbstractMoments) -> "Lever":
+        """Computes it for a body with the normal Γ."""
+        if system.shape is None:
+            return cls(Gamma, Gamma, None, body_moments.p)
+        arm = arm_of(system, Gamma)
+        return cls(Gamma, arm, dot(arm, arm), body_moments.M * system.radius * arm + body_moments.p)
+
+    def inertia_about_contact(self, body_moments: AbstractMoments, r: Float[Array, ""]) -> Float[Array, "3 3"]:
+        """Computes B."""
+        return inertia_about_contact(body_moments, r, self.arm, self.square)
+
+    def normal(
+        self, free: list[Linkage], Omegadot: Float[Array, "3"], thetaddot: Joints
+    ) -> Float[Array, ""]:
+        """Computes what Ω̇ and θ̈ of free joints add to the normal force: (Σ m s × Γ)·Ω̇ + Σ Γ·p_a θ̈_a."""
+        normal = dot(cross(self.moment, self.Gamma), Omegadot)
+        for link, rate in zip(free, thetaddot, strict=True):
+            normal = normal + jnp.sum(rate * jnp.sum(link.weights * self.Gamma[None, None], axis=-1))
+        return normal
 
 
 class Accelerations(NamedTuple):
@@ -60,6 +94,7 @@ class Equations(NamedTuple):
 
     Omega: Float[Array, "3"]
     Gamma: Float[Array, "3"]
+    lever: Lever
     angles: Rates
     links: list[Linkage]
     body_moments: Moments
@@ -77,13 +112,13 @@ class Equations(NamedTuple):
         self, r: Float[Array, ""], t: Float[Array, ""], state: State, acting: Load
     ) -> tuple[Float[Array, "3"], Joints]:
         """Solves for Ω̇ and θ̈ of the body of radius ``r`` under a load."""
-        Omega, Gamma, body_moments = self.Omega, self.Gamma, self.body_moments
+        Omega, body_moments = self.Omega, self.body_moments
         turning = (
             cross(Omega, apply(body_moments.J, Omega) + body_moments.l)
             + apply(body_moments.Jdot, Omega)
             + body_moments.ldot
         )
-        inertial = turning + cross(r * Gamma, self.apparent)
+        inertial = turning + cross(r * self.lever.arm, self.apparent)
         efforts = self.without_held(self.efforts(t, state, acting))
         return self.matrix.solve(acting.about_contact(body_moments, r) - inertial, efforts)
 
@@ -136,10 +171,11 @@ def equations(
     links = linkages(system, t, angles)
     body_moments = moments(system, t, angles, links)
     apparent = cross(Omega, cross(Omega, body_moments.p) + 2 * body_moments.pdot) + body_moments.pddot
-    whole = inertia(inertia_about_contact(body_moments, r, Gamma), r, Gamma, links)
+    lever = Lever.of(system, Gamma, body_moments)
+    whole = inertia(lever.inertia_about_contact(body_moments, r), r, lever.arm, links)
     which = [sticking_joints(link.group) for link in with_free_joints(links)]
     return Equations(
-        Omega, Gamma, angles, links, body_moments, apparent, whole, which, whole.holding(which).factorise()
+        Omega, Gamma, lever, angles, links, body_moments, apparent, whole, which, whole.holding(which).factorise()
     )
 
 
@@ -157,20 +193,21 @@ def accelerations(
     if not has_directions(system):
         system = with_directions(system, _directions(*without_derivatives((system, t, state, acting))))
     r, motion_equations = system.radius, equations(system, t, state)
-    Gamma, body_moments, free = motion_equations.Gamma, motion_equations.body_moments, motion_equations.free
+    Gamma, lever, free = motion_equations.Gamma, motion_equations.lever, motion_equations.free
     Omegadot, thetaddot = motion_equations.solve(r, t, state, acting)
-    dry = None if system.resistance is None else system.resistance.dry_torque(r, acting.resisted, Gamma)
+    resistance, height = system.resistance, system.height_of_centre(Gamma)
+    dry = None if resistance is None else resistance.dry_torque(height, acting.resisted, Gamma)
     if isinstance(system.resistance, Resistance) and system.resistance.holds:
         axes = _contact_axes(system, t, state)
         turns = _turning(system, motion_equations, acting, Omegadot, thetaddot, axes, rate_of_carrier(system, t, state))
         # A solve has put in the mode; from a state alone it is found here.
         mode = mode_of(system.resistance, turns, apply(axes, acting.resisted), system.planar)
         dry = apply(axes.T, resist(system.resistance, turns, mode).amounts)
-        change, joint_changes, _ = _dry_friction(body_moments, Gamma, free, motion_equations.matrix, dry)
+        change, joint_changes, _ = _dry_friction(lever, free, motion_equations.matrix, dry)
         Omegadot = Omegadot + change
         thetaddot = [x + y for x, y in zip(thetaddot, joint_changes, strict=True)]
     elif dry is not None:
-        change, joint_changes, slope = _dry_friction(body_moments, Gamma, free, motion_equations.matrix, dry)
+        change, joint_changes, slope = _dry_friction(lever, free, motion_equations.matrix, dry)
         # N = N(without dry friction) + N times what a unit of N changes.
         N = pressing_force(_normal_force(motion_equations, acting, Omegadot, thetaddot), 1 - slope)
         Omegadot = Omegadot + N * change
@@ -204,11 +241,11 @@ def _turning(
     axes: Float[Array, "3 3"],
     carried: Float[Array, "3"] | None,
 ) -> Turning:
-    body_moments, Gamma, free = motion_equations.body_moments, motion_equations.Gamma, motion_equations.free
-    changes = jax.vmap(lambda torque: _dry_friction(body_moments, Gamma, free, motion_equations.matrix, torque))(axes)
+    lever, free = motion_equations.lever, motion_equations.free
+    changes = jax.vmap(lambda torque: _dry_friction(lever, free, motion_equations.matrix, torque))(axes)
     normal = _normal_force(motion_equations, acting, Omegadot, thetaddot)
     rate = apply(axes, Omegadot if carried is None else Omegadot + carried)
-    return Turning(Rows(rate, product(axes, changes[0].T), normal, changes[2]), system.radius)
+    return Turning(Rows(rate, product(axes, changes[0].T), normal, changes[2]), system.height_of_centre(lever.Gamma))
 
 
 def _contact_axes(system: BodyParameters, t: Float[Array, ""], state: State) -> Float[Array, "3 3"]:
@@ -227,9 +264,9 @@ def _normal_force(
     motion_equations: Equations, acting: Load, Omegadot: Float[Array, "3"], thetaddot: Joints
 ) -> Float[Array, ""]:
     """Computes the normal force without dry friction."""
-    body_moments, Gamma, free = motion_equations.body_moments, motion_equations.Gamma, motion_equations.free
-    resting = dot(Gamma, motion_equations.reaction_without_motion(acting))
-    return resting + _normal(body_moments, Gamma, free, Omegadot, thetaddot)
+    lever = motion_equations.lever
+    resting = dot(lever.Gamma, motion_equations.reaction_without_motion(acting))
+    return resting + lever.normal(motion_equations.free, Omegadot, thetaddot)
 
 
 def holding_friction(
@@ -258,27 +295,24 @@ def solvable_friction(system: BodyParameters, t: Float[Array, ""], state: State)
     r, Omega, Gamma = system.radius, state.Omega, contact_normal(system, t, state)
     links = linkages(system, t, (state.theta, state.thetadot, state.thetadot))  # no rates are used
     body_moments = velocity_moments(system, t, (state.theta, state.thetadot), links)
-    matrix = inertia(inertia_about_contact(body_moments, r, Gamma), r, Gamma, links).factorise()
-    dry = system.resistance.dry_torque(r, Omega, Gamma)
+    lever = Lever.of(system, Gamma, body_moments)
+    matrix = inertia(lever.inertia_about_contact(body_moments, r), r, lever.arm, links).factorise()
+    dry = system.resistance.dry_torque(system.height_of_centre(Gamma), Omega, Gamma)
     assert dry is not None
-    *_, slope = _dry_friction(body_moments, Gamma, with_free_joints(links), matrix, dry)
+    *_, slope = _dry_friction(lever, with_free_joints(links), matrix, dry)
     # NaN is reported by other conditions.
     yield Condition(~(slope >= 1), "resistance.dry", getattr(system.resistance, "dry", dry), SOLVABLE)
 
 
 def _dry_friction(
-    body_moments: AbstractMoments,
-    Gamma: Float[Array, "3"],
-    free: list[Linkage],
-    matrix: FactoredInertia,
-    dry: Float[Array, "3"],
+    lever: Lever, free: list[Linkage], matrix: FactoredInertia, dry: Float[Array, "3"]
 ) -> tuple[Float[Array, "3"], Joints, Float[Array, ""]]:
     """Computes the Ω̇ and free θ̈ due to the torque ``dry`` of a unit of normal force, and the normal force that these
     add.
     """
-    still = [jnp.zeros(link.slots.shape, dtype=Gamma.dtype) for link in free]
+    still = [jnp.zeros(link.slots.shape, dtype=dry.dtype) for link in free]
     change, joint_changes = matrix.solve(dry, still)
-    return change, joint_changes, _normal(body_moments, Gamma, free, change, joint_changes)
+    return change, joint_changes, lever.normal(free, change, joint_changes)
 
 
 def _inertial_efforts(link: Linkage, acting: Load, Omega: Float[Array, "3"]) -> Float[Array, "mechanisms free"]:
@@ -288,30 +322,22 @@ def _inertial_efforts(link: Linkage, acting: Load, Omega: Float[Array, "3"]) -> 
     return jnp.sum((link.m[..., None] * a)[:, None] * link.partial, axis=(-2, -1))
 
 
-def _normal(
-    body_moments: AbstractMoments,
-    Gamma: Float[Array, "3"],
-    free: list[Linkage],
-    Omegadot: Float[Array, "3"],
-    thetaddot: Joints,
-) -> Float[Array, ""]:
-    """Computes what Ω̇ and θ̈ of free joints add to the normal force: (p × Γ)·Ω̇ + Σ Γ·p_a θ̈_a."""
-    normal = dot(cross(body_moments.p, Gamma), Omegadot)
-    for link, rate in zip(free, thetaddot, strict=True):
-        normal = normal + jnp.sum(rate * jnp.sum(link.weights * Gamma[None, None], axis=-1))
-    return normal
-
-
 def inertia_about_contact(
-    body_moments: AbstractMoments, r: Float[Array, ""], Gamma: Float[Array, "3"]
+    body_moments: AbstractMoments,
+    r: Float[Array, ""],
+    arm: Float[Array, "3"],
+    square: Float[Array, ""] | None = None,
 ) -> Float[Array, "3 3"]:
-    """Computes B = 𝕀 − Σ m ŝ², the inertia about the contact point, with s = rΓ + χ. Symmetric positive definite."""
-    identity = jnp.eye(3, dtype=Gamma.dtype)
-    mixed = outer(Gamma, body_moments.p)
+    """Computes B = 𝕀 − Σ m ŝ², the inertia about the contact point, with s = rΓ + χ. Symmetric positive definite.
+
+    ``arm`` is Γ, or what a body that is no sphere has in its place, with its ``square``.
+    """
+    identity = jnp.eye(3, dtype=arm.dtype)
+    mixed = outer(arm, body_moments.p)
     return (
         body_moments.J
-        + body_moments.M * r**2 * (identity - outer(Gamma, Gamma))
-        + r * (2 * dot(Gamma, body_moments.p) * identity - mixed - mixed.T)
+        + body_moments.M * r**2 * ((identity if square is None else square * identity) - outer(arm, arm))
+        + r * (2 * dot(arm, body_moments.p) * identity - mixed - mixed.T)
     )
 
 

@@ -14,7 +14,7 @@ from ...numerics.arrays import select_tree
 from ...numerics.vectors import apply, cross
 from ..grounds import AbstractSurface, Footing
 from ..grounds.surface import Coordinates
-from ..state import BallState, PlacedState, Rates
+from ..state import BallState, PlacedState, Rates, ReducedState, rolling_velocity
 from .parameters import BodyParameters
 
 
@@ -101,6 +101,48 @@ def contact_normal(system: BodyParameters, t: Float[Array, ""], state: Any) -> F
     return apply(state.Lambda.T, surface.normal(t, state.z))
 
 
+class Arm(NamedTuple):
+    """The arm from the contact to the geometric centre over r, body axes, and its rate.
+
+    Of a sphere it is Γ. ``rate`` is that in space, in body axes: on a surface it is Λ⁻¹ṅ, on a plane 0, which is None.
+    """
+
+    along: Float[Array, "3"]
+    rate: Float[Array, "3"] | None
+
+    def rate_in_body(self, Omega: Float[Array, "3"]) -> Float[Array, "3"]:
+        """Computes the rate of its components in body axes: Γ̇ = Γ × Ω of a sphere on a plane."""
+        carried = cross(self.along, Omega)
+        return carried if self.rate is None else carried + self.rate
+
+
+def arm_of(system: BodyParameters, Gamma: Float[Array, "3"]) -> Float[Array, "3"]:
+    """Computes the arm over r, with Γ for the normal of the contact: Γ itself of a sphere."""
+    return Gamma if system.shape is None else system.shape.arm(Gamma) / system.radius
+
+
+def arm_over_plane(system: BodyParameters, Gamma: Float[Array, "3"], Omega: Float[Array, "3"]) -> Arm:
+    """Computes the arm of a body over a plane, and its rate."""
+    if system.shape is None:
+        return Arm(Gamma, None)
+    along, rate = jax.jvp(lambda Gamma: arm_of(system, Gamma), (Gamma,), (cross(Gamma, Omega),))
+    return Arm(along, cross(Omega, along) + rate)
+
+
+def velocity_by_turning(system: BodyParameters, Lambda: Float[Array, "3 3"], Omega: Float[Array, "3"]):
+    """Computes the velocity of the geometric centre over a plane at rest, space axes, where the contact point of the
+    body is at rest; also its rate or a change of it by those of Ω.
+    """
+    if system.shape is None:
+        return in_three(rolling_velocity(Lambda, Omega, system.radius))
+    return apply(Lambda, cross(Omega, system.shape.arm(Lambda[2])))
+
+
+def in_three(v: Float[Array, "2"]) -> Float[Array, "3"]:
+    """Returns a horizontal vector with its third component, 0."""
+    return jnp.concatenate([v, jnp.zeros_like(v[:1])])
+
+
 def in_space(system: BodyParameters, state: Any) -> BallState:
     """Converts a state to the state of a ball in space; on a surface ``z`` has both coordinates of the contact point of
     a disk.
@@ -140,7 +182,13 @@ def rates(
 ) -> Any:
     """Computes ẋ where Ω̇ is known, and θ, θ̇, θ̈: the kinematics of rolling. ``under`` is the :func:`footing`."""
     moved = state.rates(system.radius, Omegadot, angles, system.own_rates(t, state), system.drift(t, state))
-    return moved if under is None else eqx.tree_at(lambda x: x.z, moved, under.coordinate_rates)
+    if under is not None:
+        return eqx.tree_at(lambda x: x.z, moved, under.coordinate_rates)
+    if system.shape is None or isinstance(state, ReducedState):
+        return moved
+    over = velocity_by_turning(system, state.Lambda, state.Omega)[:2]
+    drift = system.drift(t, state)
+    return eqx.tree_at(lambda x: x.z, moved, over if drift is None else over + drift)
 
 
 class ContactAxes(NamedTuple):

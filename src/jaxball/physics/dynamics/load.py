@@ -9,8 +9,8 @@ from ...numerics.vectors import apply, cross
 from ..forces.force import BodyMotion, Wrench
 from ..grounds import Footing
 from ..grounds.ground import Ground, TableMotion
-from ..state import BallState, DiskState, ReducedState, RotationState, State, centre_velocity, rolling_velocity
-from .footing import footing
+from ..state import BallState, DiskState, ReducedState, RotationState, State
+from .footing import Arm, arm_over_plane, footing, in_three, velocity_by_turning
 from .moments import AbstractMoments
 from .parameters import BodyParameters
 
@@ -24,7 +24,9 @@ class Load(NamedTuple):
     the contact resists.
 
     On a surface, ``footing`` says how it holds the body, Γ is its normal instead of the vertical, and
-    γ = Λ⁻¹(ẇ + r ω × ṅ − **g**), with ν × v_s more where the body slips and the contact axes turn at ν.
+    γ = Λ⁻¹(ẇ + r ω × ṅ − **g**), with ν × v_s more where the body slips and the contact axes turn at ν. ``arm`` is that
+    from the contact to the centre; where it changes in space, as under a body that is no sphere, r ω × its rate takes
+    the place of r ω × ṅ.
     """
 
     g: Float[Array, ""]
@@ -34,8 +36,8 @@ class Load(NamedTuple):
     torque: Float[Array, "3"] | None
     applied: Wrench | None
     resisted: Float[Array, "3"]
+    arm: Arm
     footing: Footing | None = None
-    normal_rate: Float[Array, "3"] | None = None  # Λ⁻¹ṅ
 
     @property
     def weight(self) -> Float[Array, "3"]:
@@ -43,18 +45,13 @@ class Load(NamedTuple):
         return self.g * self.Gamma if self.gamma is None else self.gamma
 
     def of_momenta(self, r: Float[Array, ""], Omega: Float[Array, "3"]) -> "Load":
-        """Returns the load in the balances of momenta about the contact point, whose rates contain Γ̇: γ without Λ⁻¹ r
-        ω × ṅ.
+        """Returns the load in the balances of momenta about the contact point, whose rates contain that of the arm: γ
+        without what this adds.
         """
-        if self.normal_rate is None:
+        if self.arm.rate is None:
             return self
         assert self.gamma is not None
-        return self._replace(gamma=self.gamma - r * cross(Omega, self.normal_rate))
-
-    def Gammadot(self, Omega: Float[Array, "3"]) -> Float[Array, "3"]:
-        """Computes Γ̇ = Γ × Ω, and Λ⁻¹ṅ more on a surface."""
-        carried = cross(self.Gamma, Omega)
-        return carried if self.normal_rate is None else carried + self.normal_rate
+        return self._replace(gamma=self.gamma - r * cross(Omega, self.arm.rate))
 
     def with_torque(self, torque: Float[Array, "3"] | None) -> "Load":
         """Returns the load with one more torque, body axes, if there is one."""
@@ -63,14 +60,14 @@ class Load(NamedTuple):
         return self._replace(torque=torque if self.torque is None else self.torque + torque)
 
     def about_contact(self, body_moments: AbstractMoments, r: Float[Array, ""]) -> Float[Array, "3"]:
-        """Computes the torque of the load about the contact point: γ × (MrΓ + p) + rΓ × F̃ + T̃."""
+        """Computes the torque of the load about the contact point: γ × (MrΓ + p) + rΓ × F̃ + T̃, with the arm for rΓ."""
         if self.gamma is None:
             # γ = gΓ is along rΓ, so only p is left of its lever, and weight and force share one product with Γ.
             push = self.g * body_moments.p if self.force is None else self.g * body_moments.p + r * self.force
             torque = cross(self.Gamma, push)
         else:
-            torque = cross(self.gamma, body_moments.M * r * self.Gamma + body_moments.p)
-            torque = torque if self.force is None else torque + r * cross(self.Gamma, self.force)
+            torque = cross(self.gamma, body_moments.M * r * self.arm.along + body_moments.p)
+            torque = torque if self.force is None else torque + r * cross(self.arm.along, self.force)
         return torque if self.torque is None else torque + self.torque
 
 
@@ -91,7 +88,8 @@ def load(
     external force acts or the ground is not level and at rest.
     """
     r, g, Gamma, resisted = system.radius, system.gravity, state.Gamma, state.Omega
-    normal_rate = gamma = force = torque = applied = velocity = W = None
+    gamma = force = torque = applied = velocity = W = None
+    arm = arm_over_plane(system, Gamma, state.Omega)
     # With ``slip`` the caller knows the footing, which then is that of its own velocity.
     under = footing(system, t, state) if under is None else under
     if system.force is not None:
@@ -103,7 +101,8 @@ def load(
         assert system.ground is not None
         # Whatever acceleration the contact imposes on the body acts on its masses like a weight.
         into_body, turning = state.Lambda.T, apply(state.Lambda, state.Omega)
-        Gamma, normal_rate = apply(into_body, under.normal), apply(into_body, under.normal_rate)
+        Gamma = apply(into_body, under.normal)
+        arm = Arm(Gamma, apply(into_body, under.normal_rate))
         velocity, resisted = apply(into_body, under.velocity), resisted - apply(into_body, under.spin)
         carried = under.acceleration + r * cross(turning, under.normal_rate)
         carried = carried if slip is None else carried + cross(under.turning, slip)
@@ -116,6 +115,8 @@ def load(
             W, velocity = table.W, apply(state.Lambda.T, in_three(table.velocity))
             lift = lift + in_three(table.acceleration)
         gamma = apply(state.Lambda.T, lift)
+    if under is None and arm.rate is not None:
+        gamma = (g * Gamma if gamma is None else gamma) + r * cross(state.Omega, arm.rate)
     if slip is not None:
         assert not isinstance(state, ReducedState)
         # ``velocity`` is that of the lowest point, to which rolling adds what the centre has.
@@ -123,7 +124,7 @@ def load(
         velocity = over if velocity is None else velocity + over
     if system.resistance is not None:
         resistance, Omega = system.resistance, state.Omega
-        rolling = r * cross(Omega, Gamma)
+        rolling = r * cross(Omega, arm.along)
         medium = resistance.medium(rolling if velocity is None else rolling + velocity, Omega)
         resisting = resistance.contact_torque(resisted, Gamma, W)
         # In flight the ground resists nothing, but the medium does.
@@ -132,7 +133,7 @@ def load(
             force = medium[0] if force is None else force + medium[0]
             resisting = resisting + medium[1]
         torque = resisting if torque is None else torque + resisting
-    return Load(g, Gamma, gamma, force, torque, applied, resisted, under, normal_rate)
+    return Load(g, Gamma, gamma, force, torque, applied, resisted, arm, under)
 
 
 def _external_wrench(
@@ -148,10 +149,13 @@ def _external_wrench(
     if under is not None:
         position, velocity = under.centre, under.centre_velocity
     else:
-        velocity = in_three(centre_velocity(state.Lambda, state.Omega, system.radius, system.drift(t, state)))
+        drift = system.drift(t, state)
+        velocity = velocity_by_turning(system, state.Lambda, state.Omega)
+        velocity = velocity if drift is None else velocity + in_three(drift)
         position = in_three(place(state))
+        if height is not None or system.shape is not None:
+            position = position.at[2].set(height_over_origin(system, state.Gamma, height))
     velocity = velocity if slip is None else velocity + slip
-    position = position if height is None or under is not None else position.at[2].set(height)
     motion = BodyMotion(position, velocity, state.Lambda, state.Omega, state.theta, state.thetadot, state.own)
     force, torque = system.force.wrench(t, motion)
     if system.planar:
@@ -166,6 +170,14 @@ def place(state: BallState | RotationState | DiskState) -> Float[Array, "2"]:
     return jnp.stack([state.z, jnp.zeros_like(state.z)]) if isinstance(state, DiskState) else state.z
 
 
+def height_over_origin(
+    system: BodyParameters, Gamma: Float[Array, "3"], height: Float[Array, ""] | None
+) -> Float[Array, ""]:
+    """Computes the third coordinate of the geometric centre of a body at a height over the plane, which is at −r."""
+    height = jnp.zeros_like(system.radius) if height is None else height
+    return height if system.shape is None else height + (system.shape.height(Gamma) - system.radius)
+
+
 def table_under(
     system: BodyParameters, t: Float[Array, ""], state: State, slip: Float[Array, "3"] | None = None
 ) -> TableMotion | None:
@@ -173,10 +185,5 @@ def table_under(
     if not isinstance(system.ground, Ground) or system.ground.turntable is None:
         return None
     assert isinstance(state, BallState | RotationState)
-    over = rolling_velocity(state.Lambda, state.Omega, system.radius)
+    over = velocity_by_turning(system, state.Lambda, state.Omega)[:2]
     return system.ground.table_motion(t, state.z, over if slip is None else over + slip[:2])
-
-
-def in_three(v: Float[Array, "2"]) -> Float[Array, "3"]:
-    """Returns a horizontal vector with its third component, 0."""
-    return jnp.concatenate([v, jnp.zeros_like(v[:1])])

@@ -22,7 +22,7 @@ from jaxtyping import Array, Float
 from ...numerics.vectors import cross, dot, outer
 from ..state import BallState, DiskState, ReducedState, RotationState, State
 from .coupling import Joints, inertia, inertia_rate, join_coordinates, joint_forces, joint_impulses, with_free_joints
-from .equations import accelerations, angles_in_state, inertia_about_contact
+from .equations import Lever, accelerations, angles_in_state
 from .footing import contact_normal, rates as rates_of
 from .linkage import Linkage, linkages
 from .load import Load, load
@@ -51,10 +51,11 @@ def field_of_locked(system: BodyParameters, t: Float[Array, ""], packed: AnyStat
     body_moments, links = _stop_joints(system, t, packed)
     free = with_free_joints(links)
     locked = [link.own(packed.thetadot) for link in free]
-    matrix = inertia(inertia_about_contact(body_moments, r, Gamma), r, Gamma, links)
+    lever = Lever.of(system, Gamma, body_moments)
+    matrix = inertia(lever.inertia_about_contact(body_moments, r), r, lever.arm, links)
     factors = matrix.factorise()
     # By so much the locked velocities exceed the real ones, which forces and the directions of friction depend on.
-    excess = factors.solve(*_momenta_of_motions(t, body_moments, r, Gamma, free))
+    excess = factors.solve(*_momenta_of_motions(t, body_moments, r, lever.arm, free))
     state = _with_velocities(packed, links, -1.0, *excess)
     Omega, angles = W - excess[0], angles_in_state(system, t, state)
     # So far the free joints were still; from here on they have their real rates.
@@ -62,14 +63,15 @@ def field_of_locked(system: BodyParameters, t: Float[Array, ""], packed: AnyStat
         links = [link.moving(link.own(state.thetadot)) if link.group.free else link for link in links]
         body_moments, free = velocity_moments(system, t, angles[:2], links), with_free_joints(links)
     acting = _with_dry_friction(system, t, state, load(system, t, state))
-    Gammadot = acting.Gammadot(Omega)
+    armdot = acting.arm.rate_in_body(Omega)
     acting = acting.of_momenta(r, Omega)
     # By their definition, the locked velocities have the whole momentum.
     Pi, _ = matrix.times(W, locked)
     Pidot = contact_momentum_rate(body_moments, r, acting, Pi, Omega)
     forces = joint_forces(t, state, links, impulses=False)
     pidot = [Q + _momentum_rate(link, r, acting, Omega) for link, Q in zip(free, forces, strict=True)]
-    changing = inertia_rate(inertia_about_contact_rate(body_moments, r, Gamma, Gammadot), r, Gamma, Gammadot, links)
+    Bdot = inertia_about_contact_rate(body_moments, r, lever, armdot)
+    changing = inertia_rate(Bdot, r, lever.arm, armdot, links)
     turned, pulled = changing.times(W, locked)
     Wdot, rates = factors.solve(Pidot - turned, [x - y for x, y in zip(pidot, pulled, strict=True)])
     theta, thetadot, driven_thetaddot = angles
@@ -79,21 +81,24 @@ def field_of_locked(system: BodyParameters, t: Float[Array, ""], packed: AnyStat
 
 
 def inertia_about_contact_rate(
-    body_moments: AbstractMoments, r: Float[Array, ""], Gamma: Float[Array, "3"], Gammadot: Float[Array, "3"]
+    body_moments: AbstractMoments, r: Float[Array, ""], lever: Lever, armdot: Float[Array, "3"]
 ) -> Float[Array, "3 3"]:
     """Computes Ḃ, by the rule of products."""
-    turn = outer(Gammadot, Gamma)
-    mixed = outer(Gammadot, body_moments.p) + outer(Gamma, body_moments.pdot)
-    trace = dot(Gammadot, body_moments.p) + dot(Gamma, body_moments.pdot)
-    identity = jnp.eye(3, dtype=Gamma.dtype)
-    return body_moments.Jdot - body_moments.M * r**2 * (turn + turn.T) + r * (2 * trace * identity - mixed - mixed.T)
+    arm, identity = lever.arm, jnp.eye(3, dtype=armdot.dtype)
+    turn = outer(armdot, arm)
+    mixed = outer(armdot, body_moments.p) + outer(arm, body_moments.pdot)
+    trace = dot(armdot, body_moments.p) + dot(arm, body_moments.pdot)
+    spread = -(turn + turn.T)
+    if lever.square is not None:
+        spread = spread + 2 * dot(arm, armdot) * identity
+    return body_moments.Jdot + body_moments.M * r**2 * spread + r * (2 * trace * identity - mixed - mixed.T)
 
 
 def _move(system: BodyParameters, t: Float[Array, ""], state: AnyState, sign: float) -> AnyState:
     body_moments, links = _stop_joints(system, t, state)
-    r, Gamma = system.radius, contact_normal(system, t, state)
-    factors = inertia(inertia_about_contact(body_moments, r, Gamma), r, Gamma, links).factorise()
-    momenta = _momenta_of_motions(t, body_moments, r, Gamma, with_free_joints(links))
+    r, lever = system.radius, Lever.of(system, contact_normal(system, t, state), body_moments)
+    factors = inertia(lever.inertia_about_contact(body_moments, r), r, lever.arm, links).factorise()
+    momenta = _momenta_of_motions(t, body_moments, r, lever.arm, with_free_joints(links))
     return _with_velocities(state, links, sign, *factors.solve(*momenta))
 
 
@@ -112,7 +117,7 @@ def _momenta_of_motions(
     t: Float[Array, ""],
     body_moments: AbstractMoments,
     r: Float[Array, ""],
-    Gamma: Float[Array, "3"],
+    arm: Float[Array, "3"],
     free: list[Linkage],
 ) -> tuple[Float[Array, "3"], Joints]:
     """Computes the known parts of Π and π_a: from prescribed or driven motions in the ball, and from integrated forces.
@@ -120,7 +125,7 @@ def _momenta_of_motions(
     The free joints are still.
     """
     pi = [jnp.sum((link.m[..., None] * link.chidot)[:, None] * link.partial, axis=(-2, -1)) for link in free]
-    return internal_momentum(body_moments, r, Gamma), [x - I for x, I in zip(pi, joint_impulses(t, free), strict=True)]
+    return internal_momentum(body_moments, r, arm), [x - I for x, I in zip(pi, joint_impulses(t, free), strict=True)]
 
 
 def _with_velocities(
@@ -139,7 +144,7 @@ def _momentum_rate(
 ) -> Float[Array, "mechanisms free"]:
     """Computes π̇_a − Q_a = Σ m [ v·(Ω × χ_a + d/dt χ_a) − χ_a·γ ], with v = Ω × s + χ̇."""
     turning = jnp.broadcast_to(Omega, link.chi.shape)
-    v = cross(turning, r * acting.Gamma[None, None] + link.chi) + link.chidot
+    v = cross(turning, r * acting.arm.along[None, None] + link.chi) + link.chidot
     partial = link.partial
     carried = cross(jnp.broadcast_to(Omega, partial.shape), partial) + link.slope[:, link.free]
     power = jnp.sum(v[:, None] * carried, axis=-1) - jnp.sum(partial * acting.weight[None, None, None], axis=-1)

@@ -1,7 +1,8 @@
 """Momentum about the contact point and its balance; the integrals of the classical spheres, and Jellett's rate.
 
 All vectors are in body axes. With s = rΓ + χ from the contact point to a mass, Ω × s + χ̇ is the mass's
-velocity in space, because the body's point at the contact is at rest.
+velocity in space, because the body's point at the contact is at rest. The ``arm`` is Γ, or what a body that is no sphere
+has in its place; then the integrals are none.
 """
 
 from typing import NamedTuple
@@ -16,37 +17,39 @@ from .moments import AbstractMoments
 
 
 def linear_momentum(
-    body_moments: AbstractMoments, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
+    body_moments: AbstractMoments, r: Float[Array, ""], Omega: Float[Array, "3"], arm: Float[Array, "3"]
 ) -> Float[Array, "3"]:
     """Computes P = Σ m (Ω × s + χ̇)."""
-    return cross(Omega, body_moments.M * r * Gamma + body_moments.p) + body_moments.pdot
+    return cross(Omega, body_moments.M * r * arm + body_moments.p) + body_moments.pdot
 
 
 def contact_momentum(
-    body_moments: AbstractMoments, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
+    body_moments: AbstractMoments,
+    r: Float[Array, ""],
+    Omega: Float[Array, "3"],
+    arm: Float[Array, "3"],
+    square: Float[Array, ""] | None = None,
 ) -> Float[Array, "3"]:
     """Computes Π = 𝕀Ω + Σ m s × (Ω × s + χ̇) = BΩ + rΓ × ṗ + ℓ, the angular momentum about the contact point."""
-    return apply(inertia_about_contact(body_moments, r, Gamma), Omega) + internal_momentum(body_moments, r, Gamma)
+    return apply(inertia_about_contact(body_moments, r, arm, square), Omega) + internal_momentum(body_moments, r, arm)
 
 
-def internal_momentum(
-    body_moments: AbstractMoments, r: Float[Array, ""], Gamma: Float[Array, "3"]
-) -> Float[Array, "3"]:
+def internal_momentum(body_moments: AbstractMoments, r: Float[Array, ""], arm: Float[Array, "3"]) -> Float[Array, "3"]:
     """Computes rΓ × ṗ + ℓ, the part of Π that the masses have by moving in the ball."""
-    return r * cross(Gamma, body_moments.pdot) + body_moments.l
+    return r * cross(arm, body_moments.pdot) + body_moments.l
 
 
 def contact_momentum_rate(
     body_moments: AbstractMoments, r: Float[Array, ""], acting: Load, Pi: Float[Array, "3"], Omega: Float[Array, "3"]
 ) -> Float[Array, "3"]:
     """Computes Π̇ = Π × Ω + T + rΓ̇ × P, with T the torque of the load about the contact point, gΓ × p + rΓ × F̃ and
-    more.
+    more. The load is that ``of_momenta``.
 
     The last term is there because the contact point moves along the plane. Where p = 0 at all times
     and no force acts, ΛΠ is constant (Chaplygin's sphere), also while the masses move.
     """
-    P = linear_momentum(body_moments, r, Omega, acting.Gamma)
-    return cross(Pi, Omega) + acting.about_contact(body_moments, r) + cross(r * acting.Gammadot(Omega), P)
+    P = linear_momentum(body_moments, r, Omega, acting.arm.along)
+    return cross(Pi, Omega) + acting.about_contact(body_moments, r) + cross(r * acting.arm.rate_in_body(Omega), P)
 
 
 class RouthIntegrals(NamedTuple):

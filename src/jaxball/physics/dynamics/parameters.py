@@ -27,6 +27,7 @@ from ..own_states import OwnStates
 from ..prescribed.motion import AbstractMotion, Driven, OnRail, rail_of, schedule_of
 from ..prescribed.rails import AbstractRail
 from ..prescribed.schedules import AbstractSchedule
+from ..shape import AbstractShape
 
 MOST_PRINTED = 12
 
@@ -101,6 +102,7 @@ class BodyParameters(Printed):
 
     inertia_shape: ClassVar[tuple[int, ...]] = (3,)
     planar: ClassVar[bool] = False
+    shape: ClassVar[AbstractShape | None] = None  # of a surface that is no sphere: a ConvexBody has one
 
     mass: Float[Array, "*group"]
     inertia: Float[Array, "..."]
@@ -236,6 +238,10 @@ class BodyParameters(Printed):
     def own_rates(self, t: Float[Array, ""], state: Any) -> Float[Array, " own"] | None:
         """Computes the rates of states of one's own; None without them."""
         return None if self.own_states is None else self.own_states(t, state)
+
+    def height_of_centre(self, Gamma: Float[Array, "3"]) -> Float[Array, ""]:
+        """Computes the height of the geometric centre over a plane on which the body stands: r of a sphere."""
+        return self.radius if self.shape is None else self.shape.height(Gamma)
 
     def drift(self, t: Float[Array, ""], state: Any) -> Float[Array, "2"] | None:
         """Computes the velocity u of a turntable under the body's centre; None without one."""

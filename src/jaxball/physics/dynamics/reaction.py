@@ -33,7 +33,7 @@ def reaction_in_body(
 
     With a_i = Ω̇ × s_i + Ω × (Ω × χ_i + 2χ̇_i) + χ̈_i, Σ m a depends only on the moments.
     """
-    R = total_inertial_force(body_moments, r, acting.Gamma, Omega, Omegadot) + body_moments.M * acting.weight
+    R = total_inertial_force(body_moments, r, acting.arm.along, Omega, Omegadot) + body_moments.M * acting.weight
     return R if acting.force is None else R - acting.force
 
 
@@ -48,13 +48,13 @@ def reaction(system: BodyParameters, t: Float[Array, ""], state: State) -> React
 def total_inertial_force(
     body_moments: Moments,
     r: Float[Array, ""],
-    Gamma: Float[Array, "3"],
+    arm: Float[Array, "3"],
     Omega: Float[Array, "3"],
     Omegadot: Float[Array, "3"],
 ) -> Float[Array, "3"]:
-    """Computes Σ m a in body axes, with a the accelerations in space."""
+    """Computes Σ m a in body axes, with a the accelerations in space as far as the arm, Γ of a sphere, is at rest."""
     return (
-        cross(Omegadot, body_moments.M * r * Gamma + body_moments.p)
+        cross(Omegadot, body_moments.M * r * arm + body_moments.p)
         + cross(Omega, cross(Omega, body_moments.p) + 2 * body_moments.pdot)
         + body_moments.pddot
     )
