@@ -110,7 +110,7 @@ def rigid_body(scenario: Scenario, whole: Trajectory[Any, Any]) -> tuple[Figure,
     ax.set(xlim=(-half, half), ylim=(-half, half), zlim=(-half, half))
     ax.set_box_aspect((1, 1, 1), zoom=1.3)
     ax.set_axis_off()
-    unit = wireframe(1.0)
+    unit = wireframe()
     drawn = shape.centre + (unit * shape.semi_axes) @ shape.turn.T
     front, _ = split(now.apply((unit / shape.semi_axes) @ shape.turn.T), view(ax))  # normals
     back = np.where(np.isnan(front), now.apply(drawn), np.nan)

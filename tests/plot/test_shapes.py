@@ -11,7 +11,7 @@ VIEWS = [(26.0, -60.0), (90.0, 0.0), (-90.0, 10.0), (0.0, 45.0)]
 
 
 def test_the_wireframe_lies_on_the_sphere():
-    points = wireframe(2.0)
+    points = 2 * wireframe()
     points = points[np.all(np.isfinite(points), axis=1)]
     np.testing.assert_allclose(np.linalg.norm(points, axis=1), 2.0, rtol=1e-14)
     np.testing.assert_allclose(points.max(axis=0), 2.0, rtol=1e-14)
@@ -20,18 +20,18 @@ def test_the_wireframe_lies_on_the_sphere():
 @pytest.mark.parametrize(("elevation", "azimuth"), VIEWS)
 def test_the_outline_is_the_great_circle_that_the_viewer_faces(elevation, azimuth):
     viewer = towards(elevation, azimuth)
-    circle = outline(3.0, viewer)
+    circle = 3 * outline(viewer)
     np.testing.assert_allclose(np.linalg.norm(circle, axis=1), 3.0, rtol=1e-14)
     np.testing.assert_allclose(circle @ viewer, 0.0, atol=1e-14)
 
 
 def test_a_sphere_is_split_into_what_is_seen_and_what_is_behind():
     viewer = towards(20.0, 30.0)
-    front, back = split(wireframe(1.0), viewer)
+    front, back = split(wireframe(), viewer)
     visible, hidden = (np.all(np.isfinite(half), axis=1) for half in (front, back))
     assert np.all(front[visible] @ viewer >= 0)
     assert np.all(back[hidden] @ viewer <= 0)
-    assert np.count_nonzero(visible | hidden) == np.count_nonzero(np.isfinite(wireframe(1.0)[:, 0]))
+    assert np.count_nonzero(visible | hidden) == np.count_nonzero(np.isfinite(wireframe()[:, 0]))
 
 
 def test_a_tube_is_drawn_from_shell_to_shell():

@@ -16,7 +16,7 @@ from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.modes import ContactState, Mode
 from ..physics.contact.over_surface import has_surface
 from ..physics.contact.released import energy_of_released, slip_velocity
-from ..physics.dynamics.footing import footing
+from ..physics.dynamics.footing import arm_of, footing
 from ..physics.observables import observe
 from ..physics.rolling import AbstractRollingSystem
 from ..physics.state import BallState, DiskState, State
@@ -192,7 +192,10 @@ def speed(system: System | BodyOnPlane, t: Float[Array, ""], state: State | Cont
     under = footing(system, t, state)
     if under is not None:
         return root(jnp.sum(under.centre_velocity**2))
-    return system.radius * root(jnp.sum(cross(state.Omega, state.Gamma) ** 2))
+    velocity = system.radius * cross(state.Omega, arm_of(system, state.Gamma))
+    if system.shape is not None:  # only a sphere keeps its centre at one height
+        velocity = velocity - jnp.sum(velocity * state.Gamma) * state.Gamma
+    return root(jnp.sum(velocity**2))
 
 
 def energy(

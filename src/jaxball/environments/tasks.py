@@ -15,11 +15,11 @@ from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, number_or_none, numbers, to_array
 from ..numerics.vectors import apply, cross, dot, root
 from ..physics.body import System
-from ..physics.dynamics.footing import locate_surface
+from ..physics.dynamics.footing import locate_surface, velocity_by_turning
 from ..physics.grounds import AbstractSurface
 from ..physics.prescribed.schedules import AbstractSchedule
 from ..physics.prescribed.signals import AbstractSignal, ConstantSignal
-from ..physics.state import PlacedState, centre_velocity
+from ..physics.state import PlacedState
 from .randomisation import AbstractDistribution
 
 UPRIGHT = 1e-12  # the square of the horizontal part of a body axis that has no direction on the plane
@@ -56,7 +56,8 @@ class Moment(NamedTuple):
             velocity = held.w + system.radius * cross(apply(state.Lambda, state.Omega), held.n)
             return self._in_plane(velocity[:2])
         drift = system.drift(self.t, state.in_space())
-        return self._in_plane(centre_velocity(state.Lambda, state.Omega, system.radius, drift))
+        over = velocity_by_turning(system, state.Lambda, state.Omega)[:2]
+        return self._in_plane(over if drift is None else over + drift)
 
     @property
     def spin(self) -> Float[Array, ""]:

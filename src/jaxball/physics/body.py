@@ -383,7 +383,7 @@ class Disk(AbstractBody):
         return Ball(**arguments)
 
 
-System = Ball | Disk
+System = AbstractBody  # a Ball, a Disk or a ConvexBody
 
 
 def with_masses(system: System, masses: Sequence[PointMass], law: AbstractLaw | None = None) -> System:

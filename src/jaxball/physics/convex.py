@@ -8,12 +8,10 @@ from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import equinox as eqx
-from jaxtyping import Array, Float
 
 from ..interface.arguments import require
 from ..numerics.arrays import Numbers
 from .body import AbstractBody, Ball
-from .conditions import Condition
 from .dynamics.parameters import BodyParameters, PointMass
 from .feedback import AbstractLaw
 from .forces.force import AbstractWrench
@@ -60,6 +58,7 @@ class ConvexBody(AbstractBody):
     title: ClassVar[str] = "convex body"
     state_type: ClassVar[Any] = BallState
     other_state_types: ClassVar[tuple[Any, ...]] = (RotationState, ReducedState)
+    derived: ClassVar[tuple[str, ...]] = ("radius",)
 
     def __init__(
         self,

@@ -19,7 +19,7 @@ from ..interface.arguments import call_with, require_callable_with
 from ..interface.printing import Printed
 from ..numerics.arrays import numbers
 from ..numerics.functions import OfFunction
-from ..numerics.vectors import root
+from ..numerics.vectors import root, sine_cosine
 from .conditions import Condition, positive
 
 DIRECTIONS = 512  # in which a surface is looked at
@@ -69,6 +69,8 @@ class Ellipsoid(AbstractShape):
     **Arguments:**
 
     - ``semiaxes``: A, along the body axes, length, shape (3,).
+    - ``turn``: by how much the first two are turned about E3 against the body axes, which are those of the principal
+      moments of inertia, rad; that makes a rattleback.
 
     **Example:**
 
@@ -79,12 +81,16 @@ class Ellipsoid(AbstractShape):
     """
 
     semiaxes: Float[Array, "*group 3"] = eqx.field(converter=numbers("semiaxes", (3,)))
+    turn: Float[Array, "*group"] = eqx.field(converter=numbers("turn"), default=0.0)
 
     def height(self, Gamma: Float[Array, "3"]) -> Float[Array, ""]:
-        return jnp.sqrt(jnp.sum((self.semiaxes * Gamma) ** 2))
+        sine, cosine = sine_cosine(self.turn)
+        along = jnp.stack([cosine * Gamma[0] + sine * Gamma[1], cosine * Gamma[1] - sine * Gamma[0], Gamma[2]])
+        return jnp.sqrt(jnp.sum((self.semiaxes * along) ** 2))
 
     def conditions(self) -> Iterator[Condition]:
         yield Condition(positive(self.semiaxes), "shape.semiaxes", self.semiaxes, "three positive numbers")
+        yield Condition(jnp.isfinite(self.turn), "shape.turn", self.turn, "a finite number")
 
 
 class SupportFunction(OfFunction, AbstractShape):

@@ -21,7 +21,7 @@ from .floor import ROOM_AROUND, Floor, Placed, Setting, floor_under, ground_unde
 from .modes import PATHS, Track, modes_of, track_of
 from .palette import FAINT, INK, SHELL, TRAIL, mass_colour
 from .record import Record, finite_rows
-from .shapes import BREAK, looks, outline, parallel, rail_points, split, towards, wireframe
+from .shapes import BREAK, looks, on_surface, outline, parallel, rail_points, split, towards, wireframe
 from .shown import ShownFigure
 from .style import CAPTION, SMALL_FONT, describe_units, mass_line, subject, title_of
 from .surface import Curve, Mesh, curve_under, mesh_under
@@ -119,9 +119,9 @@ def _ball_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
     setting, r = placed.setting, float(trajectory.system.radius)
     azimuth = placed.azimuth(AZIMUTH_3D)
     viewer = towards(ELEVATION_3D, azimuth)
-    wire, silhouette = wireframe(r), outline(r, viewer)
+    system, wire, silhouette = trajectory.system, wireframe(), outline(viewer)
     # Every eighth point of the silhouette is enough to find its extent.
-    visited = (placed.centre[:, None] + silhouette[::8]).reshape(-1, 3)
+    visited = (placed.centre[:, None] + r * silhouette[::8]).reshape(-1, 3)
     mesh = None
     surface = trajectory.system.ground
     if setting.contacts is None or not isinstance(surface, AbstractSurface):
@@ -144,10 +144,12 @@ def _ball_scene(trajectory: Trajectory, run: Record, placed: Placed) -> Scene:
     show_contents = _contents(figure, ax, trajectory, placed)
 
     def show(k: int) -> None:
-        near, far = split(wire @ placed.Lambda[k].T, viewer)
-        for artist, points in ((front, near), (back, far), (edge, silhouette)):
-            move(artist, placed.centre[k] + points)
-        shade.set_verts([placed.centre[k] + silhouette])
+        Lambda, rim = placed.Lambda[k], None
+        near, far = split(wire @ Lambda.T, viewer)
+        for artist, normals in ((front, near), (back, far), (edge, silhouette)):
+            rim = placed.centre[k] + on_surface(system, normals @ Lambda) @ Lambda.T
+            move(artist, rim)
+        shade.set_verts([rim])
         if shadow is not None:
             rim = r * parallel(0.0)
             # On a surface the shadow lies in the tangent plane.

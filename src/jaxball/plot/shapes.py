@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Array, Float
 from mpl_toolkits.mplot3d import Axes3D
@@ -13,6 +14,7 @@ from ..numerics.arrays import to_array
 from ..physics.body import System
 from ..physics.prescribed.motion import AbstractMotion, rail_of
 from ..physics.prescribed.rails import Tube
+from ..physics.shape import AbstractShape
 from .palette import mass_colour
 
 BREAK = np.full((1, 3), np.nan)
@@ -106,8 +108,21 @@ def arms(prepared: Any, t: Float[Array, ""], theta: Float[Array, " coordinates"]
     return [places[index] for index in sorted(places)]
 
 
-def wireframe(radius: float, meridians: int = 12, parallels: int = 5) -> Float[np.ndarray, "points 3"]:
-    """Returns meridians and parallels of a sphere about the third axis, as one curve with breaks."""
+def on_surface(system: System, normals: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, "points 3"]:
+    """Returns the points of a body's surface that have these outward normals, body axes; NaN for a break."""
+    if system.shape is None:
+        return float(system.radius) * normals
+    return np.asarray(_points_with(system.shape, normals))
+
+
+@programs.filter_jit
+def _points_with(shape: AbstractShape, normals: Float[Array, "points 3"]) -> Float[Array, "points 3"]:
+    # A body stands where its outward normal points down.
+    return -jax.vmap(shape.arm)(-normals)
+
+
+def wireframe(meridians: int = 12, parallels: int = 5) -> Float[np.ndarray, "points 3"]:
+    """Returns meridians and parallels of the unit sphere about the third axis, as one curve with breaks."""
     around = np.linspace(0.0, 2 * np.pi, 97)
     curves = []
     for azimuth in np.arange(meridians // 2) * 2 * np.pi / meridians:
@@ -115,7 +130,7 @@ def wireframe(radius: float, meridians: int = 12, parallels: int = 5) -> Float[n
         curves += [np.outer(np.sin(around), n) + np.outer(np.cos(around), [0.0, 0.0, 1.0]), BREAK]
     for height in np.linspace(-90, 90, parallels + 2)[1:-1]:
         curves += [parallel(np.deg2rad(height)), BREAK]
-    return radius * np.concatenate(curves)
+    return np.concatenate(curves)
 
 
 def parallel(elevation: float) -> Float[np.ndarray, "97 3"]:
@@ -136,17 +151,17 @@ def towards(elevation: float, azimuth: float) -> Float[np.ndarray, "3"]:
     return np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
 
 
-def outline(radius: float, viewer: Float[np.ndarray, "3"]) -> Float[np.ndarray, "97 3"]:
-    """Returns the circle that is a sphere's silhouette for a distant viewer in the direction ``viewer``."""
+def outline(viewer: Float[np.ndarray, "3"]) -> Float[np.ndarray, "97 3"]:
+    """Returns the circle of the normals that a silhouette has for a distant viewer in the direction ``viewer``."""
     across = np.cross([0.0, 0.0, 1.0] if abs(viewer[2]) < 0.9 else [1.0, 0.0, 0.0], viewer)
     across /= np.linalg.norm(across)
     around = np.linspace(0.0, 2 * np.pi, 97)
-    return radius * (np.outer(np.cos(around), across) + np.outer(np.sin(around), np.cross(viewer, across)))
+    return np.outer(np.cos(around), across) + np.outer(np.sin(around), np.cross(viewer, across))
 
 
 def split(
     points: Float[np.ndarray, "points 3"], viewer: Float[np.ndarray, "3"]
 ) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3"]]:
-    """Returns the half of a sphere's curves that faces the viewer, and the half behind; NaN elsewhere."""
+    """Returns the half of the unit sphere's curves that faces the viewer, and the half behind; NaN elsewhere."""
     depth = (points @ viewer)[:, None]
     return np.where(depth >= 0, points, np.nan), np.where(depth <= 0, points, np.nan)

@@ -23,7 +23,7 @@ from .labels import name_points
 from .modes import PATHS, SWITCH, draw_modes, modes_of, switch_points, track_of
 from .palette import FAINT, INK, SHELL, TRAIL, mass_colour
 from .record import record, require_one_of_body
-from .shapes import arms, looks, outline, parallel, rails_of, split, view, wireframe
+from .shapes import arms, looks, on_surface, outline, parallel, rails_of, split, view, wireframe
 from .style import (
     SQUARE,
     WIDE_FIGURE,
@@ -98,10 +98,10 @@ def configuration(
     ax = space_axes(ax, system=system)
     cube(ax, r, "E")
     viewer = view(ax)
-    front, back = split(wireframe(r), viewer)
+    front, back = (on_surface(system, normals) for normals in split(wireframe(), viewer))
     ax.plot(*back.T, color=FAINT, linewidth=0.4, zorder=1)
     ax.plot(*front.T, color="0.7", linewidth=0.4, zorder=1.5)
-    ax.plot(*outline(r, viewer).T, color=SHELL, linewidth=0.9, zorder=1.5)
+    ax.plot(*on_surface(system, outline(viewer)).T, color=SHELL, linewidth=0.9, zorder=1.5)
     _draw(ax, system, positions, columns=[0, 1, 2])
     return ax
 
@@ -296,8 +296,10 @@ def _paths(
     if not system.planar:
         ax, columns = space_axes(ax, system=system), [0, 1, 2]
         cube(ax, r, frame)
-        ax.plot(*outline(r, view(ax)).T, color=SHELL, linewidth=0.8, zorder=1)
-        ax.plot(*(r * parallel(0.0)).T, color=SHELL, linewidth=0.4, zorder=1)
+        # A body that is no sphere has no outline in space, where it turns.
+        for normals, width in ((outline(view(ax)), 0.8), (parallel(0.0), 0.4)):
+            around = on_surface(system, normals) if frame == "E" else r * normals
+            ax.plot(*around.T, color=SHELL, linewidth=width, zorder=1)
     elif ax is None or isinstance(ax, Axes3D):
         span = float(trajectory.times[0]), float(trajectory.times[-1])
         ax, columns, over_time = _cylinder(space_axes(ax, LONG_FIGURE, system), r, frame, span), [0, 2], True

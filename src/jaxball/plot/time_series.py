@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from .. import programs
 from ..numerics.arrays import to_array
 from ..physics.contact.modes import Mode
-from ..physics.dynamics.footing import footing
+from ..physics.dynamics.footing import footing, velocity_by_turning
 from ..physics.grounds import AbstractSurface
 from ..physics.grounds.ground import Ground
 from ..sensors import AbstractSensor
@@ -226,8 +226,7 @@ def centre_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     elif isinstance(system.ground, AbstractSurface):
         V = np.asarray(_on_surface(system, to_array(np.asarray(run.times)), run.state))[rows]
     else:  # rω × e3, plus the velocity of a turntable under the centre
-        omega = record(run).observables.angular_velocity_space
-        V = float(system.radius) * np.stack([omega[:, 1], -omega[:, 0], 0.0 * omega[:, 0]], axis=1)
+        V = np.asarray(_by_turning(system, run.state))[rows]
         if isinstance(system.ground, Ground) and system.ground.turntable is not None:
             V[:, :2] += np.asarray(_drift(system, to_array(np.asarray(run.times)), run.state))[rows]
     rises = bool(np.any(without_rounding(V[:, 2], speed)))
@@ -279,6 +278,12 @@ def _on_surface(system, times, states):
         return under.centre_velocity
 
     return jax.vmap(velocity)(times, states)
+
+
+@programs.filter_jit
+def _by_turning(system, states):
+    in_space = jax.vmap(lambda state: state.in_space())(states)
+    return jax.vmap(lambda state: velocity_by_turning(system, state.Lambda, state.Omega))(in_space)
 
 
 @programs.filter_jit

@@ -76,7 +76,8 @@ class Accelerometer(_OnMount):
         on = mount(system, t, movement.angles, self.on, self.at)
         point = Kinematics(*(x[None] for x in on.point))
         state = movement.state
-        a = accelerations_of_masses(system.radius, point, state.Omega, movement.Omegadot, movement.acting.Gamma)[0]
+        arm = movement.acting.arm.along
+        a = accelerations_of_masses(system.radius, point, state.Omega, movement.Omegadot, arm)[0]
         # `weight` is −g: a sensor at rest reads what holds it up.
         return _in_axes(self.frame, on, a + movement.weight)
 

@@ -72,6 +72,10 @@ def quantities(system: Any, t: Float[Array, ""], state: Any) -> Quantities:
         balances = {n: Balance(value, rates[n]) if n in rates else _constant(value) for n, value in laws.items()}
         return Quantities(balances, None, None)
     observables, in_space = observe(system, t, state), state.in_space()
+    if system.shape is not None:
+        energy, norm = Balance(observables.energy, observables.power), jnp.sqrt(jnp.sum(in_space.q**2))
+        rolling = rolling_balance(system, t, state)
+        return Quantities({"energy": energy, "norm": _constant(norm), "rolling": rolling}, None, None)
     motion, r = accelerations(system, t, state), system.radius
     acting = load(system, t, state).with_torque(motion.dry)
     Lambda, Omega = in_space.Lambda, in_space.Omega
@@ -134,6 +138,8 @@ def _centre_velocity(system: AbstractBody, t: Float[Array, ""], state: BallState
     """Computes ż = ω × r e3 + u, with u the velocity of a turntable."""
     vertical = jnp.zeros_like(state.Omega).at[2].set(1.0)
     rolling = cross(apply(state.Lambda, state.Omega), system.radius * vertical)
+    if system.shape is not None:
+        rolling = apply(state.Lambda, cross(state.Omega, system.shape.arm(state.Lambda[2])))
     drift = system.drift(t, state)
     return rolling if drift is None else rolling + in_three(drift)
 

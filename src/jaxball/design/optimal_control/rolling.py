@@ -99,6 +99,11 @@ class Rolling(AbstractControlProblem):
             raise DesignError(
                 "Argument `system` must be on a plane on which it can come to rest, but it is on a turntable."
             )
+        if system.shape is not None:
+            raise DesignError(
+                "Argument `system` must be a Ball or a Disk, because collocation has their equations alone, but it is "
+                f"a {type(system).__name__}."
+            )
         if system.is_held:
             raise DesignError(
                 "Argument `system` must not have exact dry resistance, because collocation is for smooth motions; "

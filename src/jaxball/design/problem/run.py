@@ -141,7 +141,7 @@ class Run(eqx.Module):
         def one(system, t, x):
             motion, acting = accelerations(system, t, x), load(system, t, x)
             masses = kinematics(system, t, motion.angles)
-            a = accelerations_of_masses(system.radius, masses, x.Omega, motion.Omegadot, acting.Gamma)
+            a = accelerations_of_masses(system.radius, masses, x.Omega, motion.Omegadot, acting.arm.along)
             return m[:, None] * (a + acting.weight[None])
 
         return self._each(one)

@@ -204,8 +204,10 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
     ) -> Float[Array, "3"] | None:
         """Computes the torque of dry friction against rolling and spinning, body axes; None without."""
         resistance = self.body.resistance
-        unit = None if resistance is None else resistance.dry_torque(
-            self.body.height_of_centre(acting.Gamma), acting.resisted, acting.Gamma
+        unit = (
+            None
+            if resistance is None
+            else resistance.dry_torque(self.body.height_of_centre(acting.Gamma), acting.resisted, acting.Gamma)
         )
         return None if unit is None else interaction.normal * unit
 
@@ -310,9 +312,9 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         return FORCES * float(limits.eps) * scale + float(limits.tiny) ** 0.5
 
     def rise(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
-        """Computes the rate at which a body leaves its ground; on a surface 0 where it is rounding."""
+        """Computes the rate at which a body leaves its ground; 0 if it is rounding, but not for a ball on a plane."""
         rate = slip_velocity(self.body, t, state.released)[2]
-        if not over.has_surface(self.body):
+        if not over.has_surface(self.body) and self.body.shape is None:
             return rate
         least = ROUNDING_OF_VELOCITY * float(jnp.finfo(rate.dtype).eps) * self.speed_of(state)
         return jnp.where(jnp.abs(rate) > least, rate, 0.0)

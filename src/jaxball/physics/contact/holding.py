@@ -16,8 +16,8 @@ from jaxtyping import Array, Bool, Float, Int
 from ...numerics.arrays import select_tree
 from ...numerics.directions import diverging, unit
 from ...programs.derivatives.differentiation import without_derivatives
-from ..dynamics.law import release
 from ..dynamics.footing import in_three
+from ..dynamics.law import release
 from ..dynamics.rest import let_go, needs
 from ..dynamics.sticking import loosen, overloads, with_directions
 from ..forces.resistance import TurningMode
@@ -148,8 +148,8 @@ class Deciding(NamedTuple):
             body = with_directions(self.plane.body, choice.slips)
             responds = response(body, self.t, self.at, touching=~choice.flies)
             responds = responds._replace(turned=self.response.turned)
-        return responds if choice.mode is None else responds.with_turning(
-            self.plane.law_of_turning(self.at, choice.mode)
+        return (
+            responds if choice.mode is None else responds.with_turning(self.plane.law_of_turning(self.at, choice.mode))
         )
 
     def first_slip(self, choice: Choice, responds: Response) -> Float[Array, "2"]:
@@ -176,7 +176,9 @@ class Deciding(NamedTuple):
         torque = holding = None
         if choice.mode is not None:
             torque = acting.torque
-            need = needs(self.plane.resistance, self.plane.body.height_of_centre(self.at.body.Gamma), torque, acting.normal)
+            need = needs(
+                self.plane.resistance, self.plane.body.height_of_centre(self.at.body.Gamma), torque, acting.normal
+            )
             loads.append(need.overloads(choice.mode))
         if choice.slips is not None:
             holding = responds.part("holding", acting.amounts)

@@ -360,7 +360,11 @@ def rates(
     body = state.body
     Omegadot, thetaddot = (body_response.part(name, amounts) for name in ("Omegadot", "thetaddot"))
     moved = body.rates(system.radius, Omegadot, (body.theta, body.thetadot, thetaddot), body_response.own)
-    V = _turning(system, body, Omegadot, body_response) + in_space(body_response.axes, amounts[:3]) + body_response.convected
+    V = (
+        _turning(system, body, Omegadot, body_response)
+        + in_space(body_response.axes, amounts[:3])
+        + body_response.convected
+    )
     rise = state.V[2] if body_response.rise is None else body_response.rise
     return ReleasedState(_place_centre(moved, state.V, body_response.footing), V, rise)
 

@@ -15,8 +15,7 @@ from jaxtyping import Array, Bool, Float
 
 from ...numerics.vectors import root
 from ..body import AbstractBodyWithModes
-from ..dynamics.footing import ContactAxes
-from ..dynamics.footing import in_three
+from ..dynamics.footing import ContactAxes, in_three
 from ..dynamics.rest import Needs
 from ..forces.resistance import Resistance, TurningMode
 from ..hybrid import Accuracy, GuardedStep

@@ -60,9 +60,7 @@ class Lever(NamedTuple):
         """Computes B."""
         return inertia_about_contact(body_moments, r, self.arm, self.square)
 
-    def normal(
-        self, free: list[Linkage], Omegadot: Float[Array, "3"], thetaddot: Joints
-    ) -> Float[Array, ""]:
+    def normal(self, free: list[Linkage], Omegadot: Float[Array, "3"], thetaddot: Joints) -> Float[Array, ""]:
         """Computes what Ω̇ and θ̈ of free joints add to the normal force: (Σ m s × Γ)·Ω̇ + Σ Γ·p_a θ̈_a."""
         normal = dot(cross(self.moment, self.Gamma), Omegadot)
         for link, rate in zip(free, thetaddot, strict=True):

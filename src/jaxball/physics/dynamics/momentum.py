@@ -1,8 +1,8 @@
 """Momentum about the contact point and its balance; the integrals of the classical spheres, and Jellett's rate.
 
 All vectors are in body axes. With s = rΓ + χ from the contact point to a mass, Ω × s + χ̇ is the mass's
-velocity in space, because the body's point at the contact is at rest. The ``arm`` is Γ, or what a body that is no sphere
-has in its place; then the integrals are none.
+velocity in space, because the body's point at the contact is at rest. The ``arm`` is Γ, or what a body that is no
+sphere has in its place; then the integrals are none.
 """
 
 from typing import NamedTuple

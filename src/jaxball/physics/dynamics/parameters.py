@@ -103,6 +103,7 @@ class BodyParameters(Printed):
     inertia_shape: ClassVar[tuple[int, ...]] = (3,)
     planar: ClassVar[bool] = False
     shape: ClassVar[AbstractShape | None] = None  # of a surface that is no sphere: a ConvexBody has one
+    derived: ClassVar[tuple[str, ...]] = ()  # numbers that are no arguments
 
     mass: Float[Array, "*group"]
     inertia: Float[Array, "..."]
@@ -163,7 +164,7 @@ class BodyParameters(Printed):
         _require_law(self)
 
     def __repr__(self) -> str:
-        hidden = ("groups", "order", "driven", "mechanism_groups", "mechanism_order")
+        hidden = ("groups", "order", "driven", "mechanism_groups", "mechanism_order", *self.derived)
         fields = [field for field in dataclasses.fields(self) if field.name not in hidden]
         attributes = vars(self)  # some are missing while the body is being made
         masses = _lines("masses", attributes.get("groups", ()), attributes.get("order", ()))

@@ -19,8 +19,8 @@ from ...numerics.directions import diverging, unit
 from ...numerics.vectors import root
 from ...programs.derivatives.differentiation import without_derivatives
 from ..forces.resistance import Resistance, TurningMode
-from .law import Acting, Law, Rows, load, release
 from .footing import in_three
+from .law import Acting, Law, Rows, load, release
 
 ROUNDING_OF_RATE = 64  # of a rate, in units of rounding: what is smaller is none
 TORQUES = 32  # of a torque, in units of rounding of the torque that it is compared with: a smaller one is none

@@ -31,8 +31,7 @@ from ..contact.slip import HALFWAY, Heading
 from ..contact.turning import AbstractTurning
 from ..contact.window import Beginning, Course
 from ..dynamics.equations import turning
-from ..dynamics.footing import ContactAxes, rate_over_ground
-from ..dynamics.footing import in_three
+from ..dynamics.footing import ContactAxes, in_three, rate_over_ground
 from ..dynamics.rest import Turning, begin, candidates, needs, resist
 from ..forces.resistance import Resistance, TurningMode
 from ..hybrid import (

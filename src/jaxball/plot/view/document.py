@@ -252,7 +252,7 @@ def _note(count: int, saved: int) -> str:
 def kind_of(trajectory: Trajectory[Any, Any]) -> str | None:
     """Returns the kind as which a run is shown; None if it cannot be shown."""
     if isinstance(trajectory.system, AbstractBody):
-        return ROLLING
+        return ROLLING if trajectory.system.shape is None else None
     if isinstance(trajectory.state, OrientedState):
         return RIGID
     if isinstance(trajectory.state, LagrangianState):

@@ -1,0 +1,202 @@
+"""Bodies of any smooth convex surface, against golden runs, the ellipsoid's own equations, and a model that slips."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import jaxball
+from jaxball import (
+    Ball,
+    BallState,
+    Bowl,
+    Circle,
+    ConstantRate,
+    Contact,
+    ConvexBody,
+    Ellipsoid,
+    Free,
+    Ground,
+    Mode,
+    OnRail,
+    PointMass,
+    ReleasedState,
+    Resistance,
+    Status,
+    SupportFunction,
+    plot,
+    simulate,
+)
+from jaxball.classical import EllipsoidState, RollingEllipsoid
+
+AXES = np.array([1.0, 1.3, 0.7])
+INERTIA = (0.5, 0.6, 0.7)
+Q = np.array([1.0, 0.1, 0.05, -0.02]) / np.linalg.norm([1.0, 0.1, 0.05, -0.02])
+OMEGA = np.array([0.4, -0.8, 0.3])
+TIGHT = {"rtol": 1e-11, "atol": 1e-11}
+
+
+def moving(t):
+    return jnp.stack([0.3 * jnp.cos(2 * t), 0.25 * jnp.sin(1.5 * t), -0.1 + 0 * t])
+
+
+def egg(Gamma):
+    return jnp.sqrt(jnp.sum((AXES * Gamma) ** 2)) + 0.1 * Gamma[2] ** 3
+
+
+# By a model in maximal coordinates that knows the surface by its support function alone: q, Ω, z and R at t = 4.
+GOLDEN = {
+    "ellipsoid on a slope": (
+        Ellipsoid(AXES),
+        Ground(angle=0.1),
+        [0.8583594671, -0.1161355343, 0.4930276251, 0.0815801682, -0.2821793785, 0.2267021491, -0.0013876622],
+        [0.7349910892, 0.3644540947],
+        [-2.4800043232, -2.1265215570, 14.8574585248],
+    ),
+    "egg": (
+        SupportFunction(egg),
+        None,
+        [0.9141862897, 0.0410565488, 0.3260313205, 0.2372369398, -0.5809401350, 0.3394097496, -0.1311207047],
+        [0.4454551560, 0.1568686150],
+        [-2.5943540331, 1.4715232218, 15.2828956969],
+    ),
+}
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("case", GOLDEN)
+def test_a_body_with_a_moving_mass_inside(case):
+    shape, ground, attitude, z, R = GOLDEN[case]
+    mass, offset = PointMass(0.4, Free(moving)), (0.05, -0.03, 0.02)
+    body = ConvexBody(shape=shape, mass=1.2, inertia=INERTIA, offset=offset, gravity=9.81, masses=[mass], ground=ground)
+    run = simulate(body, [0.0, 4.0], BallState(q=Q, Omega=OMEGA), throw=True, **TIGHT)
+    end = run.state
+    np.testing.assert_allclose(np.concatenate([end.q[-1], end.Omega[-1]]), attitude, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(end.z[-1], z, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(run.observables.contact_force[-1], R, rtol=0, atol=1e-9)
+    # The contact is on the plane, and in the plane of its normal through it lies the whole body.
+    np.testing.assert_allclose(run.observables.contact_point[:, 2], -body.radius, rtol=0, atol=1e-14)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("resistance", [None, Resistance(rolling=0.02, dry=0.01, smoothing=0.05)], ids=["free", "dry"])
+def test_a_rattleback_is_the_rolling_ellipsoid(resistance):
+    """The body axes of that are those of its surface, of this those of its inertia."""
+    numbers = {"mass": 1.0, "inertia": (0.02, 0.16, 0.17), "gravity": 9.81, "offset": (0.0, 0.0, 0.02)}
+    numbers["resistance"] = resistance
+    cosine, sine = np.cos(0.3), np.sin(0.3)
+    turn = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    by_surface, by_inertia = (
+        RollingEllipsoid(semiaxes=(0.2, 1.0, 0.15), turn=0.3, **numbers),
+        ConvexBody(shape=Ellipsoid((0.2, 1.0, 0.15), turn=-0.3), **numbers),
+    )
+    start, Omega, times = np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.05, 0.1, -2.0]), np.linspace(0.0, 6.0, 7)
+    half = np.array([np.cos(0.15), 0.0, 0.0, np.sin(0.15)])  # the same attitude of the axes of inertia
+    expected = simulate(by_surface, times, EllipsoidState(q=start, Omega=Omega), throw=True, **TIGHT)
+    run = simulate(by_inertia, times, BallState(q=half, Omega=turn @ Omega), throw=True, **TIGHT)
+    np.testing.assert_allclose(run.state.Omega, expected.state.Omega @ turn.T, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(run.state.z, expected.state.z, rtol=0, atol=1e-9)
+
+
+def slips(mu, m=1.2, g=9.81):
+    """The rates of (q, Ω, V, z) of an ellipsoid that slips, by Newton's and Euler's laws and the second derivative of
+    the height at which its centre is.
+    """
+    J = np.diag(INERTIA)
+
+    def field(t, y):
+        (w, *v), Omega, V = y[:4] / np.linalg.norm(y[:4]), y[4:7], y[7:10]
+        v = np.array(v)
+        hat = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+        Lambda = np.eye(3) + 2 * w * hat + 2 * hat @ hat
+        Gamma = Lambda[2]
+        h = np.sqrt(np.sum((AXES * Gamma) ** 2))
+        arm = AXES**2 * Gamma / h
+        bend = np.diag(AXES**2) / h - np.outer(arm, arm) / h
+        slip = V - Lambda @ np.cross(Omega, arm)
+        along = np.append(-mu * slip[:2] / np.linalg.norm(slip[:2]), 1.0)
+        Gammadot = np.cross(Gamma, Omega)
+        free, by_force = (np.linalg.solve(J, T) for T in (np.cross(J @ Omega, Omega), np.cross(-arm, Lambda.T @ along)))
+        rise = Gammadot @ bend @ Gammadot + arm @ (np.cross(Gammadot, Omega) + np.cross(Gamma, free))
+        N = (g + rise) / (1 / m - arm @ np.cross(Gamma, by_force))
+        turned = 0.5 * np.append(-v @ Omega, w * Omega + np.cross(v, Omega))
+        return np.concatenate([turned, free + N * by_force, N * along / m - [0.0, 0.0, g], V[:2]])
+
+    return field
+
+
+def released(slip, height=0.0):
+    body = ConvexBody(shape=Ellipsoid(AXES), mass=1.2, inertia=INERTIA, gravity=9.81)
+    Lambda = BallState(q=Q).Lambda
+    V = Lambda @ np.cross(OMEGA, body.shape.arm(Lambda[2])) + np.asarray(slip)
+    return body, ReleasedState(BallState(q=Q, Omega=OMEGA), V=V, height=height)
+
+
+@pytest.mark.thorough
+def test_one_that_slips():
+    body, start = released((1.5, 0.4, 0.0))
+    run = simulate(body, [0.0, 0.25], start, contact=Contact(friction=0.25), throw=True, rtol=1e-10, atol=1e-10)
+    assert np.asarray(run.contact.mode).tolist() == [Mode.SLIDING, Mode.SLIDING]
+    y = np.concatenate([Q, OMEGA, start.V, [0.0, 0.0]])
+    expected = solve_ivp(slips(0.25), (0.0, 0.25), y, method="DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+    end = run.state
+    found = np.concatenate([end.q[-1], end.Omega[-1], run.contact.V[-1], end.z[-1]])
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+
+
+@pytest.mark.long
+def test_one_that_falls_bounces_and_slips_keeps_its_energy():
+    body, start = released((1.5, 0.4, 1.0), height=0.3)
+    contact = Contact(friction=0.25, restitution=0.5)
+    run = simulate(body, np.linspace(0.0, 4.0, 9), start, contact=contact, throw=True, rtol=1e-9, atol=1e-9)
+    assert int(run.contact.switches.count) > 10
+    whole = run.observables.energy + run.contact.friction_loss + run.contact.impact_loss
+    np.testing.assert_allclose(whole, whole[0], rtol=0, atol=1e-7)
+    assert np.min(run.contact.height) > -1e-9
+    assert run.observables.contact_point[-1, 2] == pytest.approx(-float(body.radius), abs=1e-9)
+
+
+@pytest.mark.thorough
+def test_derivatives_by_the_surface():
+    def end(size):
+        body = ConvexBody(shape=Ellipsoid(size * AXES), mass=1.2, inertia=INERTIA, gravity=9.81)
+        return simulate(body, [0.0, 1.0], BallState(q=Q, Omega=OMEGA), rtol=1e-10, atol=1e-10).state.z[-1, 0]
+
+    difference = (end(1 + 1e-5) - end(1 - 1e-5)) / 2e-5
+    # The runs are exact to 1e-10, so their difference is to 1e-5 of that.
+    np.testing.assert_allclose(jax.jacfwd(end)(1.0), difference, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(jax.grad(end)(1.0), jax.jacfwd(end)(1.0), rtol=0, atol=1e-9)
+
+
+@pytest.mark.thorough
+def test_a_sphere_is_a_ball():
+    mass = PointMass(0.5, OnRail(Circle(0.5), ConstantRate(0.0, 1.0)))
+    body = ConvexBody(shape=SupportFunction(lambda Gamma: 0.8), mass=1.0, inertia=INERTIA, masses=[mass])
+    ball = Ball(radius=0.8, mass=1.0, inertia=INERTIA, masses=[mass])
+    start = BallState(q=Q, Omega=OMEGA)
+    ends = [simulate(system, [0.0, 3.0], start, throw=True, **TIGHT).state for system in (body, ball)]
+    for one, other in zip(*map(jax.tree.leaves, ends), strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)
+
+
+def test_what_cannot_be():
+    numbers = {"mass": 1.0, "inertia": (1.0, 1.0, 1.0)}
+    with pytest.raises(TypeError, match="`shape` must be a shape, such as Ellipsoid"):
+        ConvexBody(shape=1.0, **numbers)
+    with pytest.raises(TypeError, match="`ground` must be a Ground or None under a body that is no ball"):
+        ConvexBody(shape=Ellipsoid(AXES), ground=Bowl(5.0), **numbers)
+    dented = ConvexBody(shape=SupportFunction(lambda Gamma: 1 + 0.9 * Gamma[2] ** 4), **numbers)
+    assert "`shape` must be convex" in jaxball.problems(dented, BallState(), [0.0, 1.0])[0]
+    run = simulate(dented, [0.0, 1.0])
+    assert run.status == Status.IMPOSSIBLE
+
+
+@pytest.mark.thorough
+def test_its_surface_is_drawn():
+    body = ConvexBody(shape=Ellipsoid((1.0, 1.0, 1.6)), mass=1.0, inertia=(0.6, 0.6, 0.4))
+    lines = plot.configuration(body).lines
+    # The silhouette of a spheroid that is seen across its axis reaches from end to end of it.
+    assert max(np.nanmax(line.get_data_3d()[2]) for line in lines) == pytest.approx(1.6, abs=1e-3)
+    with pytest.raises(ValueError, match="it is of a ConvexBody"):
+        simulate(body, [0.0, 1.0]).view("view.html")
