@@ -4,7 +4,7 @@ Its equations are those of the ball with another arm: from the contact to the ge
 place of rΓ, and where that changes in space the centre has an acceleration more, ω × the arm's rate, as on a surface.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -12,6 +12,7 @@ import equinox as eqx
 from ..interface.arguments import require
 from ..numerics.arrays import Numbers
 from .body import AbstractBody, Ball
+from .conditions import Condition
 from .dynamics.parameters import BodyParameters, PointMass
 from .feedback import AbstractLaw
 from .forces.force import AbstractWrench
@@ -53,7 +54,7 @@ class ConvexBody(AbstractBody):
     -2.0
     """
 
-    shape: AbstractShape = eqx.field()  # pyright: ignore[reportIncompatibleVariableOverride]
+    shape: AbstractShape = eqx.field()  # pyright: ignore
 
     title: ClassVar[str] = "convex body"
     state_type: ClassVar[Any] = BallState
@@ -102,11 +103,11 @@ class ConvexBody(AbstractBody):
 
     require_state, is_reducible, phase_point = Ball.require_state, Ball.is_reducible, Ball.phase_point
 
-    def conditions(self):
+    def conditions(self) -> Iterator[Condition]:
         yield from AbstractBody.conditions(self)
         yield from self.shape.conditions()
 
     @property
     def arguments(self) -> dict[str, Any]:
-        own = {name: value for name, value in BodyParameters.arguments.fget(self).items() if name != "radius"}
+        own = {name: value for name, value in super().arguments.items() if name not in self.derived}
         return {"shape": self.shape, **own}

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from ..interface.arguments import call_with, require_callable_with
 from ..interface.printing import Printed
-from ..numerics.arrays import numbers
+from ..numerics.arrays import numbers, to_array
 from ..numerics.functions import OfFunction
 from ..numerics.vectors import root, sine_cosine
 from .conditions import Condition, positive
@@ -121,9 +121,9 @@ class SupportFunction(OfFunction, AbstractShape):
         return jnp.asarray(call_with(self.function, Gamma, parameters=self.parameters), Gamma.dtype)
 
 
-def _directions() -> Float[np.ndarray, "n 3"]:
+def _directions() -> Float[Array, "n 3"]:
     """Returns directions that are spread evenly, along a spiral."""
     k = np.arange(DIRECTIONS)
     z, azimuth = 1 - (2 * k + 1) / DIRECTIONS, k * np.pi * (3 - np.sqrt(5))
     across = np.sqrt(1 - z**2)
-    return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), z], axis=1)
+    return to_array(np.stack([across * np.cos(azimuth), across * np.sin(azimuth), z], axis=1))

@@ -112,7 +112,7 @@ def on_surface(system: System, normals: Float[np.ndarray, "points 3"]) -> Float[
     """Returns the points of a body's surface that have these outward normals, body axes; NaN for a break."""
     if system.shape is None:
         return float(system.radius) * normals
-    return np.asarray(_points_with(system.shape, normals))
+    return np.asarray(_points_with(system.shape, to_array(normals)))
 
 
 @programs.filter_jit
