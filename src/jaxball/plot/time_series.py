@@ -17,6 +17,7 @@ from ..physics.contact.modes import Mode
 from ..physics.dynamics.footing import footing
 from ..physics.grounds import AbstractSurface
 from ..physics.grounds.ground import Ground
+from ..scenario.units import Units
 from ..sensors import AbstractSensor
 from ..simulation.trajectory import Trajectory, always_rolls
 from .modes import share_bands
@@ -24,7 +25,7 @@ from .over_time import Series, components, over_run, over_time, sizes_of, withou
 from .palette import COMPONENTS, DASHED, DOTTED, INK, TAKEN
 from .record import finite_rows, record, require_one, require_one_of_body, with_jumps
 from .shown import ShownFigure
-from .style import WIDE_FIGURE, caption, legend_above, linestyle, plane_axes, up_to_ticks, write
+from .style import WIDE_FIGURE, caption, label_with, legend_above, linestyle, plane_axes, up_to_ticks, write
 
 if TYPE_CHECKING:
     from ..simulation.extremes import ContactExtremes
@@ -252,7 +253,7 @@ def attitude(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def own_states(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """Draws the states of one's own beside a body, its :class:`~jaxball.OwnStates`, by their names.
+    """Draws the states of one's own beside a body, its :class:`~jaxball.OwnStates`, by their names and units.
 
     ``trajectory``, ``ax`` and what is raised: as for :func:`angular_velocity`, and for a body without such states.
     """
@@ -261,12 +262,20 @@ def own_states(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     if states is None:
         raise ValueError("Argument `trajectory` must be of a body with `own_states`, but it has none.")
     run = with_jumps(trajectory)
-    values, names = np.asarray(cast(Any, run.state).own)[finite_rows(run)], states.names
+    values, units = np.asarray(cast(Any, run.state).own)[finite_rows(run)], Units()
+    if run.scenario is not None and run.scenario.units is not None:
+        units = run.scenario.units
+    # A unit that all have stands on the axis, others beside the names.
+    own_units = states.units_in(units.of)
+    shared = own_units[0] if len(set(own_units)) == 1 else ""
+    names = [
+        label_with(name, unit if unit != shared else "") for name, unit in zip(states.names, own_units, strict=True)
+    ]
     colours = itertools.cycle(COMPONENTS)
     if len(names) == 1:
-        return over_run(run, [Series(values[:, 0], "", next(colours))], names[0], ax)
+        return over_run(run, [Series(values[:, 0], "", next(colours))], label_with(names[0], shared), ax)
     series = [Series(column, name, colour) for column, name, colour in zip(values.T, names, colours, strict=False)]
-    return over_run(run, series, "own states", ax)
+    return over_run(run, series, label_with("own states", shared), ax)
 
 
 @programs.filter_jit
