@@ -298,11 +298,11 @@ def test_a_slip_just_beyond_its_threshold_is_followed_in_few_steps():
     assert np.linalg.norm(run.contact.slip[1]) == pytest.approx(0.5e-9 * 0.1, rel=1e-2)
 
 
-def against_resistance(dry, law, **others):
+def against_resistance(dry, law, T=1.0, force=None, **others):
     """A solid ball at rest on a slope of 0.3 with exact dry resistance."""
     resisted = jaxball.Resistance(dry=dry, exact=True)
-    ball = jaxball.Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=jaxball.Ground(0.3), resistance=resisted)
-    return jaxball.simulate(ball, [0.0, 1.0], contact=law, **others)
+    ball = jaxball.Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=jaxball.Ground(0.3), resistance=resisted, force=force)
+    return jaxball.simulate(ball, [0.0, T], contact=law, **others)
 
 
 @pytest.mark.long
@@ -316,6 +316,36 @@ def test_rolling_just_beyond_its_threshold_is_followed_in_few_steps(law):
         # The threshold itself is rounded, relative to what is left of it.
         assert float(run.state.z[-1, 0]) == pytest.approx(5 / 14 * np.sin(0.3) * beside, rel=1e-12 + 1e-15 / beside)
         assert abs(float(run.state.z[-1, 1])) < 1e-12
+
+
+DOUBLED_WINDOWS = 15  # of 0.1, 0.2, 0.4, …, to 100, and some steps in them: those of one length would be 1,000
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("law", [None, Contact(friction=0.8)])
+def test_windows_grow_while_their_directions_are_resolved(law):
+    for beside in (1e-3, 1e-5, 1e-7, 1e-9):
+        run = against_resistance(np.tan(0.3) * (1 - beside), law, 100.0)
+        assert run.ok
+        assert int(run.steps) < DOUBLED_WINDOWS
+        expected = 5 / 14 * np.sin(0.3) * beside * 100.0**2
+        assert float(run.state.z[-1, 0]) == pytest.approx(expected, rel=1e-12 + 1e-15 / beside)
+
+
+def late_push(t, motion):
+    return 0.3 * jnp.exp(-(((t - 47.0) / 0.3) ** 2)) * jnp.array([0.0, 1.0, 0.0])
+
+
+@pytest.mark.long
+def test_no_window_grows_over_a_push_that_comes_late():
+    """It is the same run as that without windows, by an implicit solver."""
+    dry, force = np.tan(0.3) * (1 - 1e-3), jaxball.FunctionWrench(late_push)
+    run = against_resistance(dry, None, 50.0, force)
+    implicit = against_resistance(dry, None, 50.0, force, solver=jaxball.solvers.RadauIIA(3), max_steps=20000)
+    assert run.ok
+    assert implicit.ok
+    assert abs(float(run.state.z[-1, 1])) > 0.01
+    np.testing.assert_allclose(run.state.z[-1], implicit.state.z[-1], rtol=1e-6, atol=1e-7)
 
 
 @pytest.mark.long

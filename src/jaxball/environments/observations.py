@@ -65,8 +65,8 @@ class ObservedState(AbstractObservation):
 
     **Arguments:**
 
-    - ``attitude``, ``joints``, ``masses``, ``own``: which of them are observed. Where all masses are on joints, ``masses``
-      alone determine the joints and the attitude, and are what a policy learns from fastest.
+    - ``attitude``, ``joints``, ``masses``, ``own``: which of them are observed. Where all masses are on joints,
+      ``masses`` alone determine the joints and the attitude, and are what a policy learns from fastest.
     """
 
     attitude: bool = eqx.field(static=True, default=True)

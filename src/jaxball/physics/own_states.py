@@ -73,8 +73,8 @@ class OwnStates(OfKinkedFunctionOfState):
     def __check_init__(self):
         if self.units is not None and len(self.units) != len(self.names):
             raise ValueError(
-                f"Argument `units` must have {number_of(len(self.names), 'entry', 'entries')}, one for each of `names`, but it is "
-                f"{self.units!r}."
+                f"Argument `units` must have {number_of(len(self.names), 'entry', 'entries')}, one for each of "
+                f"`names`, but it is {self.units!r}."
             )
         require_callable_with("function", self.function, self.parameters, "t", "state")
 

@@ -140,8 +140,8 @@ def to_dataset(
     """Converts the trajectory and all its observables, or the laws of a classical system, to an ``xarray.Dataset``.
 
     Dimensions are ``time``; ``mass``; ``joint``, by name, as in ``mechanisms[0].joints[1]``; ``driven``, the masses
-    whose angles belong to the state, by their numbers, or by name where joints are among them; ``own_state``, the states
-    of one's own, by name, with the coordinate ``own_unit`` where they state units; and of vectors ``axis``,
+    whose angles belong to the state, by their numbers, or by name where joints are among them; ``own_state``, the
+    states of one's own, by name, with the coordinate ``own_unit`` where they state units; and of vectors ``axis``,
     ``direction`` in the plane and ``component`` of a versor. All are counted from 0. Attributes say how the
     solve ended, and hold the scenario's file. A run with a law of contact has its modes too, and its switches between
     them along ``switch``. The times of an event are ``event_…_times``, with its name. One under feedback has the motion

@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ...numerics.arrays import select_tree
 from ...numerics.directions import diverging, unit
 from ...programs.derivatives.differentiation import without_derivatives
+from ..body import AbstractBody
 from ..dynamics.load import in_three
 from ..dynamics.rest import candidates, resist
 from ..forces.resistance import TurningMode
@@ -337,6 +338,11 @@ class _Slipping(NamedTuple):
     plane: Any
     begins: Any
 
+    @property
+    def body(self) -> AbstractBody:
+        """What is in motion."""
+        return self.plane.body
+
     def prepare(self, t: Float[Array, ""], state: ReleasedState) -> tuple[Response, Float[Array, ""]]:
         now = self.begins.move(state)
         return self.plane.response(t, now), self.plane.coefficient(slip_velocity(self.plane.body, t, state))
@@ -356,6 +362,11 @@ class _Turning(NamedTuple):
 
     plane: Any
     begins: Any
+
+    @property
+    def body(self) -> AbstractBody:
+        """What is in motion."""
+        return self.plane.body
 
     def prepare(self, t: Float[Array, ""], state: ReleasedState) -> _Rolling:
         return _Rolling.of(self.plane, t, self.begins.move(state))
