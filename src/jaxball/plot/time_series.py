@@ -25,7 +25,7 @@ from .over_time import Series, components, over_run, over_time, sizes_of, withou
 from .palette import COMPONENTS, DASHED, DOTTED, INK, TAKEN
 from .record import finite_rows, record, require_one, require_one_of_body, with_jumps
 from .shown import ShownFigure
-from .style import WIDE_FIGURE, caption, label_with, legend_above, linestyle, plane_axes, up_to_ticks, write
+from .style import WIDE_FIGURE, caption_of, label_with, legend_above, linestyle, plane_axes, up_to_ticks, write
 
 if TYPE_CHECKING:
     from ..simulation.extremes import ContactExtremes
@@ -134,7 +134,7 @@ def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
         return _within_the_cone(run, times, ratio, ax)
     on_plane = np.isfinite(ratio)
     drawn = np.where(on_plane, ratio, np.nan)
-    ax = over_time(trajectory.system, times, [Series(drawn, "", COMPONENTS[0])], r"$|\,\mathbf{f}\,|/N$", ax)
+    ax = over_time(trajectory, times, [Series(drawn, "", COMPONENTS[0])], r"$|\,\mathbf{f}\,|/N$", ax)
     up_to_ticks(ax, low=0.0)
     if not np.all(on_plane):
         sentence = rf"not drawn where $N \leq 0$, first {_moment(float(times[~on_plane][0]), times)[1]}"
@@ -163,7 +163,7 @@ def _within_the_cone(
     if static == kinetic:
         coefficients = {rf"$\mu_s = \mu = {static:.4g}$": (static, DASHED)}
     ends = times[[0, -1]] if len(times) else times
-    ax = plane_axes(ax, system=trajectory.system)
+    ax = plane_axes(ax, shown=trajectory)
     for label, (value, dashes) in coefficients.items():
         if value == 0:
             continue  # of a smooth plane, or of friction that fades with the slip and exceeds it
@@ -391,7 +391,7 @@ def measurements(trajectory: Trajectory[Any, Any], sensors: Mapping[str, Abstrac
     run = with_jumps(trajectory)
     rows = finite_rows(run)
     figure = ShownFigure(figsize=(WIDE_FIGURE[0], 0.5 + PANEL_HEIGHT * len(sensors)), layout="constrained")
-    caption(figure, trajectory.system)
+    caption_of(figure, trajectory)
     panels = figure.subplots(len(sensors), 1, sharex=True, squeeze=False)[:, 0]
     for ax, (name, leaf) in zip(panels, run.measured(sensors).items(), strict=True):
         columns = np.asarray(leaf)[rows].reshape(len(rows), -1).T
