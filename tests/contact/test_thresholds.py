@@ -377,3 +377,22 @@ def test_a_slow_slip_without_steps_left_says_what_is_slow_and_what_helps():
         run = against_resistance(np.tan(0.3) * (1 - 1e-6), law, max_steps=4)
         assert run.status == jaxball.Status.MAX_STEPS
         assert "Slow rolling is stiff" in run.message
+
+
+@pytest.mark.thorough
+def test_a_run_that_starts_in_a_slow_slip_aside_says_so_and_the_advice_holds():
+    """The slip turns into the slope's direction within a time of 1e-7; then it grows by g (sin α − 7/2 μ cos α)."""
+    mu, beside, aside, T = 0.3, 1e-6, 1e-6, 1.0
+    angle = np.arctan(3.5 * mu * (1 + beside))
+    slope = on_slope("solid ball", angle)
+    start = ReleasedState(jaxball.BallState(Omega=(0.0, 1.0, 0.0)), V=(R, aside, 0.0))
+    stiff = jaxball.simulate(slope, [0.0, T], start, contact=Contact(mu), max_steps=500)
+    assert stiff.status == jaxball.Status.MAX_STEPS
+    assert "The body slides, at 1e-06 at the last saved time" in stiff.message
+    assert "RadauIIA(3) of jaxball.solvers" in stiff.message
+    run = jaxball.simulate(slope, [0.0, T], start, contact=Contact(mu), solver=jaxball.solvers.RadauIIA(3))
+    assert run.ok
+    grown = G * (np.sin(angle) - 3.5 * mu * np.cos(angle)) * T
+    slip = np.asarray(run.contact.slip)[-1, :2]
+    # What there was aside is a millionth of a speed of 1, and is spent before the slip has grown by as much.
+    np.testing.assert_allclose(slip, [grown, 0.0], rtol=0, atol=aside)
