@@ -298,11 +298,11 @@ def test_a_slip_just_beyond_its_threshold_is_followed_in_few_steps():
     assert np.linalg.norm(run.contact.slip[1]) == pytest.approx(0.5e-9 * 0.1, rel=1e-2)
 
 
-def against_resistance(dry, law, **others):
+def against_resistance(dry, law, T=1.0, force=None, **others):
     """A solid ball at rest on a slope of 0.3 with exact dry resistance."""
     resisted = jaxball.Resistance(dry=dry, exact=True)
-    ball = jaxball.Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=jaxball.Ground(0.3), resistance=resisted)
-    return jaxball.simulate(ball, [0.0, 1.0], contact=law, **others)
+    ball = jaxball.Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=jaxball.Ground(0.3), resistance=resisted, force=force)
+    return jaxball.simulate(ball, [0.0, T], contact=law, **others)
 
 
 @pytest.mark.long
@@ -316,6 +316,36 @@ def test_rolling_just_beyond_its_threshold_is_followed_in_few_steps(law):
         # The threshold itself is rounded, relative to what is left of it.
         assert float(run.state.z[-1, 0]) == pytest.approx(5 / 14 * np.sin(0.3) * beside, rel=1e-12 + 1e-15 / beside)
         assert abs(float(run.state.z[-1, 1])) < 1e-12
+
+
+DOUBLED_WINDOWS = 15  # of 0.1, 0.2, 0.4, …, to 100, and some steps in them: those of one length would be 1,000
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("law", [None, Contact(friction=0.8)])
+def test_windows_grow_while_their_directions_are_resolved(law):
+    for beside in (1e-3, 1e-5, 1e-7, 1e-9):
+        run = against_resistance(np.tan(0.3) * (1 - beside), law, 100.0)
+        assert run.ok
+        assert int(run.steps) < DOUBLED_WINDOWS
+        expected = 5 / 14 * np.sin(0.3) * beside * 100.0**2
+        assert float(run.state.z[-1, 0]) == pytest.approx(expected, rel=1e-12 + 1e-15 / beside)
+
+
+def late_push(t, motion):
+    return 0.3 * jnp.exp(-(((t - 47.0) / 0.3) ** 2)) * jnp.array([0.0, 1.0, 0.0])
+
+
+@pytest.mark.long
+def test_no_window_grows_over_a_push_that_comes_late():
+    """It is the same run as that without windows, by an implicit solver."""
+    dry, force = np.tan(0.3) * (1 - 1e-3), jaxball.FunctionWrench(late_push)
+    run = against_resistance(dry, None, 50.0, force)
+    implicit = against_resistance(dry, None, 50.0, force, solver=jaxball.solvers.RadauIIA(3), max_steps=20000)
+    assert run.ok
+    assert implicit.ok
+    assert abs(float(run.state.z[-1, 1])) > 0.01
+    np.testing.assert_allclose(run.state.z[-1], implicit.state.z[-1], rtol=1e-6, atol=1e-7)
 
 
 @pytest.mark.long
@@ -347,3 +377,22 @@ def test_a_slow_slip_without_steps_left_says_what_is_slow_and_what_helps():
         run = against_resistance(np.tan(0.3) * (1 - 1e-6), law, max_steps=4)
         assert run.status == jaxball.Status.MAX_STEPS
         assert "Slow rolling is stiff" in run.message
+
+
+@pytest.mark.thorough
+def test_a_run_that_starts_in_a_slow_slip_aside_says_so_and_the_advice_holds():
+    """The slip turns into the slope's direction within a time of 1e-7; then it grows by g (sin α − 7/2 μ cos α)."""
+    mu, beside, aside, T = 0.3, 1e-6, 1e-6, 1.0
+    angle = np.arctan(3.5 * mu * (1 + beside))
+    slope = on_slope("solid ball", angle)
+    start = ReleasedState(jaxball.BallState(Omega=(0.0, 1.0, 0.0)), V=(R, aside, 0.0))
+    stiff = jaxball.simulate(slope, [0.0, T], start, contact=Contact(mu), max_steps=500)
+    assert stiff.status == jaxball.Status.MAX_STEPS
+    assert "The body slides, at 1e-06 at the last saved time" in stiff.message
+    assert "RadauIIA(3) of jaxball.solvers" in stiff.message
+    run = jaxball.simulate(slope, [0.0, T], start, contact=Contact(mu), solver=jaxball.solvers.RadauIIA(3))
+    assert run.ok
+    grown = G * (np.sin(angle) - 3.5 * mu * np.cos(angle)) * T
+    slip = np.asarray(run.contact.slip)[-1, :2]
+    # What there was aside is a millionth of a speed of 1, and is spent before the slip has grown by as much.
+    np.testing.assert_allclose(slip, [grown, 0.0], rtol=0, atol=aside)

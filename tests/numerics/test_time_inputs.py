@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball.numerics.time_inputs import MOST_DEGREES, MOST_PHASES, find_inputs
+from jaxball.numerics.time_inputs import MOST_DEGREES, MOST_PHASES, depends_on_time, find_inputs
 from jaxball.numerics.vectors import sine_cosine
 
 P = jnp.array([4.7, 0.01])
@@ -88,3 +88,16 @@ def test_inputs_are_all_that_is_computed():
     names = {equation.primitive.name for equation in jax.make_jaxpr(inputs)(0.0, X, P).eqns}
     assert "exp" in names
     assert not any("lu" in name or "solve" in name for name in names)
+
+
+@pytest.mark.parametrize(
+    ("function", "depends"),
+    [
+        (lambda t, x, p: p * x, False),
+        (lambda t, x, p: jax.jit(lambda t: (x, jnp.ones_like(t)))(t)[0], False),
+        (lambda t, x, p: x + jax.lax.stop_gradient(t), True),
+        (lambda t, x, p: jnp.where(t < p, x, 2 * x), True),
+    ],
+)
+def test_whether_a_function_depends_on_time_is_seen_in_its_trace(function, depends):
+    assert depends_on_time(jax.make_jaxpr(function)(0.5, jnp.ones(3), 2.0)) is depends

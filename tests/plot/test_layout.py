@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 from jaxball import Ball, BallState, Circle, ConstantRate, OnRail, PointMass, ReleasedState, Tube, plot, simulate
 from jaxball.plot.report import STANDARD, standard_figures
 from jaxball.plot.style import DASH, caption, plane_axes, up_to_ticks
-from jaxball.scenario import builtin_scenarios, builtin_text, load_scenario
+from jaxball.scenario import Scenario, Units, builtin_scenarios, builtin_text, load_scenario
+from jaxball.sensors import Gyroscope
 from tests.plot.geometry import boxes, overlaps
 
 SCENARIOS = builtin_scenarios()
@@ -218,3 +219,16 @@ def test_units_are_those_of_the_parameters_where_they_are_not_one():
     assert figure.get_suptitle() == "Ball with no point masses; in the units of its parameters"
     caption(figure, ball, "A shell")
     assert figure.get_suptitle() == "A shell; in the units of the scenario"
+
+
+def test_figures_of_one_panel_have_the_caption_of_those_with_several():
+    ball, start = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), radius=0.5, gravity=9.81), BallState(Omega=(0.0, 1.0, 0.2))
+    scenario = Scenario("A shell", ball, start, np.array([0.0, 1.0]), units=Units("m", "kg", "s"))
+    run, told = scenario.simulate(), "A shell; in m, kg, s"
+    assert plot.overview(run).get_suptitle() == told
+    for draw in (plot.angular_velocity, plot.energies, plot.friction_ratio, plot.centre_path, plot.space_paths):
+        assert draw(run).figure.get_suptitle() == told
+    assert plot.configuration(run).figure.get_suptitle() == told
+    assert plot.configuration(ball).figure.get_suptitle() == "Ball with no point masses; in the units of its parameters"
+    sensors = {"gyro": Gyroscope()}
+    assert plot.measurements(run, sensors).get_suptitle() == told

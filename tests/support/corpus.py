@@ -43,6 +43,7 @@ powers = [[0.0, 0.01, 0.0], [0.001, 0.0, 0.0]]
 
 [own_states]
 names = ["turned", "rolled"]
+units = ["rad", "rad"]
 function = "jaxball:odometer"
 parameters = [0.0, 0.0, 1.0]
 kink_times = [0.5]

@@ -45,7 +45,8 @@ class Basin(Printed):
     - ``starts``: their deviations in local coordinates, shape (runs, n).
     - ``ends``: how each run ended.
     - ``remaining``: √(ξ·Q ξ / tr Q) at the end, which a start that comes back has below ``within``.
-    - ``returned``: whether it comes back, without leaving the plane, and without slipping if ``friction`` was given.
+    - ``returned``: whether it comes back, without leaving the plane at a sample, and without slipping at one if
+      ``friction`` was given.
     - ``grid``: the two directions and their values, if the starts are of a grid.
     - ``directions``: the names of the local coordinates.
     """
@@ -101,6 +102,9 @@ def basin(
     threads: int | None = None,
 ) -> Basin:
     """Simulates many disturbed starts under feedback, and says which come back to the motion.
+
+    The contact force is that at the samples. Between them it may be larger: :func:`~jaxball.contact_extremes` finds it
+    for one closed loop, which it solves again.
 
     **Arguments:**
 

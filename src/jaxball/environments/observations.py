@@ -56,7 +56,8 @@ class ObservedState(AbstractObservation):
     - with ``joints``, of each joint, mass and angle of a plate in the state cos θ and sin θ where it turns all around,
       or else θ, and θ̇;
     - with ``masses``, where each mass is, from the centre, and its velocity relative to that: ahead, to the left, and
-      up (6); ahead and up (4).
+      up (6); ahead and up (4);
+    - with ``own``, the body's :class:`~jaxball.OwnStates`.
 
     Ahead is the direction in which the body rolls about its axis E2. On a plane that is not level and at rest, a
     heading matters as well, and on a surface the place, which a goal shows relative to its own; observe there with
@@ -64,16 +65,17 @@ class ObservedState(AbstractObservation):
 
     **Arguments:**
 
-    - ``attitude``, ``joints``, ``masses``: which of them are observed. Where all masses are on joints, ``masses`` alone
-      determine the others, and are what a policy learns from fastest.
+    - ``attitude``, ``joints``, ``masses``, ``own``: which of them are observed. Where all masses are on joints,
+      ``masses`` alone determine the joints and the attitude, and are what a policy learns from fastest.
     """
 
     attitude: bool = eqx.field(static=True, default=True)
     joints: bool = eqx.field(static=True, default=True)
     masses: bool = eqx.field(static=True, default=True)
+    own: bool = eqx.field(static=True, default=True)
 
     def __check_init__(self):
-        require_flags(attitude=self.attitude, joints=self.joints, masses=self.masses)
+        require_flags(attitude=self.attitude, joints=self.joints, masses=self.masses, own=self.own)
 
     def __call__(self, key, moment, memory, sample):
         state, is_disk = moment.state, moment.system.planar
@@ -88,6 +90,8 @@ class ObservedState(AbstractObservation):
         if self.masses:
             rows = _masses(moment)
             parts.append(jnp.ravel(rows[..., ::2] if is_disk else rows))
+        if self.own and state.own is not None:
+            parts.append(state.own)
         return join_arrays(parts), memory
 
 

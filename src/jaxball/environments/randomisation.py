@@ -14,7 +14,7 @@ from ..compat import is_traced
 from ..interface.arguments import require
 from ..interface.printing import Printed
 from ..interface.wording import did_you_mean
-from ..numerics.arrays import numbers
+from ..numerics.arrays import numbers, to_array
 from ..physics.body import System
 
 
@@ -125,7 +125,8 @@ def require_numbers_of(system: System, names: Iterable[str]) -> dict[str, Float[
                 f"Argument `parameters` must have paths of numbers of this {system.title} as keys, but one is {name!r}"
                 f"{did_you_mean(name, arrays, there)}"
             )
-    return {name: arrays[name] for name in names}
+    # A parameter of a user's function may be a number of Python.
+    return {name: to_array(arrays[name], name) for name in names}
 
 
 def directions_by_name(names: Iterable[str], directions: tuple[str, ...]) -> dict[str, list[int]]:

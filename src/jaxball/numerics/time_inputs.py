@@ -93,6 +93,13 @@ def find_inputs(program: Program) -> Callable[[Float[Array, ""], Any, Any], Floa
     return functools.partial(trace.evaluate, first) if trace.inputs and not trace.calls_back else None
 
 
+def depends_on_time(program: Program) -> bool:
+    """Returns whether any result of a function of (t, x, parameters), arrays, changes with t alone."""
+    trace = _Trace()
+    results = trace.follow(program, [trace.add(Course(time=True)), trace.add(Course(state=True)), trace.add(Course())])
+    return any(trace.courses[place].time for place in results)
+
+
 class _Trace:
     """The values that are met on the way through a program, with their courses, and how they are computed."""
 

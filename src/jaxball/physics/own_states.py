@@ -1,5 +1,6 @@
 """States of one's own beside a body: of a drive, a battery, a controller, whatever has a rate that its motion gives."""
 
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -7,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..interface.arguments import call_with, refusal, require_callable_with, require_value, traceable
-from ..interface.wording import all_of
+from ..interface.wording import all_of, number_of
 from ..numerics.arrays import Numbers, to_array
 from ..numerics.functions import OfKinkedFunctionOfState
 from ..numerics.kinks import kinks_of_function
@@ -23,6 +24,13 @@ def _to_names(given: Any) -> tuple[str, ...]:
     if not names or repeated or not all(names):
         raise ValueError(f"Argument `names` must have one name or more, each of them once, but it is {given!r}.")
     return tuple(names)
+
+
+def _to_units(given: Any) -> tuple[str, ...] | None:
+    units = (given,) if isinstance(given, str) else given
+    if units is None or (isinstance(units, list | tuple) and all(isinstance(unit, str) for unit in units)):
+        return units if units is None else tuple(units)
+    raise refusal("units", "the unit or dimension of each state, such as ('A s', 'energy')", given)
 
 
 class OwnStates(OfKinkedFunctionOfState):
@@ -42,8 +50,10 @@ class OwnStates(OfKinkedFunctionOfState):
     - ``parameters``: arrays, in any PyTree, passed to it; they can be swept and differentiated.
     - ``kink_times``: times, shape (kinks,), at which it jumps or has a kink.
     - ``names``: what they are called in files and figures, one each.
+    - ``units``: the dimension of each in words, such as ``"energy"`` or ``"length/time"``, which becomes a unit where a
+      scenario states its units; or a unit of its own, such as ``"A"``; ``""`` for a number, as all are if not given.
 
-    **Raises:** ``TypeError`` and ``ValueError`` for names that are none, or not one each.
+    **Raises:** ``TypeError`` and ``ValueError`` for names and units that are none, or not one each.
 
     **Example:**
 
@@ -58,8 +68,14 @@ class OwnStates(OfKinkedFunctionOfState):
     """
 
     names: tuple[str, ...] = eqx.field(static=True, kw_only=True, converter=_to_names)
+    units: tuple[str, ...] | None = eqx.field(static=True, kw_only=True, converter=_to_units, default=None)
 
     def __check_init__(self):
+        if self.units is not None and len(self.units) != len(self.names):
+            raise ValueError(
+                f"Argument `units` must have {number_of(len(self.names), 'entry', 'entries')}, one for each of "
+                f"`names`, but it is {self.units!r}."
+            )
         require_callable_with("function", self.function, self.parameters, "t", "state")
 
     def __call__(self, t: Float[Array, ""], state: State) -> Float[Array, " own"]:
@@ -68,6 +84,10 @@ class OwnStates(OfKinkedFunctionOfState):
             rates = call_with(self.function, t, state, parameters=self.parameters)
         require_value("function", rates, (len(self.names),))
         return rates
+
+    def units_in(self, unit_of: Callable[[str], str]) -> tuple[str, ...]:
+        """Returns the unit of each state; ``unit_of`` returns that of a dimension."""
+        return tuple(map(unit_of, self.units or ("",) * len(self.names)))
 
     def kinks_with(self, state: State) -> Float[Array, " kinks"]:
         """Returns the kinks for such a state, those in ``kink_times`` and those seen in the trace of the function."""

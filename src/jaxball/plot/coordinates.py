@@ -155,7 +155,7 @@ def acceleration(source: Trajectory | System, ax: Axes | None = None, *, times: 
             "Argument `source` must have a mass with a schedule, or be a trajectory with a driven mass, "
             "but it has neither; there is no acceleration to draw."
         )
-    ax = plane_axes(ax, system=source.system if isinstance(source, Trajectory) else source)
+    ax = plane_axes(ax, shown=source)
     groups = group_equal(
         curves.items(), lambda curve, other: all(_close(a, b) for a, b in zip(curve, other, strict=True))
     )

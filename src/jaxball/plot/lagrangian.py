@@ -16,7 +16,7 @@ from .pictures import COLOURS, Picture, motion_panels, read_picture, require_lag
 from .record import require_finite_rows
 from .scene import AZIMUTH_3D, MARGIN, SCENE_WIDTH, Scene, line, move, stage, write_around
 from .shown import ShownFigure
-from .style import WIDE_FIGURE, caption, describe_units, title_of
+from .style import WIDE_FIGURE, caption_of
 
 MOTION_PANEL_HEIGHT = 1.9  # inches
 LOWEST, HIGHEST = 2.0, 6.0  # inches
@@ -48,7 +48,7 @@ def lagrangian_motion(trajectory: Trajectory[Any, Any]) -> Figure:
             for k, (values, label) in enumerate(zip(forces.T, labels, strict=True))
         ]
     figure = ShownFigure(figsize=(WIDE_FIGURE[0], 0.6 + MOTION_PANEL_HEIGHT * len(panels)), layout="constrained")
-    caption(figure, trajectory.system, title_of(trajectory), describe_units(trajectory))
+    caption_of(figure, trajectory)
     axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     for ax, (title, series) in zip(axes, panels.items(), strict=True):
         over_time(None, times, series, title, ax, most=6)

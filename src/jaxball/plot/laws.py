@@ -23,7 +23,7 @@ from .style import (
     ABOVE,
     SMALL_FONT,
     WIDE_FIGURE,
-    caption,
+    caption_of,
     label_axes,
     legend_above,
     linestyle,
@@ -53,7 +53,7 @@ def classical_motion(trajectory: Trajectory[Any, Any], ax: Axes | None = None) -
     times, state = np.asarray(trajectory.times)[rows], trajectory.state
     if isinstance(state, OrientedState):
         Omega = components(np.asarray(state.Omega)[rows], r"\Omega")
-        return over_time(trajectory.system, times, Omega, r"$\Omega_i$", ax)
+        return over_time(trajectory, times, Omega, r"$\Omega_i$", ax)
     # Coordinates of a particle have the colours of axes; others follow in turn, with one colour for each and its
     # rate.
     series, colours = [], {(letter, 0): colour for letter, colour in zip("xyz", COMPONENTS, strict=True)}
@@ -63,7 +63,7 @@ def classical_motion(trajectory: Trajectory[Any, Any], ax: Axes | None = None) -
             others = len(colours) - len(COMPONENTS)
             colour = colours.setdefault((name.removesuffix("dot"), k), COLOURS[others % len(COLOURS)])
             series.append(Series(values[rows], label, colour, DASHED if name.endswith("dot") else SOLID))
-    return over_time(trajectory.system, times, series, "state", ax, most=6)
+    return over_time(trajectory, times, series, "state", ax, most=6)
 
 
 def _numbers(trajectory: Trajectory[Any, Any]) -> dict[str, Any]:
@@ -91,7 +91,7 @@ def law_errors(trajectory: Trajectory[Any, Any]) -> Figure:
     rows = _rows(trajectory)
     times, laws = np.asarray(trajectory.times)[rows], trajectory.laws._asdict()
     figure = ShownFigure(figsize=(WIDE_FIGURE[0], 0.6 + LAW_PANEL_HEIGHT * len(laws)), layout="constrained")
-    caption(figure, trajectory.system)
+    caption_of(figure, trajectory)
     panels = figure.subplots(len(laws), 1, sharex=True, squeeze=False)[:, 0]
     for ax, (name, leaf) in zip(panels, laws.items(), strict=True):
         values = np.asarray(leaf)[rows].reshape(len(rows), -1)

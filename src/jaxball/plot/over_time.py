@@ -63,7 +63,7 @@ def without_rounding(values: Float[np.ndarray, "..."], size: float) -> Float[np.
 
 
 def over_time(
-    system: AbstractSystem | None,
+    source: AbstractSystem | Trajectory[Any, Any] | None,
     times: Float[np.ndarray, " T"],
     series: Sequence[Series],
     name: str,
@@ -72,13 +72,13 @@ def over_time(
     modes: Modes = NO_MODES,
     size: float = 0.0,
 ) -> Axes:
-    """Draws several series of a system over time; ``name`` labels the vertical axis, ``most`` legend entries are in a
-    row.
+    """Draws several series of a system or a run over time; ``name`` labels the vertical axis, ``most``
+    legend entries are in a row.
 
     ``modes`` are those of a run with a law of contact, which are drawn behind. Values that are rounding compared with
     ``size`` or with the largest value are drawn as zero.
     """
-    ax = plane_axes(ax, system=system)
+    ax = plane_axes(ax, shown=source)
     values = [curve.values[np.isfinite(curve.values)] for curve in series]
     drawn = np.concatenate([np.zeros(0), *values])
     largest = max(size, float(np.max(np.abs(drawn), initial=0.0)))
@@ -117,7 +117,7 @@ def over_run(
     if jumps:
         times, *broken = with_breaks(modes, times, *(curve.values for curve in series))
         series = [curve._replace(values=values) for curve, values in zip(series, broken, strict=True)]
-    ax = over_time(run.system, times, series, name, ax, most, modes, size)
+    ax = over_time(run, times, series, name, ax, most, modes, size)
     if run.scenario is not None and run.scenario.units is not None:
         units = run.scenario.units
         label_axes(ax, label_with("$t$", units.of("time")), label_with(name, units.of(dimension)))

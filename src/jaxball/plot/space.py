@@ -88,14 +88,14 @@ def configuration(
     positions = _positions(system, t, theta)
     r = float(system.radius)
     if system.planar:
-        ax = plane_axes(ax, SQUARE, system)
+        ax = plane_axes(ax, SQUARE, source)
         ax.add_patch(Ring((0.0, 0.0), r, facecolor="none", edgecolor=SHELL, linewidth=1.2))
         _draw(ax, system, positions, columns=[0, 2])
         limits, ticks = (-1.08 * r, 1.08 * r), (-r, 0.0, r)
         ax.set(xlim=limits, ylim=limits, xticks=ticks, yticks=ticks, aspect="equal")
         label_axes(ax, r"$\mathbf{E}_1$", r"$\mathbf{E}_3$")
         return ax
-    ax = space_axes(ax, system=system)
+    ax = space_axes(ax, shown=source)
     cube(ax, r, "E")
     viewer = view(ax)
     front, back = (on_surface(system, normals) for normals in split(wireframe(), viewer))
@@ -215,7 +215,7 @@ def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     times, observables = record(trajectory)
     z = observables.geometric_centre
     if trajectory.system.planar:
-        ax = plane_axes(ax, system=trajectory.system)
+        ax = plane_axes(ax, shown=trajectory)
         ax.plot(times, z[:, 0], color=TRAIL, linewidth=1.2)
         draw_modes(ax, modes_of(trajectory))
         ax.margins(x=0)
@@ -224,7 +224,7 @@ def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
         label_axes(ax, "$t$", "$z$" + ("" if falls is None else " (downhill)" if falls[0] > 0 else " (uphill)"))
         legend_above(ax)
         return ax
-    ax = plane_axes(ax, (WIDE_FIGURE[0], 4.2), trajectory.system)
+    ax = plane_axes(ax, (WIDE_FIGURE[0], 4.2), trajectory)
     _draw_path(ax, trajectory, z)
     mark_ends(ax, z[:, :2], INK, labelled=True)
     ax.set_aspect("equal", adjustable="datalim")
@@ -294,7 +294,7 @@ def _paths(
     curves.append((centre, {"color": INK, "linestyle": "-", "linewidth": 1.6, "label": "CM"}))
     over_time = False
     if not system.planar:
-        ax, columns = space_axes(ax, system=system), [0, 1, 2]
+        ax, columns = space_axes(ax, shown=trajectory), [0, 1, 2]
         cube(ax, r, frame)
         # A body that is no sphere has no outline in space, where it turns.
         for normals, width in ((outline(view(ax)), 0.8), (parallel(0.0), 0.4)):
@@ -302,7 +302,7 @@ def _paths(
             ax.plot(*around.T, color=SHELL, linewidth=width, zorder=1)
     elif ax is None or isinstance(ax, Axes3D):
         span = float(trajectory.times[0]), float(trajectory.times[-1])
-        ax, columns, over_time = _cylinder(space_axes(ax, LONG_FIGURE, system), r, frame, span), [0, 2], True
+        ax, columns, over_time = _cylinder(space_axes(ax, LONG_FIGURE, trajectory), r, frame, span), [0, 2], True
         for t in modes_of(trajectory).changes:
             _ring(ax, t, r, **SWITCH)
     else:

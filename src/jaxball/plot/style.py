@@ -22,11 +22,11 @@ from matplotlib.transforms import Bbox, TransformedBbox
 from mpl_toolkits.mplot3d import Axes3D
 
 from ..physics.body import AbstractBody
+from ..physics.system import AbstractSystem
 from .palette import Dashes, mass_look
 from .shown import ShownAxes, ShownAxes3D, ShownFigure
 
 if TYPE_CHECKING:
-    from ..physics.system import AbstractSystem
     from ..simulation.trajectory import Trajectory
 
 DASH = 7.0  # of lines that lie on one another, in widths of the line
@@ -45,7 +45,7 @@ LETTERS = 20  # of a caption in an inch
 COLOURS = "viridis"  # of a number
 
 
-def caption(figure: Any, system: "AbstractSystem | None" = None, title: str = "", units: str = "") -> None:
+def caption(figure: Any, system: AbstractSystem | None = None, title: str = "", units: str = "") -> None:
     """Writes above a figure which system it shows, and in what units.
 
     **Arguments:**
@@ -59,7 +59,18 @@ def caption(figure: Any, system: "AbstractSystem | None" = None, title: str = ""
     figure.suptitle("\n".join(lines), linespacing=1.15, **CAPTION)
 
 
-def subject(system: "AbstractSystem | None", title: str = "", units: str = "") -> str:
+def caption_of(figure: Any, shown: "AbstractSystem | Trajectory[Any, Any] | None") -> None:
+    """Writes above a figure which system it shows; of a run the title of its scenario, and the units that this states.
+
+    Of nothing, nothing is written.
+    """
+    if isinstance(shown, AbstractSystem):
+        caption(figure, shown)
+    elif shown is not None:
+        caption(figure, shown.system, title_of(shown), describe_units(shown))
+
+
+def subject(system: AbstractSystem | None, title: str = "", units: str = "") -> str:
     """Says which system a figure shows, and in what units."""
     # A $ of a title would begin a formula.
     shown = title.replace("$", r"\$") or ("" if system is None else describe(system))
@@ -80,19 +91,19 @@ def title_of(trajectory: "Trajectory[Any, Any]") -> str:
     return "" if trajectory.scenario is None else trajectory.scenario.title
 
 
-def describe(system: "AbstractSystem") -> str:
+def describe(system: AbstractSystem) -> str:
     """Describes a system in words, as the beginning of a sentence."""
     words = system.describe()
     return words[0].upper() + words[1:]
 
 
-def _units(system: "AbstractSystem | None", title: str) -> str:
+def _units(system: AbstractSystem | None, title: str) -> str:
     if dimensionless(system):
         return "dimensionless,\N{NO-BREAK SPACE}$m_0=r=g=1$"
     return "in the units of the scenario" if title or system is None else "in the units of its parameters"
 
 
-def dimensionless(system: "AbstractSystem | None") -> bool:
+def dimensionless(system: AbstractSystem | None) -> bool:
     """Returns whether the system is a body with m_0 = r = g = 1."""
     if not isinstance(system, AbstractBody):
         return False
@@ -111,15 +122,17 @@ def mass_line(i: int, **changes: Any) -> dict[str, Any]:
 
 
 def plane_axes(
-    ax: Axes | None, size: tuple[float, float] = WIDE_FIGURE, system: "AbstractSystem | None" = None
+    ax: Axes | None,
+    size: tuple[float, float] = WIDE_FIGURE,
+    shown: "AbstractSystem | Trajectory[Any, Any] | None" = None,
 ) -> Axes:
-    """Returns ``ax``, or the Axes of a new figure that says which ``system`` it shows, with thin ticks and without a
+    """Returns ``ax``, or the Axes of a new figure that says which system or run it shows, with thin ticks and without a
     box.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
     if ax is None:
-        ax = _new(size, system).add_subplot(axes_class=ShownAxes)
+        ax = _new(size, shown).add_subplot(axes_class=ShownAxes)
     if isinstance(ax, Axes3D):
         raise ValueError(f"Argument `ax` must be a plane Axes, but it is a {type(ax).__name__}; omit it for a new one.")
     ax.tick_params(width=0.6, length=3, labelsize=9, labelfontfamily="STIXGeneral")
@@ -131,13 +144,17 @@ def plane_axes(
     return ax
 
 
-def space_axes(ax: Axes | None, size: tuple[float, float] = SQUARE, system: "AbstractSystem | None" = None) -> Axes3D:
+def space_axes(
+    ax: Axes | None,
+    size: tuple[float, float] = SQUARE,
+    shown: "AbstractSystem | Trajectory[Any, Any] | None" = None,
+) -> Axes3D:
     """Returns ``ax``, or three-dimensional Axes of a new figure as in :func:`plane_axes`, in parallel projection.
 
     **Raises:** ``ValueError`` when ``ax`` is not three-dimensional.
     """
     if ax is None:
-        ax = _new(size, system).add_subplot(axes_class=ShownAxes3D, computed_zorder=False)
+        ax = _new(size, shown).add_subplot(axes_class=ShownAxes3D, computed_zorder=False)
     if not isinstance(ax, Axes3D):
         raise ValueError(
             "Argument `ax` must be a three-dimensional Axes, made with projection='3d', but it is a "
@@ -152,10 +169,9 @@ def space_axes(ax: Axes | None, size: tuple[float, float] = SQUARE, system: "Abs
     return ax
 
 
-def _new(size: tuple[float, float], system: "AbstractSystem | None") -> Figure:
+def _new(size: tuple[float, float], shown: "AbstractSystem | Trajectory[Any, Any] | None") -> Figure:
     figure = ShownFigure(figsize=size, layout="constrained")
-    if system is not None:
-        caption(figure, system)
+    caption_of(figure, shown)
     return figure
 
 

@@ -17,6 +17,7 @@ from ..physics.contact.modes import Mode
 from ..physics.dynamics.footing import footing, velocity_by_turning
 from ..physics.grounds import AbstractSurface
 from ..physics.grounds.ground import Ground
+from ..scenario.units import Units
 from ..sensors import AbstractSensor
 from ..simulation.trajectory import Trajectory, always_rolls
 from .modes import share_bands
@@ -24,7 +25,7 @@ from .over_time import Series, components, over_run, over_time, sizes_of, withou
 from .palette import COMPONENTS, DASHED, DOTTED, INK, TAKEN
 from .record import finite_rows, record, require_one, require_one_of_body, with_jumps
 from .shown import ShownFigure
-from .style import WIDE_FIGURE, caption, legend_above, linestyle, plane_axes, up_to_ticks, write
+from .style import WIDE_FIGURE, caption_of, label_with, legend_above, linestyle, plane_axes, up_to_ticks, write
 
 if TYPE_CHECKING:
     from ..simulation.extremes import ContactExtremes
@@ -133,7 +134,7 @@ def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
         return _within_the_cone(run, times, ratio, ax)
     on_plane = np.isfinite(ratio)
     drawn = np.where(on_plane, ratio, np.nan)
-    ax = over_time(trajectory.system, times, [Series(drawn, "", COMPONENTS[0])], r"$|\,\mathbf{f}\,|/N$", ax)
+    ax = over_time(trajectory, times, [Series(drawn, "", COMPONENTS[0])], r"$|\,\mathbf{f}\,|/N$", ax)
     up_to_ticks(ax, low=0.0)
     if not np.all(on_plane):
         sentence = rf"not drawn where $N \leq 0$, first {_moment(float(times[~on_plane][0]), times)[1]}"
@@ -162,7 +163,7 @@ def _within_the_cone(
     if static == kinetic:
         coefficients = {rf"$\mu_s = \mu = {static:.4g}$": (static, DASHED)}
     ends = times[[0, -1]] if len(times) else times
-    ax = plane_axes(ax, system=trajectory.system)
+    ax = plane_axes(ax, shown=trajectory)
     for label, (value, dashes) in coefficients.items():
         if value == 0:
             continue  # of a smooth plane, or of friction that fades with the slip and exceeds it
@@ -251,7 +252,7 @@ def attitude(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def own_states(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """Draws the states of one's own beside a body, its :class:`~jaxball.OwnStates`, by their names.
+    """Draws the states of one's own beside a body, its :class:`~jaxball.OwnStates`, by their names and units.
 
     ``trajectory``, ``ax`` and what is raised: as for :func:`angular_velocity`, and for a body without such states.
     """
@@ -260,12 +261,20 @@ def own_states(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     if states is None:
         raise ValueError("Argument `trajectory` must be of a body with `own_states`, but it has none.")
     run = with_jumps(trajectory)
-    values, names = np.asarray(cast(Any, run.state).own)[finite_rows(run)], states.names
+    values, units = np.asarray(cast(Any, run.state).own)[finite_rows(run)], Units()
+    if run.scenario is not None and run.scenario.units is not None:
+        units = run.scenario.units
+    # A unit that all have stands on the axis, others beside the names.
+    own_units = states.units_in(units.of)
+    shared = own_units[0] if len(set(own_units)) == 1 else ""
+    names = [
+        label_with(name, unit if unit != shared else "") for name, unit in zip(states.names, own_units, strict=True)
+    ]
     colours = itertools.cycle(COMPONENTS)
     if len(names) == 1:
-        return over_run(run, [Series(values[:, 0], "", next(colours))], names[0], ax)
+        return over_run(run, [Series(values[:, 0], "", next(colours))], label_with(names[0], shared), ax)
     series = [Series(column, name, colour) for column, name, colour in zip(values.T, names, colours, strict=False)]
-    return over_run(run, series, "own states", ax)
+    return over_run(run, series, label_with("own states", shared), ax)
 
 
 @programs.filter_jit
@@ -387,7 +396,7 @@ def measurements(trajectory: Trajectory[Any, Any], sensors: Mapping[str, Abstrac
     run = with_jumps(trajectory)
     rows = finite_rows(run)
     figure = ShownFigure(figsize=(WIDE_FIGURE[0], 0.5 + PANEL_HEIGHT * len(sensors)), layout="constrained")
-    caption(figure, trajectory.system)
+    caption_of(figure, trajectory)
     panels = figure.subplots(len(sensors), 1, sharex=True, squeeze=False)[:, 0]
     for ax, (name, leaf) in zip(panels, run.measured(sensors).items(), strict=True):
         columns = np.asarray(leaf)[rows].reshape(len(rows), -1).T

@@ -35,6 +35,7 @@ from .variables import (
     sensor_values,
     switch_values,
     values,
+    with_units_of_own,
 )
 
 if TYPE_CHECKING:
@@ -139,7 +140,8 @@ def to_dataset(
     """Converts the trajectory and all its observables, or the laws of a classical system, to an ``xarray.Dataset``.
 
     Dimensions are ``time``; ``mass``; ``joint``, by name, as in ``mechanisms[0].joints[1]``; ``driven``, the masses
-    whose angles belong to the state, by their numbers, or by name where joints are among them; and of vectors ``axis``,
+    whose angles belong to the state, by their numbers, or by name where joints are among them; ``own_state``, the
+    states of one's own, by name, with the coordinate ``own_unit`` where they state units; and of vectors ``axis``,
     ``direction`` in the plane and ``component`` of a versor. All are counted from 0. Attributes say how the
     solve ended, and hold the scenario's file. A run with a law of contact has its modes too, and its switches between
     them along ``switch``. The times of an event are ``event_…_times``, with its name. One under feedback has the motion
@@ -176,6 +178,9 @@ def to_dataset(
     sizes.pop("time")
     times = ("time", np.asarray(trajectory.times), notes_in(units, TIME))
     coordinates = {"time": times, **labels(trajectory.system, sizes), **feedback_labels(trajectory.history)}
+    if "own_state" in sizes and trajectory.system.own_states.units is not None:
+        own_units = trajectory.system.own_states.units_in(str if units is None else units.of)
+        coordinates["own_unit"] = ("own_state", list(own_units))
     return xarray.Dataset(variables, coordinates, attributes(trajectory, scenario, sensors))
 
 
@@ -244,14 +249,14 @@ def _with_sensors(
 
 def _over_time(trajectory: Trajectory[Any, Any], sensors: Sensors) -> Variables:
     """Returns every variable over time, with its array."""
-    return (
-        values(trajectory) | history_values(trajectory.history, trajectory.state) | sensor_values(trajectory, sensors)
-    )
+    variables = values(trajectory) | history_values(trajectory.history, trajectory.state)
+    return with_units_of_own(variables, trajectory.system) | sensor_values(trajectory, sensors)
 
 
 def _of_switches(trajectory: Trajectory[Any, Any]) -> Variables:
     """Returns every variable of the switches between modes, with its array."""
-    return switch_values(trajectory.history, describe_fields(trajectory.state))
+    variables = switch_values(trajectory.history, describe_fields(trajectory.state))
+    return with_units_of_own(variables, trajectory.system)
 
 
 def _write_netcdf(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario | None, sensors: Sensors) -> None:

@@ -133,6 +133,18 @@ def describe_unknown(name: str, dimensions: int) -> Variable:
     return Variable(tuple(f"{name}_{k}" for k in range(dimensions)), "", name)
 
 
+def with_units_of_own(variables: dict[str, tuple[Variable, Any]], system: Any) -> dict[str, tuple[Variable, Any]]:
+    """Returns variables, each beside its array or shape, those of the states of one's own with the units of these."""
+    states = getattr(system, "own_states", None)
+    if states is None or states.units is None:
+        return variables
+    units = " or ".join(dict.fromkeys(unit or "1" for unit in states.units))
+    return {
+        name: (variable._replace(units=units) if "own_state" in variable.dimensions else variable, array)
+        for name, (variable, array) in variables.items()
+    }
+
+
 def labels(system: Any, sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
     """Returns the coordinate along each dimension: 0, 1, …, or the names of masses and joints,
     ``mechanisms[0].joints[1]``.

@@ -237,11 +237,18 @@ def _check_names(values: dict[str, Any], path: str) -> None:
     names = values["names"]
     if not all(names) or len(set(names)) < len(names):
         raise key_error(join(path, "names"), "a list of names, each of them once", str(list(names)))
+    if values["units"] is not None and len(values["units"]) != len(names):
+        raise key_error(join(path, "units"), "a list with one for each of `names`", str(list(values["units"])))
 
 
 OWN_STATES = Module(
     OwnStates,
-    {"names": Key(Names()), **FUNCTION, "kink_times": Key(Numbers((None,), dimension=TIME), ())},
+    {
+        "names": Key(Names()),
+        "units": Key(Names(words="a list of dimensions or units"), None),
+        **FUNCTION,
+        "kink_times": Key(Numbers((None,), dimension=TIME), ()),
+    },
     check=_check_names,
 )
 

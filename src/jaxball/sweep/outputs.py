@@ -20,7 +20,7 @@ from ..physics.contact.released import ReleasedState
 from ..physics.hybrid import AbstractHistory
 from ..physics.state import BallState, DiskState
 from ..physics.system import AbstractSystem
-from ..results.variables import labels, of_classical_state
+from ..results.variables import labels, of_classical_state, with_units_of_own
 from ..scenario import Scenario, read_document
 from ..scenario.dimensions import dimension_of
 from ..scenario.values import kinds_of_numbers
@@ -175,7 +175,7 @@ def state_variables(template: Scenario) -> dict[str, tuple[Variable, tuple[int, 
     variables = {name: (_variable(body, name, shape), shape) for name, shape in shapes.items()}
     over_time, _ = history_variables(template.system_to_solve)
     sizes = {"axis": 3, "direction": 2}
-    return variables | {
+    return with_units_of_own(variables, template.system) | {
         name: (variable, tuple(sizes[axis] for axis in variable.dimensions)) for name, variable in over_time.items()
     }
 

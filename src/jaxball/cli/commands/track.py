@@ -57,7 +57,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Finds the linear quadratic regulator along the motion of a scenario, or what its table [feedback] describes, "
         "and simulates disturbed starts without and with feedback, and with an estimator if the scenario has one. The "
-        "save times are the samples."
+        "save times are the samples. The largest |f| / N is that at the samples."
     )
     add_scenario(parser)
     parser.add_argument(

@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ...numerics.arrays import select_tree
 from ...numerics.directions import diverging, unit
 from ...programs.derivatives.differentiation import without_derivatives
+from ..body import AbstractBody
 from ..dynamics.footing import in_three
 from ..dynamics.law import release
 from ..dynamics.rest import let_go, needs
@@ -268,6 +269,11 @@ class _Slipping(NamedTuple):
     plane: Any
     begins: Any
 
+    @property
+    def body(self) -> AbstractBody:
+        """What is in motion."""
+        return self.plane.body
+
     def prepare(self, t: Float[Array, ""], state: ReleasedState) -> tuple[friction.SolvedContact, Float[Array, ""]]:
         response = self.plane.response(t, self.begins.move(state))
         return friction.sliding_contact(response), self.plane.coefficient(slip_velocity(self.plane.body, t, state))
@@ -286,6 +292,11 @@ class _Turning(NamedTuple):
 
     plane: Any
     begins: Any
+
+    @property
+    def body(self) -> AbstractBody:
+        """What is in motion."""
+        return self.plane.body
 
     def prepare(self, t: Float[Array, ""], state: ReleasedState) -> _Rolling:
         now = self.begins.move(state)

@@ -180,7 +180,7 @@ def follow_slip(plane: "BodyOnPlane", done: "Progress", tolerance: Float[Array, 
     slip = slip_velocity(plane.body, t, state.released)
     # At the end of a window σ is still that of the window.
     sigma = done.before.direction(t, slip)
-    course = Course(sigma, jnp.sum(sigma * slip[:2]))
+    course = Course(sigma, jnp.sum(sigma * slip[:2]), done.before.begun.next_span(t))
     slides = state.is_in(Mode.SLIDING) & ~done.begins & plane.slips_end & (state.begun.until <= t)
     return course, slides & course.is_that_of(slip[:2], plane.speed_of(state), tolerance)
 

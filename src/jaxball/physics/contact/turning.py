@@ -126,7 +126,8 @@ class AbstractTurning(AbstractBodyWithModes[Any]):
         - ``before``: the state before an event, by whose window the direction may be known at its end.
         """
         omega, sigma = self.over_ground(t, state), self.direction(t, before)
-        course, size = Course(sigma, jnp.sum(sigma * omega[:2])), self.unit_of_rate() + root(jnp.sum(omega**2))
+        course = Course(sigma, jnp.sum(sigma * omega[:2]), before.rolling.next_span(t))
+        size = self.unit_of_rate() + root(jnp.sum(omega**2))
         rolls = (state.rolls != 0) & (before.rolls != 0) & (state.rolling.until <= t) & self.resists_rolling
         return course, rolls & course.is_that_of(omega[:2], size, tolerance)
 

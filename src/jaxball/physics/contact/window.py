@@ -13,8 +13,11 @@ in which the slip grows at a rate like g/|v_s|, to which the steps of an explici
 the slip has forgotten how it began and the nodes are those of Radau IIA, which do not contain the start of the window:
 σ there is that of the polynomial, and what the velocity lacks in it matters the less, the slower the slip is
 (E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, Springer 1996, sections IV.5 and VII.4).
+Each may be twice as long as the one before, if the polynomial in that would still resolve σ then, and if nothing
+depends on time: what comes late and soon passes would not be seen at the nodes.
 """
 
+import math
 from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -29,10 +32,11 @@ from ...numerics.arrays import select_tree
 from ...numerics.calculus import with_derivatives
 from ...numerics.directions import across, turn_left
 from ...numerics.linear import inverses, solutions
+from ...numerics.time_inputs import depends_on_time
 from ...programs.derivatives.differentiation import without_derivatives
 from ..body import AbstractBody
 from .friction import SolvedContact, sliding_contact
-from .released import ReleasedState, rates, response, slip_velocity
+from .released import ReleasedState, Response, rates, response, slip_velocity
 
 DEGREE = 6  # of the polynomial through the directions of a slip that begins
 SHORTER_WINDOW = 0.4  # a window that is too long, when it is tried again
@@ -42,6 +46,7 @@ MOST_SWEEPS = 4 * SWEEPS  # with four windows
 STIFF = 30  # times, in a window, that σ may return to its direction before steps are slower than another window
 ERRORS_ASIDE = 10  # errors of the velocity, by which it may differ from the direction of the window that ends
 LONGEST_WINDOW = 0.1  # of √(r/g): the longest time for which the direction of a slip that begins is known beforehand
+LAST_OF_LEGENDRE = math.comb(2 * DEGREE - 2, DEGREE - 1), math.comb(2 * DEGREE, DEGREE)  # coefficients
 BEFORE_KINK = 0.999  # of the time until the next kink: no window is longer than that
 
 
@@ -78,13 +83,23 @@ class Beginning(NamedTuple):
             tangent = u * (self.bends[k] + tangent)
         return _turn(self.sigma, tangent)
 
+    def next_span(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        """Computes how long the next window may be, at the end of this one; 0 where it has ended long before."""
+        last = jnp.abs(self.bends[-2:]) / jnp.asarray(LAST_OF_LEGENDRE, self.bends.dtype)
+        # In a window twice as long the coefficient of a degree is 2 to that degree times as large.
+        span = jnp.where(jnp.sum(last) * 2.0**DEGREE <= RESOLVED, 2 * self.span, self.span)
+        return jax.lax.stop_gradient(jnp.where(t - self.until < self.span, span, 0.0))
+
 
 @runtime_checkable
 class Pulled(Protocol):
     """What slips, a PyTree: how it is pulled in a direction σ.
 
-    ``prepare`` is whatever does not depend on σ, and ``pull`` gives a and the rates of the state.
+    ``prepare`` is whatever does not depend on σ, and ``pull`` gives a and the rates of the state of the ``body``.
     """
+
+    @property
+    def body(self) -> AbstractBody: ...
 
     def prepare(self, t: Float[Array, ""], state: Any) -> Any: ...
 
@@ -130,15 +145,19 @@ def longest_window(
 
 
 class Course(NamedTuple):
-    """How a slip moves as a window is to begin: its direction σ, and its ``speed`` along it, 0 where it begins."""
+    """How a slip moves as a window is to begin: its direction σ, and its ``speed`` along it, 0 where it begins.
+
+    ``span`` is how long the window may be after the one before, if nothing depends on time.
+    """
 
     sigma: Float[Array, "2"]
     speed: Float[Array, ""]
+    span: Float[Array, ""]
 
     @classmethod
     def of(cls, sigma: Float[Array, "2"]) -> "Course":
         """Returns that of a slip that begins in the direction σ."""
-        return cls(sigma, jnp.zeros_like(sigma[0]))
+        return cls(sigma, jnp.zeros_like(sigma[0]), jnp.zeros_like(sigma[0]))
 
     @property
     def slip(self) -> Float[Array, "2"]:
@@ -158,6 +177,7 @@ def beginning(what: Pulled, t: Float[Array, ""], state: Any, course: Course, lon
     # The search has no derivatives, for which ``settle`` makes some more sweeps, only where they are asked for.
     still, highest = without_derivatives(start), start.scheme.highest
     longest, goes_on = jax.lax.stop_gradient(longest), course.speed > 0
+    longest = longest if still.depends_on_time() else jnp.maximum(longest, course.span)
     begun = still.window(longest)
 
     def sweep(window: _Window) -> _Window:
@@ -237,6 +257,17 @@ class _Start(NamedTuple):
         inverse = jnp.zeros((DEGREE, DEGREE), x0.dtype)
         x = jnp.tile(x0, (DEGREE + 1, 1))
         return _Window(span, tangents, x, inverse, jnp.asarray(0), jnp.asarray(False))
+
+    def depends_on_time(self) -> bool:
+        """Returns whether what acts on the body depends on time otherwise than through the state."""
+        x0, unravel = ravel_pytree(self.state)
+
+        def act(t: Float[Array, ""], x: Float[Array, " size"], speed: Float[Array, ""]) -> Response:
+            state = unravel(x)
+            released = state if isinstance(state, ReleasedState) else ReleasedState(state, jnp.zeros(3, x.dtype), speed)
+            return response(self.what.body, t, released, touching=jnp.asarray(True))
+
+        return depends_on_time(jax.make_jaxpr(act)(self.t, x0, self.course.speed))
 
     def accelerations(self, window: _Window, turned: bool = False) -> tuple[Array, Array, Array]:
         """Computes, at the nodes, the slip accelerations and the rates of the states.

@@ -416,6 +416,11 @@ class _FromRest(NamedTuple):
     system: DryRolling
     begins: DryRollingState
 
+    @property
+    def body(self) -> AbstractBody:
+        """What is in motion."""
+        return self.system.body
+
     def prepare(self, t: Float[Array, ""], state: PlacedState) -> tuple[()]:
         return ()
 
