@@ -49,8 +49,8 @@ def _progress(options: argparse.Namespace, line: Line) -> Callable[[str], None]:
 
 
 def _control(options: argparse.Namespace, problem_file: Any, source: Any) -> int:
+    from ...design.optimal_control.confirmed import solve_control
     from ...design.optimal_control.solution import means
-    from ...design.optimal_control.solve import solve_control
     from ...design.report import objectives_in_units, violation, write_control_report, write_design
     from ...design.search.design import SCENARIO
 
@@ -71,7 +71,8 @@ def _control(options: argparse.Namespace, problem_file: Any, source: Any) -> int
         say(REPORTING)
         report = write_control_report(done, problem_file.title, problem_file.saves, options.out, source)
     violations = {name: violation(by, done.violation) for name, by in done.seen.violations.items()}
-    _print_summary(problem_file.title, means(done.solution), objectives_in_units(done), violations)
+    found = {} if done.free_end_time is None else {"end time": float(done.solution.path.mesh[-1])}
+    _print_summary(problem_file.title, found | means(done.solution), objectives_in_units(done), violations)
     print(f"  written: {report}, {options.out / SCENARIO}")
     for name, by in done.broken.items():
         sentence = f"The constraint `{name}` is violated by {by:.2g}, where {done.violation:g} is allowed"
@@ -109,6 +110,6 @@ def _print_summary(title: str, objectives: dict[str, float], in_units: dict[str,
     if title:
         print(heading(title))
     for name, value in objectives.items():
-        print(f"  {name}: {value:.6g}{f' ({in_units[name]})' if in_units[name] else ''}")
+        print(f"  {name}: {value:.6g}{f' ({in_units[name]})' if in_units.get(name) else ''}")
     for name, sentence in violations.items():
         print(f"  {name}: {sentence}")
