@@ -71,8 +71,8 @@ def _control(options: argparse.Namespace, problem_file: Any, source: Any) -> int
         say(REPORTING)
         report = write_control_report(done, problem_file.title, problem_file.saves, options.out, source)
     violations = {name: violation(by, done.violation) for name, by in done.seen.violations.items()}
-    found = {} if done.free_end_time is None else {"end time": float(done.solution.path.mesh[-1])}
-    _print_summary(problem_file.title, found | means(done.solution), objectives_in_units(done), violations)
+    end_time = {} if done.free_end_time is None else {"end time": float(done.solution.path.mesh[-1])}
+    _print_summary(problem_file.title, end_time | means(done.solution), objectives_in_units(done), violations)
     print(f"  written: {report}, {options.out / SCENARIO}")
     for name, by in done.broken.items():
         sentence = f"The constraint `{name}` is violated by {by:.2g}, where {done.violation:g} is allowed"

@@ -139,17 +139,18 @@ def solve_control(
     problem = file.problem
     say("compiling, and solving from the guess")
     mesh = np.linspace(float(problem.start), float(problem.end), file.intervals + 1)
-    found = _first_solution(file, file.easy or problem, mesh)
-    first = fix_end(found)
+    rough = _first_solution(file, file.easy or problem, mesh)
+    first = fix_end(rough)
     if file.easy is None:
         visit(first)
     else:
-        found = continue_to(first, problem, file.tolerance, visit)[1]
-    if found.collocation.inequalities:
-        found = sharpen(found, tolerance=file.tolerance, violation=file.violation, visit=sharper)
-    solution = fix_end(found)
+        rough = continue_to(first, problem, file.tolerance, visit)[1]
+    sharp = rough
+    if rough.collocation.inequalities:
+        sharp = sharpen(rough, tolerance=file.tolerance, violation=file.violation, visit=sharper)
+    solution = fix_end(sharp)
     say("simulating by another solver")
-    seen, curvature = resimulate(solution), least_curvature(found)
+    seen, curvature = resimulate(solution), least_curvature(sharp)
     elapsed = time.perf_counter() - began
     return Controlled(
         first=first,

@@ -146,8 +146,8 @@ def solve_with_free_end(
     """
     shortest, longest = map(float, free_end_time)
     free = FreeEndTime(shortest, longest, float(np.asarray(time_weight)))
-    found = solve_from_guess_with_free_end(problem, mesh, free, stages, tolerance, guess, barrier)
-    return fix_end(sharpen(found, sharp, tolerance, violation))
+    rough = solve_from_guess_with_free_end(problem, mesh, free, stages, tolerance, guess, barrier)
+    return fix_end(sharpen(rough, sharp, tolerance, violation))
 
 
 def solve_from_guess_with_free_end(

@@ -84,11 +84,11 @@ def _once(compute: Compute) -> Compute:
 
     @functools.wraps(compute)
     def keep(run: "Run") -> Any:
-        kept, trace = vars(run).setdefault("_kept", {}), current_trace()
+        results, trace = vars(run).setdefault("_results", {}), current_trace()
         # What is made within a trace, such as that of a function of a user's requirement, means nothing outside of it.
-        if kept.get(compute, (None,))[0] != trace:
-            kept[compute] = trace, compute(run)
-        return kept[compute][1]
+        if results.get(compute, (None,))[0] != trace:
+            results[compute] = trace, compute(run)
+        return results[compute][1]
 
     return cast(Compute, keep)
 
