@@ -72,6 +72,21 @@ def test_what_a_function_captures_is_told():
     assert seen[1] == []
 
 
+def test_a_trace_is_told_from_others():
+    seen = []
+
+    def around(x):
+        seen.extend([compat.current_trace(), compat.current_trace()])
+        return jax.vmap(lambda y: seen.append(compat.current_trace()) or y)(x)
+
+    jax.make_jaxpr(around)(jnp.ones(2))
+    outside = compat.current_trace()
+    assert seen[0] == seen[1]
+    assert seen[0] != seen[2]
+    assert outside == compat.current_trace()
+    assert outside not in seen
+
+
 def the_equation(function, *given):
     (equation,) = jax.make_jaxpr(function)(*given).jaxpr.eqns
     return equation

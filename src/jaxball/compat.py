@@ -38,6 +38,11 @@ except ImportError:  # in a version that has it elsewhere
 
 
 try:
+    from jax.extend.core import get_opaque_trace_state as _current_trace
+except ImportError:  # in a version that has it elsewhere
+    from jax.core import get_opaque_trace_state as _current_trace
+
+try:
     from jax._src.config import traceback_in_locations_limit as _most_locations
 except ImportError:  # in a version that has it elsewhere
     _most_locations = None
@@ -60,6 +65,7 @@ __all__ = [
     "batch_by",
     "branches",
     "captures",
+    "current_trace",
     "declare_linear",
     "differentiate_by",
     "evaluate",
@@ -406,6 +412,11 @@ def program_within(equation: Any) -> Program | None:
 def is_within_trace() -> bool:
     """Returns whether JAX is tracing anything, so that a function may have captured something traced."""
     return not _is_outside_traces()
+
+
+def current_trace() -> Any:
+    """Returns what is equal only to itself as long as JAX traces the same function, or none."""
+    return _current_trace()
 
 
 def captures(traced: Any) -> list[Any]:

@@ -87,6 +87,18 @@ def test_violation_in_closed_form(name):
     np.testing.assert_allclose(float(jnp.max(violations()[name])), expected()[name][1], rtol=1e-8, atol=bound)
 
 
+def test_more_chords_leave_more_between_rails():
+    """Level rings of radii a and b about one centre, as polygons of n chords, are (a − b) cos(π/n) apart."""
+    a, b, least = 0.45, 0.35, 0.05
+    rings = [on(jaxball.Circle(radius, (0.0, 0.0, 0.0), UP)) for radius in (a, b)]
+    ball = jaxball.Ball(mass=1.0, inertia=(1.0, 1.0, 1.0), radius=R, gravity=G, masses=rings)
+    state = jaxball.BallState()
+    for chords in (48, 480):
+        run = design.Run(ball, jnp.zeros(1), state, jnp.asarray(0), chords)
+        margin = -jnp.max(eqx.filter_jit(design.RailsApart(least))(run))
+        np.testing.assert_allclose(margin, ((a - b) * np.cos(np.pi / chords) - least) / R, rtol=1e-12)
+
+
 def limits():
     """Constraints, and the limit b of each in its units, negative where it is a least one."""
     return {

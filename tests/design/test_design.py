@@ -64,12 +64,28 @@ def problem():
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Where a design and its report are."""
-    path, found = tmp_path_factory.mktemp("design"), problem()
-    done = design.design(found.problem, found.settings, path, identity=found.identity)
+    """Where a design, its report and what was said on the way are."""
+    path, found, lines = tmp_path_factory.mktemp("design"), problem(), []
+    done = design.design(found.problem, found.settings, path, identity=found.identity, say=lines.append)
     assert done.feasible
     write_report(done, found.title, path)
+    (path / "lines.txt").write_text("\n".join(lines))
     return path
+
+
+@pytest.mark.long
+def test_each_stage_is_announced_when_it_begins(folder):
+    """Forward mode is not among them: differences agree well enough."""
+    rows = ("  step", "adam  ", "polish  ")
+    stages = [line for line in (folder / "lines.txt").read_text().splitlines() if not line.startswith(rows)]
+    assert stages == [
+        "compiling the gradient, and checking it at the start",
+        "gradient check",
+        "improving 2 starts by Adam, 20 steps each",
+        "polishing 2 designs by bfgs, at most 20 rounds of 80 evaluations each",
+        "verifying by another solver, between the samples too",
+        "evaluating the start, and perturbed balls",
+    ]
 
 
 @pytest.mark.slow
@@ -116,7 +132,7 @@ def test_a_search_that_was_stopped_goes_on_where_it_was(folder, tmp_path):
 
     def say(line):
         lines.append(line)
-        if len(lines) == 4:
+        if sum(line.startswith("adam ") for line in lines) == 2:
             raise StoppedError
 
     found = problem()
@@ -172,8 +188,18 @@ def test_the_gradient_is_right_to_the_solver():
     found = problem()
     optimiser = design.Optimiser(design.Shooting(found.problem), found.settings)
     check = design.check_gradient(optimiser, found.problem.space.start)
+    assert check.between_modes is not None
     assert check.between_modes < 1e-10
     assert check.from_differences < 1e-8
+    lines = []
+    again = design.check_gradient(optimiser, found.problem.space.start, enough=1e-8, say=lines.append)
+    assert again == check._replace(forward=None)
+    assert again.good
+    assert "forward" not in repr(again)
+    assert lines == []
+    design.check_gradient(optimiser, found.problem.space.start, enough=0.0, say=lines.append)
+    assert len(lines) == 1
+    assert "in forward mode" in lines[0]
 
 
 @pytest.mark.parametrize(

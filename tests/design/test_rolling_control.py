@@ -223,7 +223,7 @@ def interrupted(*arguments, **options):
 def test_ctrl_c_leaves_the_last_motion(tmp_path, capsys, easy, monkeypatch):
     """That of ``easy``, whose compiled programs it shares; stopped before it is looked at as a minimum."""
     monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
-    monkeypatch.setattr("jaxball.design.optimal_control.solve.least_curvature", interrupted)
+    monkeypatch.setattr("jaxball.design.optimal_control.confirmed.least_curvature", interrupted)
     text = PROBLEM.replace("weight = 0.02", "weight = 0.01").replace("first_weights", "# first_weights")
     assert command(tmp_path, text) == 130
     captured = capsys.readouterr()
@@ -238,7 +238,7 @@ def test_ctrl_c_leaves_the_last_motion(tmp_path, capsys, easy, monkeypatch):
 
 def test_ctrl_c_before_a_motion_is_found(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
-    monkeypatch.setattr("jaxball.design.optimal_control.solve.solve_from_guess", interrupted)
+    monkeypatch.setattr("jaxball.design.optimal_control.confirmed.solve_from_guess", interrupted)
     assert command(tmp_path, PROBLEM) == 130
     said = "compiling, and solving from the guess\njaxball: Stopped; no motion was found yet.\n"
     assert capsys.readouterr().err == said

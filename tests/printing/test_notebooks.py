@@ -16,8 +16,8 @@ from PIL import Image
 import jaxball
 from jaxball import Ball, BallState, Disk, DiskState, simulate
 from jaxball.design import GradientCheck, Result
+from jaxball.design.optimal_control.confirmed import Controlled
 from jaxball.design.optimal_control.schedules import Resimulated
-from jaxball.design.optimal_control.solve import Controlled
 from jaxball.interface.html import SIZE, as_html, sketch_of
 from jaxball.scenario import load_scenario
 from jaxball.sweep import Study

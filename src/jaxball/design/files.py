@@ -36,10 +36,12 @@ from ..scenario.values import (
 )
 from . import constraints, objectives
 from .optimal_control.collocation import BARRIER
+from .optimal_control.confirmed import ControlFile
+from .optimal_control.free_end import BARRIER_OF_TIME, FreeEndTime
 from .optimal_control.guess import rolling_along
 from .optimal_control.problem import VIOLATION
 from .optimal_control.rolling import Rolling
-from .optimal_control.solve import ControlFile, Guess, at_rest
+from .optimal_control.solve import Guess, at_rest
 from .problem.plane import FigureEight, Sigmoid, Through
 from .problem.problem import Perturbations, Problem
 from .problem.requirements import (
@@ -284,10 +286,12 @@ _CONTROL = {
     "intervals": Key(Integer(2, 10**5), 20),
     "tolerance": Key(Numbers(rule=POSITIVE), 1e-6),
     "violation": Key(Numbers(rule=POSITIVE), VIOLATION),
-    "barrier": Key(Numbers(rule=POSITIVE), BARRIER),
+    "barrier": Key(Numbers(rule=POSITIVE), None),
     "softness": Key(Numbers(rule=NOT_NEGATIVE), 0.0),
     "guess": Key(Choice(tuple(GUESSES)), "rest"),
     "first_weights": Key(unread("a table of weights"), None),
+    "free_end_time": Key(Numbers((2,)), None),
+    "time_weight": Key(Numbers(rule=NOT_NEGATIVE), 1.0),
 }
 
 
@@ -295,7 +299,9 @@ def _control_keys(place: Numbers) -> Keys:
     return {"place": Key(place, None), **_CONTROL}
 
 
-CONTROL_KEYS = {**SHARED, CONTROL_TABLE: Key(unread(tables={"": _control_keys(PLANE.place)}))}
+# Where the end time is free, it may be the only objective.
+OBJECTIVES_OF_CONTROL = {"objectives": Key(SHARED["objectives"].kind, [])}
+CONTROL_KEYS = {**SHARED, **OBJECTIVES_OF_CONTROL, CONTROL_TABLE: Key(unread(tables={"": _control_keys(PLANE.place)}))}
 
 
 class ProblemFile(NamedTuple):
@@ -365,7 +371,8 @@ def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlF
     rolling_state(scenario, "optimal control is", DesignError)
     assert isinstance(state, BallState | DiskState)
     control = read_table(table[CONTROL_TABLE], CONTROL_TABLE, _control_keys(plane_of(system).place))
-    (objectives, constraints), errors = _requirements(table, system)
+    free = _free_end_time(control, table[CONTROL_TABLE], (float(scenario.times[0]), float(scenario.times[-1])))
+    (objectives, constraints), errors = _requirements(table, system, timed=free is not None)
     raise_first(errors)
     _require(objectives, OBJECTIVES, AbstractRunningObjective, "means over the run")
     _require(constraints, CONSTRAINTS, AbstractRunningConstraint, "constraints at each time")
@@ -380,17 +387,38 @@ def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlF
         intervals=control["intervals"],
         tolerance=float(control["tolerance"]),
         violation=float(control["violation"]),
-        barrier=float(control["barrier"]),
+        barrier=float((BARRIER_OF_TIME if free else BARRIER) if control["barrier"] is None else control["barrier"]),
         guess=GUESSES[control["guess"]],
         units=scenario.units,
+        free_end_time=free,
     )
 
 
-def _requirements(table: dict[str, Any], system: System) -> tuple[list[Any], list[ScenarioError]]:
-    """Reads the objectives and the constraints of a problem of either kind, by name, and the errors in them."""
+def _free_end_time(control: dict[str, Any], given: dict[str, Any], times: tuple[float, float]) -> FreeEndTime | None:
+    """Returns the end time that is to be found, if it is; the scenario's ``times`` have a guess of it."""
+    name = "free_end_time"
+    if control[name] is None:
+        if "time_weight" in given:
+            raise key_error(join(CONTROL_TABLE, "time_weight"), f"left out without `{name}`", "given")
+        return None
+    if control["first_weights"] is not None:
+        raise key_error(join(CONTROL_TABLE, "first_weights"), f"left out with `{name}`", "given")
+    shortest, longest = map(float, control[name])
+    free = FreeEndTime(shortest, longest, float(control["time_weight"]))
+    try:
+        free.check(*times)
+    except DesignError as error:
+        raise DesignError(f"Key `{join(CONTROL_TABLE, name)}`{str(error).removeprefix(f'Argument `{name}`')}") from None
+    return free
+
+
+def _requirements(table: dict[str, Any], system: System, timed: bool = False) -> tuple[list[Any], list[ScenarioError]]:
+    """Reads the objectives and the constraints of a problem of either kind, by name, and the errors in them; where
+    it is ``timed``, it may have no objectives.
+    """
     plane = plane_of(system)
     return try_readers(
-        lambda: _read_by_kind(table["objectives"], OBJECTIVES, plane),
+        lambda: _read_by_kind(table["objectives"], OBJECTIVES, plane, empty=timed),
         lambda: _read_by_kind(table["constraints"], CONSTRAINTS, plane, empty=True),
     )
 

@@ -26,10 +26,10 @@ from ..simulation.extremes import contact_extremes
 from ..simulation.trajectory import Trajectory
 from .constraints import discs_to_avoid
 from .objectives import FollowCurve, FollowTrajectory, LargestDistance, target_path
+from .optimal_control.confirmed import Controlled
 from .optimal_control.rolling import Rolling, rolling
 from .optimal_control.schedules import holding, places, scenario_of, schedules_of
 from .optimal_control.solution import POINTS_OF_INTERVAL, Solution, means
-from .optimal_control.solve import Controlled
 from .problem.problem import worst
 from .problem.requirements import Requirement
 from .problem.run import RAIL_SAMPLES, Run
@@ -341,8 +341,17 @@ def _control_verdict(controlled: Controlled) -> str:
         f"intervals is {np.max(errors):.1e}. Simulated again by a solver of another kind, the path differs by at most "
         f"{seen.apart:.1e} r; at the end the speed is {seen.speed:.1e}, the place is missed by {seen.missed:.1e} r, "
         f"and the centre of mass is {seen.away:.1e} r off the vertical through the contact point and {below:.4g} "
-        f"r below the geometric centre. {_holding(controlled)}`{SCENARIO}` is the scenario."
+        f"r below the geometric centre. {_free_end(controlled)}{_holding(controlled)}`{SCENARIO}` is the scenario."
     )
+
+
+def _free_end(controlled: Controlled) -> str:
+    """Says when the motion ends, if that was to be found."""
+    if controlled.free_end_time is None:
+        return ""
+    shortest, longest, _ = controlled.free_end_time
+    end = with_unit(f"time {controlled.solution.path.mesh[-1]:.8g}", controlled.units)
+    return f"The end is at the {end}, found between {shortest:g} and {longest:g}. "
 
 
 def _holding(controlled: Controlled) -> str:
@@ -354,6 +363,8 @@ def _holding(controlled: Controlled) -> str:
 
 
 def _control_objectives(controlled: Controlled) -> list[str]:
+    if not rolling(controlled.solution.problem).objectives:
+        return ["There are no objectives except the duration."]
     first, last = means(controlled.first), means(controlled.solution)
     before, after = (rolling(entry.problem).objectives for entry in (controlled.first, controlled.solution))
     weights = [{name: float(entry.weight) for name, entry in objectives.items()} for objectives in (before, after)]

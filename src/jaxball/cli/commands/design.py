@@ -16,6 +16,7 @@ from ..jax_setup import set_up_jax
 from ..options import working
 
 UNMET = 1
+REPORTING = "writing the report, with its figures"
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -28,13 +29,14 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     check_folder(options.out, "--out")
     text, document = text_and_document(options.problem, "problem", *PROBLEMS)
-    set_up_jax()
-    from ...design.files import CONTROL_TABLE, problem_of, read_control
-    from ...design.result import Source
-
     file = Path(options.problem)
-    with gather_problems(options.problem):
-        problem_file = (read_control if CONTROL_TABLE in document else problem_of)(document, file.parent)
+    with working(options, "reading the problem"):
+        set_up_jax()
+        from ...design.files import CONTROL_TABLE, problem_of, read_control
+        from ...design.result import Source
+
+        with gather_problems(options.problem):
+            problem_file = (read_control if CONTROL_TABLE in document else problem_of)(document, file.parent)
     source = Source(shlex.join(["jaxball", "design", str(file), "--out", str(options.out)]), file, text)
     # Now, because a search of hours must not end in a refusal.
     source.check(options.out)
@@ -47,8 +49,8 @@ def _progress(options: argparse.Namespace, line: Line) -> Callable[[str], None]:
 
 
 def _control(options: argparse.Namespace, problem_file: Any, source: Any) -> int:
+    from ...design.optimal_control.confirmed import solve_control
     from ...design.optimal_control.solution import means
-    from ...design.optimal_control.solve import solve_control
     from ...design.report import objectives_in_units, violation, write_control_report, write_design
     from ...design.search.design import SCENARIO
 
@@ -64,10 +66,13 @@ def _control(options: argparse.Namespace, problem_file: Any, source: Any) -> int
         return f"Stopped; {what}."
 
     with interrupt_message(describe_stop), working(options, "searching for a motion") as line:
-        done = solve_control(problem_file, _progress(options, line), save)
+        say = _progress(options, line)
+        done = solve_control(problem_file, say, save)
+        say(REPORTING)
         report = write_control_report(done, problem_file.title, problem_file.saves, options.out, source)
     violations = {name: violation(by, done.violation) for name, by in done.seen.violations.items()}
-    _print_summary(problem_file.title, means(done.solution), objectives_in_units(done), violations)
+    end_time = {} if done.free_end_time is None else {"end time": float(done.solution.path.mesh[-1])}
+    _print_summary(problem_file.title, end_time | means(done.solution), objectives_in_units(done), violations)
     print(f"  written: {report}, {options.out / SCENARIO}")
     for name, by in done.broken.items():
         sentence = f"The constraint `{name}` is violated by {by:.2g}, where {done.violation:g} is allowed"
@@ -89,6 +94,7 @@ def _search(options: argparse.Namespace, problem_file: Any, source: Any) -> int:
     with interrupt_message(describe_stop), working(options, "searching for a design") as line:
         say = _progress(options, line)
         done = design(problem, settings, options.out, identity=problem_file.identity, say=say)
+        say(REPORTING)
         report = write_report(done, problem_file.title, options.out, source)
     values = dict(zip(problem.objectives, done.verified.finer.terms.tolist(), strict=True))
     violations = {name: violation(by, settings.tolerance) for name, (_, by) in done.verified.violations.items()}
@@ -104,6 +110,6 @@ def _print_summary(title: str, objectives: dict[str, float], in_units: dict[str,
     if title:
         print(heading(title))
     for name, value in objectives.items():
-        print(f"  {name}: {value:.6g}{f' ({in_units[name]})' if in_units[name] else ''}")
+        print(f"  {name}: {value:.6g}{f' ({in_units[name]})' if in_units.get(name) else ''}")
     for name, sentence in violations.items():
         print(f"  {name}: {sentence}")

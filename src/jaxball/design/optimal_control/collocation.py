@@ -238,7 +238,7 @@ class Collocation(AbstractEquations):
         self._last: tuple[np.ndarray, float, Term, Term] | None = None
         self._sizes = Sizes(*map(int, _compile_partial(sizes, vary)(problem)))
         n, m, c, i = self._sizes
-        self._held = find_held(vary, problem, n)
+        self.held = find_held(vary, problem, n)
         N, s = len(mesh) - 1, stages
         shapes: list[Any] = [(N + 1, n), (N, s, n), (N, s, m), (n,), (N, s, n), (N, n), (c,), (N, s, i)]
         self.shapes = Unknowns(*shapes)
@@ -355,7 +355,7 @@ class Collocation(AbstractEquations):
     def _initial(self, parameter: float) -> tuple[np.ndarray, np.ndarray]:
         """Returns the initial state and its derivative by λ, 0 where it is free."""
         value, slope = _compile_partial(initial, self.vary)(self.problem, jnp.asarray(parameter))
-        return self._held * np.asarray(value), self._held * np.asarray(slope)
+        return self.held * np.asarray(value), self.held * np.asarray(slope)
 
     def cost(self, y: Float[np.ndarray, " size"], parameter: float) -> float:
         """Computes the mean of the running cost, by the weights of Gauss."""
@@ -392,8 +392,8 @@ class Collocation(AbstractEquations):
         data = np.broadcast_to(block[None, :, :, None], shape)
         row, column = np.broadcast_to(rows[:, :, None], shape), np.broadcast_to(columns[:, None], shape)
         # What is free at the start has the multiplier 0 there, in place of a value; the diagonal counts twice below.
-        entries = [(data, row, column), (self._held, states.at_start, states.knots[0])]
-        entries.append(((1 - self._held) / 2, states.at_start, states.at_start))
+        entries = [(data, row, column), (self.held, states.at_start, states.knots[0])]
+        entries.append(((1 - self.held) / 2, states.at_start, states.at_start))
         data, row, column = (np.concatenate([np.ravel(x) for x in part]) for part in zip(*entries, strict=True))
         lower = scipy.sparse.csr_array((data, (row, column)), shape=(self.size, self.size))
         # These equations are linear in the states, and their multipliers enter the other rows by the same

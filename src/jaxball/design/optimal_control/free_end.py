@@ -6,6 +6,7 @@ vanishes. With σ found, states, controls and multipliers are those of the probl
 """
 
 import dataclasses
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -26,6 +27,27 @@ from .statics import require_holdable
 # Of the first solution. Far from the limits of inputs Newton's method converges from rest; the shortest motion, by
 # contrast, is at a limit all the time.
 BARRIER_OF_TIME = 1.0
+
+
+class FreeEndTime(NamedTuple):
+    """An end time that is to be found.
+
+    - ``shortest``, ``longest``: its bounds.
+    - ``weight``: of the duration over that of the first mesh, beside the objectives.
+    """
+
+    shortest: float
+    longest: float
+    weight: float = 1.0
+
+    def check(self, start: float, end: float) -> None:
+        """Raises a :class:`~jaxball.design.DesignError` unless the guess of the ``end`` is between the bounds."""
+        if not start < self.shortest < end < self.longest:
+            raise DesignError(
+                "Argument `free_end_time` must be the shortest and the longest end time, with the guess of the end, "
+                f"{end:g}, between them and the start, {start:g}, before, but it is ({self.shortest:g}, "
+                f"{self.longest:g})."
+            )
 
 
 class FreeEnd(AbstractControlProblem):
@@ -122,35 +144,55 @@ def solve_with_free_end(
     **Raises:** :class:`~jaxball.design.DesignError` where it does not converge, for an end at which nothing can rest,
     and unless the guess of the end lies between ``free_end_time``, and these after the start.
     """
-    start, end = float(mesh[0]), float(mesh[-1])
     shortest, longest = map(float, free_end_time)
-    if not start < shortest < end < longest:
-        raise DesignError(
-            "Argument `free_end_time` must be the shortest and the longest end time, with the last time of `mesh`, "
-            f"{end:g}, between them and its first, {start:g}, before, but it is ({shortest:g}, {longest:g})."
-        )
+    free = FreeEndTime(shortest, longest, float(np.asarray(time_weight)))
+    rough = solve_from_guess_with_free_end(problem, mesh, free, stages, tolerance, guess, barrier)
+    return fix_end(sharpen(rough, sharp, tolerance, violation))
+
+
+def solve_from_guess_with_free_end(
+    problem: Rolling,
+    mesh: Float[np.ndarray, " N_plus_one"],
+    free: FreeEndTime,
+    stages: int = 3,
+    tolerance: float = 1e-6,
+    guess: Guess = at_rest,
+    barrier: float = BARRIER_OF_TIME,
+) -> Solution:
+    """Solves by Newton's method from a ``guess``, far from the bounds of the end time; a solution of
+    a :class:`FreeEnd`.
+
+    **Arguments** and errors are those of :func:`solve_with_free_end`; a guess may have σ as the last entry of its
+    states.
+    """
+    start, end = float(mesh[0]), float(mesh[-1])
+    free.check(start, end)
     require_holdable(problem)
-    least, most = ((t - start) / (end - start) for t in (shortest, longest))
+    least, most = ((t - start) / (end - start) for t in free[:2])
     timed = eqx.tree_at(lambda p: p.end, problem, to_array(end))
-    free = FreeEnd(  # pyright: ignore[reportCallIssue]
+    stretched = FreeEnd(  # pyright: ignore[reportCallIssue]
         problem=timed,
         least=to_array(least),
         most=to_array(most),
-        weight=to_array(time_weight),
+        weight=to_array(free.weight),
         start=timed.start,
         end=timed.end,
         softness=timed.softness,
     )
-    collocation = Collocation(free, mesh, stages, as_it_is, barrier)
+    collocation = Collocation(stretched, mesh, stages, as_it_is, barrier)
     path = guess(timed, mesh, stages)
-    whole = path._replace(knots=_with_share(path.knots, 1.0), nodes=_with_share(path.nodes, 1.0))
-    return fix_end(sharpen(solve_near(collocation, whole, 0.0, tolerance), sharp, tolerance, violation))
+    if path.knots.shape[-1] == timed.initial.size:
+        path = path._replace(knots=_with_share(path.knots, 1.0), nodes=_with_share(path.nodes, 1.0))
+    return solve_near(collocation, path, 0.0, tolerance)
 
 
 def fix_end(solution: Solution) -> Solution:
-    """Returns the solution of a :class:`FreeEnd` as one of a :class:`Rolling` that ends when it does."""
+    """Returns the solution of a :class:`FreeEnd` as one of a :class:`Rolling` that ends when it does; other solutions
+    as they are.
+    """
     free, collocation, parts = solution.problem, solution.collocation, solution.collocation.parts(solution.y)
-    assert isinstance(free, FreeEnd)
+    if not isinstance(free, FreeEnd):
+        return solution
     share = float(parts.knots[0, -1])
     problem = free.ending_after(to_array(share))
     mesh = float(free.start) + share * (collocation.mesh - float(free.start))

@@ -97,17 +97,19 @@ def least_curvature(solution: Solution) -> float:
     Inequalities count with the curvature of their barrier. Where the barrier is small, only changes along active
     constraints matter, because changes across them are costly.
 
-    Controls have the norm (1/T ∫ |u|² dt)^½, so that it does not depend on the mesh: where the cost is w |u|² only, it
-    is 2 w. A solution with a positive curvature is a strict local minimum.
+    Controls have the norm (1/T ∫ |u|² dt)^½, and numbers that are free at the start their own size, so that it does not
+    depend on the mesh: where the cost is w |u|² only, it is 2 w. A solution with a positive curvature is a strict local
+    minimum.
     """
     collocation = solution.collocation
-    places, count = collocation.places, collocation.unconstrained
+    places, count, held = collocation.places, collocation.unconstrained, collocation.held > 0
     matrix = collocation.jacobian(solution.y, solution.parameter)[0].tocsr()
     # In the order of time each state follows from the ones before: the matrix of the states is triangular by blocks,
     # and its factors fill little.
-    states = in_time(places.nodes, places.knots[1:, None], first=places.knots[0])
-    equations = in_time(places.at_nodes, places.at_knots[:, None], first=places.at_start)
-    controls = np.ravel(places.controls)
+    states = in_time(places.nodes, places.knots[1:, None], first=places.knots[0, held])
+    equations = in_time(places.at_nodes, places.at_knots[:, None], first=places.at_start[held])
+    # What the start leaves free is chosen, as controls are.
+    controls = np.append(np.ravel(places.controls), places.knots[0, ~held])
     A = matrix[equations]
     # On the null space of all conditions: the states follow from the controls, and only those combinations of
     # controls are kept that change no end condition.
@@ -116,7 +118,9 @@ def least_curvature(solution: Solution) -> float:
     along = np.zeros((count, basis.shape[1]))
     along[states], along[controls] = change @ basis, basis
     hessian = along.T @ (_condense(matrix, np.ravel(places.excess), count) @ along)
-    weights = np.repeat(np.ravel(collocation.weights), places.controls.shape[2])
+    weights = np.append(
+        np.repeat(np.ravel(collocation.weights), places.controls.shape[2]), np.ones(np.count_nonzero(~held))
+    )
     # In this metric a control that is 1 all the time has length 1.
     metric = basis.T @ (weights[:, None] * basis)
     return float(scipy.linalg.eigh(hessian, metric, eigvals_only=True, subset_by_index=(0, 0))[0])

@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar, cast
 
 import diffrax
 import equinox as eqx
@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ...compat import current_trace
 from ...physics.body import System
 from ...physics.dynamics.coupling import join_coordinates, joint_forces
 from ...physics.dynamics.energy import accelerations_of_masses
@@ -75,8 +76,25 @@ class Curves(NamedTuple):
     speed: Float[Array, "rails samples"]
 
 
+Compute = TypeVar("Compute", bound=Callable[["Run"], Any])
+
+
+def _once(compute: Compute) -> Compute:
+    """Makes a method whose result a run keeps, so that all requirements that ask for it share what is compiled."""
+
+    @functools.wraps(compute)
+    def keep(run: "Run") -> Any:
+        results, trace = vars(run).setdefault("_results", {}), current_trace()
+        # What is made within a trace, such as that of a function of a user's requirement, means nothing outside of it.
+        if results.get(compute, (None,))[0] != trace:
+            results[compute] = trace, compute(run)
+        return results[compute][1]
+
+    return cast(Compute, keep)
+
+
 class Run(eqx.Module):
-    """The run of a system, at times t. Quantities are computed only when used.
+    """The run of a system, at times t. Quantities are computed only when used, and once.
 
     - ``system``, ``times``, ``state``: the body, times of shape (t,), and the states then.
     - ``status``: the number of a :class:`~jaxball.Status`.
@@ -95,6 +113,7 @@ class Run(eqx.Module):
         return times_looked_at(self.system, self.times, self.times[-1])
 
     @property
+    @_once
     def z(self) -> Float[Array, "t 2"]:
         """The path of the geometric centre, along e1 and e2; for a disk it lies on the first axis.
 
@@ -124,16 +143,19 @@ class Run(eqx.Module):
         return map_rows(lambda t, x: function(prepared, t, x), self._times, self.state)
 
     @property
+    @_once
     def observables(self) -> Observables:
         """Positions, energies and forces."""
         return self._each(observe)
 
     @property
+    @_once
     def masses(self) -> Kinematics:
         """χ, χ̇ and χ̈ of the masses, each of shape (t, n, 3)."""
         return self._each(lambda system, t, x: kinematics(system, t, accelerations(system, t, x).angles))
 
     @property
+    @_once
     def forces(self) -> Float[Array, "t n 3"]:
         """m (a + γ), the force that each mass needs from what carries it, in body axes; γ is gΓ on a level plane."""
         m = point_mass_values(self.system)
@@ -153,6 +175,7 @@ class Run(eqx.Module):
         return jnp.sum(self.forces[:, : self.system.n_masses] * self.on_rails.tangent, axis=-1)
 
     @property
+    @_once
     def joint_efforts(self) -> Float[Array, "t joints"]:
         """Q of every joint of the mechanisms; where all are free, computed without the motion's accelerations.
 
@@ -177,16 +200,19 @@ class Run(eqx.Module):
         return self.weight * jnp.where(np.asarray(slides, dtype=bool), 1.0, self.length)
 
     @property
+    @_once
     def on_rails(self) -> OnRails:
         """θ and its rates."""
         return self._each(_on_rails)
 
     @property
+    @_once
     def plate_accelerations(self) -> Float[Array, "t angles"]:
         """θ̈ of the angles of a plate, those with schedules and then those that a law drives; no columns elsewhere."""
         return self._each(_plate_accelerations)
 
     @property
+    @_once
     def ground_left(self) -> Float[Array, "t 2"]:
         """The ``fit`` and the ``reach`` of a surface under the body, both 0 where it cannot go on; 1 on a plane."""
 
@@ -204,6 +230,7 @@ class Run(eqx.Module):
         return self._each(functools.partial(_of_surface, spare, 1 - jnp.stack([fit, reach])))
 
     @property
+    @_once
     def curves(self) -> Curves:
         """The closed rails."""
         return _curves(self.system, self.rail_samples)

@@ -11,11 +11,12 @@ from jaxtyping import Float
 
 from ...interface.html import repr_html
 from ...interface.output import write_text
+from ...interface.wording import number_of
 from ...programs.program import compile_quickly
 from ..problem.problem import Evaluation, Problem
 from .optimise import Merit, Optimiser, Progress, load_progress, save_progress
 from .program import Settings, Shooting
-from .verify import GradientCheck, Verified, as_built, check_gradient, perturbed, require_good, verify
+from .verify import MODES_AGREE, GradientCheck, Verified, as_built, check_gradient, perturbed, require_good, verify
 
 PROGRESS, SCENARIO = "progress.npz", "design.toml"
 TIGHTENINGS = 3
@@ -93,7 +94,8 @@ def design(
     - ``folder``: where the progress and the best design so far are saved, each time they change; a search that was
       stopped is resumed from there. Nothing is saved if not given.
     - ``identity``: what the search depends on, so that it is not resumed for another problem.
-    - ``say``: called with each line of progress.
+    - ``say``: called with each line of progress, and with one at the beginning of each stage, which says what is
+      waited for.
 
     **Raises:** :class:`DesignError` where the gradient is wrong, no start can be simulated, or ``folder`` has the
     progress of another problem.
@@ -115,10 +117,13 @@ def _run_search(
         progress = load_progress(folder / PROGRESS, identity)
         say(f"resumed from {progress.phase} {progress.step}, objective {progress.merit.objective:.6g}")
     else:
-        say("compiling, and checking the gradient at the start")
-        check = check_gradient(optimiser, program.append_joints(problem.space.start[None])[0])
+        say("compiling the gradient, and checking it at the start")
+        check = check_gradient(
+            optimiser, program.append_joints(problem.space.start[None])[0], enough=MODES_AGREE, say=say
+        )
         say(f"gradient check\n{check}")
         require_good(check)
+        say(f"improving {number_of(settings.starts, 'start')} by Adam, {settings.steps} steps each")
         progress = optimiser.begin()
     # The time of earlier runs counts too: `elapsed` is that of the whole search.
     began -= progress.elapsed
@@ -130,6 +135,9 @@ def _run_search(
         say(line(("adam", "polish")[int(phase)], int(step), merit, program.layout.name(int(merit.place))))
         if folder is not None:
             save(program, progress, folder, identity)
+        if progress.phase == "polish" and progress.step == 0:
+            most = f"at most {settings.rounds} rounds of {settings.evaluations} evaluations each"
+            say(f"polishing {number_of(len(progress.y), 'design')} by {settings.method}, {most}")
 
     tightenings = 0
     while True:

@@ -371,7 +371,7 @@ class Pieces(eqx.Module, AbstractTerms):
             evaluation = self.problem.evaluate_run(run)
             return evaluation._replace(violations=jnp.concatenate([evaluation.violations, jnp.ravel(defects)]))
 
-        return merge(jax.vmap(of_ball)(*runs))
+        return merge(of_rows(of_ball, *runs))
 
     def in_pieces(
         self, candidate: Candidate, states: Float[Array, "joints components"], solve: Solve
@@ -387,7 +387,7 @@ class Pieces(eqx.Module, AbstractTerms):
         later = jax.vmap(lambda components: self.components.unpack(components, candidate.state))(states)
         # The first piece starts at the initial state, which the design determines; the others at unknowns.
         begin = jax.tree.map(lambda x, others: jnp.concatenate([x[None], others]), candidate.state, later)
-        pieces, status = jax.vmap(piece)(candidate.times[self.rows], begin)
+        pieces, status = of_rows(piece, candidate.times[self.rows], begin)
         # The last sample of a piece is the first of the next one, which stands for both; their gap is a constraint.
         whole = jax.tree.map(lambda x: jnp.concatenate([*x[:, :-1], x[-1, -1:]]), pieces)
         ends = jax.tree.map(lambda x: x[:-1, -1], pieces)
