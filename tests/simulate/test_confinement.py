@@ -8,7 +8,7 @@ import pytest
 import scipy.optimize
 
 import jaxball
-from jaxball import Ball, BallState, Disk, PointMass, Status, problems, simulate
+from jaxball import Ball, BallState, Disk, DiskState, PointMass, Status, problems, simulate
 from jaxball.ensemble import simulate_ensemble
 from jaxball.physics.limits.breaches import compute_furthest
 
@@ -188,6 +188,78 @@ def test_a_short_way_aside_from_the_plane_of_a_disk_is_seen(height):
     wanted = Status.IMPOSSIBLE if height > 1.5e-8 else Status.SUCCESS
     for at in (2.3456, 7.6543):
         assert simulate(disk(jaxball.Free(aside, jnp.asarray(at))), np.linspace(0.0, 10.0, 3)).status == wanted
+
+
+def bell(t, at, width=1e-2):
+    return jnp.exp(-(((t - at) / width) ** 2))
+
+
+def push_aside(t, parameters):
+    """A force (5, h, 0) N, with h a bell of 1/1000 of the run at its highest; without the 5 nothing before it."""
+    along, height, at = parameters
+    return jnp.stack([along + 0.0 * t, height * bell(t, at), 0.0 * t])
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("along", [0.0, 5.0])
+def test_a_short_force_aside_from_the_plane_of_a_disk_is_seen(along):
+    times = np.linspace(0.0, 10.0, 3)
+
+    def disk(height, at):
+        return Disk(**FLAT, force=jaxball.FunctionForce(push_aside, jnp.array([along, height, at])))
+
+    status = jax.jit(lambda height, at: simulate(disk(height, at), times, max_step=0.1).status)
+    for at in np.random.default_rng(0).uniform(1.0, 9.0, 20):
+        assert int(status(1e-3, at)) == Status.IMPOSSIBLE, at
+        assert int(status(0.0, at)) == Status.SUCCESS
+        (sentence,) = problems(disk(1e-3, at), DiskState(), times)
+        assert f"`force` must be in the plane of a disk, E1 and E3, at all times, but it is [{along}, " in sentence
+    # As far aside as rounding may put it: the root of a rounding, 1.5e-8, of the largest entry.
+    assert int(status(1e-8 * along, 7.6543)) == Status.SUCCESS
+    assert problems(disk(0.0, 7.6543), DiskState(), times) == []
+
+
+@pytest.mark.thorough
+def test_a_force_aside_between_kinks_is_seen_however_short_it_is():
+    def kick(t, start):
+        return jnp.stack([0.2 + 0.0 * t, jnp.where((t > start) & (t < start + 1e-5), 1e-3, 0.0), 0.0 * t])
+
+    body = Disk(**FLAT, force=jaxball.FunctionForce(kick, jnp.asarray(7.6543)))
+    assert simulate(body, np.linspace(0.0, 10.0, 3)).status == Status.IMPOSSIBLE
+    assert simulate(body, np.linspace(0.0, 7.0, 3)).ok
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_ground_that_moves_a_disk_aside_for_a_moment_is_seen(axis):
+    times = np.linspace(0.0, 10.0, 3)
+
+    def shaken(t, at):
+        return 1e-3 * bell(t, at) * jnp.eye(3)[axis]
+
+    def turned(t, at):
+        return 1e-3 * bell(t, at)
+
+    at = jnp.asarray(7.6543)
+    frame = jaxball.MovingFrame([jaxball.Turn(np.eye(3)[axis], jaxball.FunctionSchedule(turned, at))])
+    plane = jaxball.Ground(motion=jaxball.Free(shaken, at))
+    for ground, stays in ((plane, axis != 1), (jaxball.Bowl(20.0, motion=frame), axis == 1)):
+        body = Disk(**FLAT, ground=ground)
+        found = [sentence for sentence in problems(body, DiskState(), times) if "ground.motion" in sentence]
+        assert (found == []) == stays
+        assert simulate(body, times).status == (Status.SUCCESS if stays else Status.IMPOSSIBLE)
+
+
+@pytest.mark.thorough
+def test_a_force_in_the_plane_has_its_derivatives():
+    """z̈ = F/(m + d/r²) = F/2, so that z = F t²/4."""
+
+    def end(force):
+        body = Disk(**FLAT, force=jaxball.HarmonicForce(jnp.stack([force, 0.0, 0.0])))
+        return simulate(body, [0.0, 2.0], DiskState()).state.z[-1]
+
+    for mode in (jax.grad, jax.jacfwd):
+        np.testing.assert_allclose(mode(end)(0.3), 1.0, rtol=1e-9)
 
 
 @pytest.mark.thorough
