@@ -11,6 +11,7 @@ import jaxball
 from jaxball import Ball, BallState, Disk, DiskState, PointMass, Status, problems, simulate
 from jaxball.ensemble import simulate_ensemble
 from jaxball.physics.limits.breaches import compute_furthest
+from jaxball.physics.limits.confinement import may_swing_out
 
 TIMES = np.linspace(0.0, 2.0, 5)
 SHELL = {"mass": 1.0, "inertia": (0.9, 1.0, 1.1)}
@@ -276,6 +277,65 @@ def test_a_mechanism_with_a_prescribed_joint_leaves_between_all_times():
         assert run.status == Status.LEFT_SHELL
         np.testing.assert_allclose(run.reached, at - 1e-2 * np.sqrt(np.log(1.5)), rtol=0, atol=1e-12)
         assert "`mechanisms[0]` must keep its masses inside the shell" in run.message
+
+
+def swinging(length=0.6, height=0.5, **others):
+    """A pendulum about a point above the centre of a disk of radius 1, which goes out where it swings over the top."""
+    hinge = jaxball.Hinge((0.0, 1.0, 0.0), point=(0.0, 0.0, height))
+    arm = jaxball.Mechanism([hinge], [jaxball.CarriedMass(0.1, (0.0, 0.0, height - length))])
+    return Disk(mass=1.0, inertia=0.5, gravity=9.81, mechanisms=[arm], **others)
+
+
+OVER_THE_TOP = DiskState(theta=[0.2], thetadot=[16.0])
+
+
+def first_out(run, length, height):
+    """Finds when the pendulum of a dense run is first at the distance 1: |χ|² = h² + l² − 2 h l cos θ."""
+    angle = np.arccos((height**2 + length**2 - 1) / (2 * height * length))
+    return scipy.optimize.brentq(lambda t: float(run.at(t).theta[0]) - angle, 0.0, 0.3, xtol=1e-14)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("contact", [None, jaxball.Contact(friction=50.0)])
+def test_a_pendulum_on_a_free_hinge_leaves_between_saved_times(contact):
+    body, times = swinging(), np.array([0.0, 0.3])
+    dense = simulate(body, times, OVER_THE_TOP, dense=True, inside=False, rtol=1e-12, atol=1e-12)
+    run = simulate(body, times, OVER_THE_TOP, contact=contact)
+    # At both times it is inside.
+    assert all(np.cos(np.asarray(run.state.theta)[:, 0] - np.pi) < 0.6)
+    assert run.status == Status.LEFT_SHELL
+    # The tolerance of the run, and the root of a rounding, up to which a mass is inside, over the speed.
+    np.testing.assert_allclose(run.reached, first_out(dense, 0.6, 0.5), rtol=0, atol=1e-5)
+    # Also of a start that is traced, with the body known.
+    solve = jax.jit(lambda rate: simulate(body, times, DiskState(theta=[0.2], thetadot=rate[None]), contact=contact))
+    assert [int(solve(rate).status) for rate in (16.0, 1.0)] == [Status.LEFT_SHELL, Status.SUCCESS]
+
+
+@pytest.mark.thorough
+def test_pendulums_of_an_ensemble_leave_between_saved_times():
+    lengths = np.array([0.4, 0.5, 0.6, 0.7])
+    bodies = jax.vmap(swinging)(jnp.asarray(lengths))
+    runs = simulate_ensemble(bodies, np.array([0.0, 0.3]), OVER_THE_TOP, in_axes=(0, None))
+    for length, reached, status in zip(lengths, runs.reached, runs.status, strict=True):
+        alone = simulate(swinging(length), np.array([0.0, 0.3]), OVER_THE_TOP)
+        assert int(status) == alone.status == (Status.LEFT_SHELL if length > 0.5 else Status.SUCCESS)
+        np.testing.assert_allclose(reached, alone.reached, rtol=1e-9)
+
+
+def test_only_hinges_that_are_long_enough_are_watched():
+    assert may_swing_out(swinging(0.6))
+    assert not may_swing_out(swinging(0.5))
+    assert may_swing_out(swinging(0.5, radius=0.9))
+    links = [jaxball.Hinge((0.0, 1.0, 0.0)), jaxball.Hinge((1.0, 0.0, 0.0), point=(0.0, 0.0, -0.5))]
+    for reach, may in ((0.45, False), (0.55, True)):
+        masses = [jaxball.CarriedMass(0.1, (0.0, 0.0, -0.3), joint=0), jaxball.CarriedMass(0.1, (0.3, 0.4 - 0.5, -0.5))]
+        masses.append(jaxball.CarriedMass(0.1, (0.0, 0.0, -0.5 - reach)))
+        body = Ball(**SHELL, mechanisms=[jaxball.Mechanism(links, masses)])
+        assert may_swing_out(body) == may
+    # Unknown within `jit` of the body, where it is looked at at saved times, as hinges that cannot get out are.
+    seen = []
+    jax.jit(lambda length: seen.append(may_swing_out(swinging(length))) or length)(0.6)
+    assert seen == [False]
 
 
 @pytest.mark.thorough

@@ -193,9 +193,9 @@ def along(numbers: Array, rates: Array) -> Array:
     Where a derivative is not finite the tangent is NaN, and in reverse mode a cotangent of 0 stays 0.
     """
     each = numbers.astype(rates.dtype).reshape(-1, *(1,) * (rates.ndim - 1))
-    known = jnp.isfinite(rates)
+    finite = jnp.isfinite(rates)
     unknown = _nan.bind(jnp.broadcast_to(each, rates.shape))
-    return jnp.sum(jnp.where(known, each * jnp.where(known, rates, 0), unknown), axis=0)
+    return jnp.sum(jnp.where(finite, each * jnp.where(finite, rates, 0), unknown), axis=0)
 
 
 # 0, whose tangents are NaN, as is each returning cotangent except one of 0.
