@@ -432,8 +432,8 @@ def _controller(
         controller = diffrax.ClipStepSizeController(controller, step_ts=times)
     kinks, parameters = kinks_of(system), functions.parameters
     controller = to_kinks(controller, kinks)
-    share = share_of(method.solver)
-    limits = limits_of_steps(functions.field, times, initial, parameters, kinks, accuracy.tolerance, share)
+    how = accuracy.tolerance, share_of(method.solver), system.is_hybrid
+    limits = limits_of_steps(functions.field, times, initial, parameters, kinks, *how)
     return controller if limits is None else LimitedSteps(controller, limits)
 
 
