@@ -12,6 +12,7 @@ import pytest
 
 import jaxball
 from jaxball import Ball, BallState, Contact, Disk, DiskState, JointFriction, ReleasedState, Resistance
+from tests.support.orders import ORDERS
 
 R, END = 0.3, 1.4
 
@@ -109,14 +110,6 @@ def test_second_derivatives_are_those_of_closed_forms(case):
     size = jnp.einsum("kij,i,j->k", jnp.abs(entries), jnp.abs(one), jnp.abs(other))
     error = np.abs(curvature - jnp.einsum("kij,i,j->k", entries, one, other))
     assert np.all(error < 1e-9 * size)
-
-
-ORDERS = {
-    "forward over forward": lambda f: jax.jacfwd(jax.jacfwd(f)),
-    "forward over reverse": jax.hessian,
-    "reverse over forward": lambda f: jax.jacrev(jax.jacfwd(f)),
-    "reverse over reverse": lambda f: jax.jacrev(jax.jacrev(f)),
-}
 
 
 @pytest.mark.slow

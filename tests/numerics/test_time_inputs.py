@@ -48,6 +48,18 @@ WITH_INPUTS = {
     ),
     "an iteration": (lambda t, x, p: x * _slowly(t), lambda t: [np.sqrt(t)]),
     "of the state as well": (lambda t, x, p: jnp.exp(-((t - x) ** 2)), lambda t: jnp.exp(-((t - X) ** 2))),
+    "bent where it meets the state": (
+        lambda t, x, p: x * jnp.maximum(t - x, p[0]),
+        lambda t: jnp.maximum(t - X, 4.7),
+    ),
+    "jumping where it meets the state": (
+        lambda t, x, p: jnp.where(t * p[0] > 1 + x, p[0], x),
+        lambda t: jnp.where(t * 4.7 > 1 + X, 4.7, X),
+    ),
+    "a power that is large near the state": (
+        lambda t, x, p: x * (1 + (t - x) ** 2) ** -2,
+        lambda t: (1 + (t - X) ** 2) ** -2,
+    ),
 }
 WITHOUT = {
     "constant": lambda t, x, p: x * p,
@@ -60,6 +72,8 @@ WITHOUT = {
     "a row of a table": lambda t, x, p: x * p[jnp.searchsorted(p, t)],
     "called back": lambda t, x, p: x * jnp.exp(jax.pure_callback(np.sin, jax.ShapeDtypeStruct((), "float64"), t)),
     "a quotient with the state": lambda t, x, p: x / (1 + x**2 + jnp.sin(t) ** 2),
+    "a polynomial over the state": lambda t, x, p: t**2 / (1 + x**2) + jnp.sin(20 * t) / (1 + x**2),
+    "compared, but of waves": lambda t, x, p: jnp.maximum(jnp.sin(t) - x, 0.0) * p,
 }
 
 
@@ -77,6 +91,11 @@ def test_inputs_are_what_only_samples_tell(name):
 @pytest.mark.parametrize("name", WITHOUT)
 def test_what_a_step_sees_is_no_input(name):
     assert find_inputs(jax.make_jaxpr(WITHOUT[name])(0.0, X, P)) is None
+
+
+def test_what_tells_modes_is_no_input():
+    program = jax.make_jaxpr(WITH_INPUTS["bent where it meets the state"][0])(0.0, X, P)
+    assert find_inputs(program, modes=True) is None
 
 
 def test_inputs_are_all_that_is_computed():

@@ -8,9 +8,10 @@ import pytest
 import scipy.optimize
 
 import jaxball
-from jaxball import Ball, BallState, Disk, PointMass, Status, problems, simulate
+from jaxball import Ball, BallState, Disk, DiskState, PointMass, Status, problems, simulate
 from jaxball.ensemble import simulate_ensemble
 from jaxball.physics.limits.breaches import compute_furthest
+from jaxball.physics.limits.confinement import may_swing_out
 
 TIMES = np.linspace(0.0, 2.0, 5)
 SHELL = {"mass": 1.0, "inertia": (0.9, 1.0, 1.1)}
@@ -190,6 +191,78 @@ def test_a_short_way_aside_from_the_plane_of_a_disk_is_seen(height):
         assert simulate(disk(jaxball.Free(aside, jnp.asarray(at))), np.linspace(0.0, 10.0, 3)).status == wanted
 
 
+def bell(t, at, width=1e-2):
+    return jnp.exp(-(((t - at) / width) ** 2))
+
+
+def push_aside(t, parameters):
+    """A force (5, h, 0) N, with h a bell of 1/1000 of the run at its highest; without the 5 nothing before it."""
+    along, height, at = parameters
+    return jnp.stack([along + 0.0 * t, height * bell(t, at), 0.0 * t])
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("along", [0.0, 5.0])
+def test_a_short_force_aside_from_the_plane_of_a_disk_is_seen(along):
+    times = np.linspace(0.0, 10.0, 3)
+
+    def disk(height, at):
+        return Disk(**FLAT, force=jaxball.FunctionForce(push_aside, jnp.array([along, height, at])))
+
+    status = jax.jit(lambda height, at: simulate(disk(height, at), times, max_step=0.1).status)
+    for at in np.random.default_rng(0).uniform(1.0, 9.0, 20):
+        assert int(status(1e-3, at)) == Status.IMPOSSIBLE, at
+        assert int(status(0.0, at)) == Status.SUCCESS
+        (sentence,) = problems(disk(1e-3, at), DiskState(), times)
+        assert f"`force` must be in the plane of a disk, E1 and E3, at all times, but it is [{along}, " in sentence
+    # As far aside as rounding may put it: the root of a rounding, 1.5e-8, of the largest entry.
+    assert int(status(1e-8 * along, 7.6543)) == Status.SUCCESS
+    assert problems(disk(0.0, 7.6543), DiskState(), times) == []
+
+
+@pytest.mark.thorough
+def test_a_force_aside_between_kinks_is_seen_however_short_it_is():
+    def kick(t, start):
+        return jnp.stack([0.2 + 0.0 * t, jnp.where((t > start) & (t < start + 1e-5), 1e-3, 0.0), 0.0 * t])
+
+    body = Disk(**FLAT, force=jaxball.FunctionForce(kick, jnp.asarray(7.6543)))
+    assert simulate(body, np.linspace(0.0, 10.0, 3)).status == Status.IMPOSSIBLE
+    assert simulate(body, np.linspace(0.0, 7.0, 3)).ok
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_ground_that_moves_a_disk_aside_for_a_moment_is_seen(axis):
+    times = np.linspace(0.0, 10.0, 3)
+
+    def shaken(t, at):
+        return 1e-3 * bell(t, at) * jnp.eye(3)[axis]
+
+    def turned(t, at):
+        return 1e-3 * bell(t, at)
+
+    at = jnp.asarray(7.6543)
+    frame = jaxball.MovingFrame([jaxball.Turn(np.eye(3)[axis], jaxball.FunctionSchedule(turned, at))])
+    plane = jaxball.Ground(motion=jaxball.Free(shaken, at))
+    for ground, stays in ((plane, axis != 1), (jaxball.Bowl(20.0, motion=frame), axis == 1)):
+        body = Disk(**FLAT, ground=ground)
+        found = [sentence for sentence in problems(body, DiskState(), times) if "ground.motion" in sentence]
+        assert (found == []) == stays
+        assert simulate(body, times).status == (Status.SUCCESS if stays else Status.IMPOSSIBLE)
+
+
+@pytest.mark.thorough
+def test_a_force_in_the_plane_has_its_derivatives():
+    """z̈ = F/(m + d/r²) = F/2, so that z = F t²/4."""
+
+    def end(force):
+        body = Disk(**FLAT, force=jaxball.HarmonicForce(jnp.stack([force, 0.0, 0.0])))
+        return simulate(body, [0.0, 2.0], DiskState()).state.z[-1]
+
+    for mode in (jax.grad, jax.jacfwd):
+        np.testing.assert_allclose(mode(end)(0.3), 1.0, rtol=1e-9)
+
+
 @pytest.mark.thorough
 def test_a_mechanism_with_a_prescribed_joint_leaves_between_all_times():
     """A slider that moves a mass at 0.9 by 0.15 for 1/1000 of the run: out from the time w √(ln 1.5) before that on."""
@@ -204,6 +277,65 @@ def test_a_mechanism_with_a_prescribed_joint_leaves_between_all_times():
         assert run.status == Status.LEFT_SHELL
         np.testing.assert_allclose(run.reached, at - 1e-2 * np.sqrt(np.log(1.5)), rtol=0, atol=1e-12)
         assert "`mechanisms[0]` must keep its masses inside the shell" in run.message
+
+
+def swinging(length=0.6, height=0.5, **others):
+    """A pendulum about a point above the centre of a disk of radius 1, which goes out where it swings over the top."""
+    hinge = jaxball.Hinge((0.0, 1.0, 0.0), point=(0.0, 0.0, height))
+    arm = jaxball.Mechanism([hinge], [jaxball.CarriedMass(0.1, (0.0, 0.0, height - length))])
+    return Disk(mass=1.0, inertia=0.5, gravity=9.81, mechanisms=[arm], **others)
+
+
+OVER_THE_TOP = DiskState(theta=[0.2], thetadot=[16.0])
+
+
+def first_out(run, length, height):
+    """Finds when the pendulum of a dense run is first at the distance 1: |χ|² = h² + l² − 2 h l cos θ."""
+    angle = np.arccos((height**2 + length**2 - 1) / (2 * height * length))
+    return scipy.optimize.brentq(lambda t: float(run.at(t).theta[0]) - angle, 0.0, 0.3, xtol=1e-14)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("contact", [None, jaxball.Contact(friction=50.0)])
+def test_a_pendulum_on_a_free_hinge_leaves_between_saved_times(contact):
+    body, times = swinging(), np.array([0.0, 0.3])
+    dense = simulate(body, times, OVER_THE_TOP, dense=True, inside=False, rtol=1e-12, atol=1e-12)
+    run = simulate(body, times, OVER_THE_TOP, contact=contact)
+    # At both times it is inside.
+    assert all(np.cos(np.asarray(run.state.theta)[:, 0] - np.pi) < 0.6)
+    assert run.status == Status.LEFT_SHELL
+    # The tolerance of the run, and the root of a rounding, up to which a mass is inside, over the speed.
+    np.testing.assert_allclose(run.reached, first_out(dense, 0.6, 0.5), rtol=0, atol=1e-5)
+    # Also of a start that is traced, with the body known.
+    solve = jax.jit(lambda rate: simulate(body, times, DiskState(theta=[0.2], thetadot=rate[None]), contact=contact))
+    assert [int(solve(rate).status) for rate in (16.0, 1.0)] == [Status.LEFT_SHELL, Status.SUCCESS]
+
+
+@pytest.mark.thorough
+def test_pendulums_of_an_ensemble_leave_between_saved_times():
+    lengths = np.array([0.4, 0.5, 0.6, 0.7])
+    bodies = jax.vmap(swinging)(jnp.asarray(lengths))
+    runs = simulate_ensemble(bodies, np.array([0.0, 0.3]), OVER_THE_TOP, in_axes=(0, None))
+    for length, reached, status in zip(lengths, runs.reached, runs.status, strict=True):
+        alone = simulate(swinging(length), np.array([0.0, 0.3]), OVER_THE_TOP)
+        assert int(status) == alone.status == (Status.LEFT_SHELL if length > 0.5 else Status.SUCCESS)
+        np.testing.assert_allclose(reached, alone.reached, rtol=1e-9)
+
+
+def test_only_hinges_that_are_long_enough_are_watched():
+    assert may_swing_out(swinging(0.6))
+    assert not may_swing_out(swinging(0.5))
+    assert may_swing_out(swinging(0.5, radius=0.9))
+    links = [jaxball.Hinge((0.0, 1.0, 0.0)), jaxball.Hinge((1.0, 0.0, 0.0), point=(0.0, 0.0, -0.5))]
+    for reach, may in ((0.45, False), (0.55, True)):
+        masses = [jaxball.CarriedMass(0.1, (0.0, 0.0, -0.3), joint=0), jaxball.CarriedMass(0.1, (0.3, 0.4 - 0.5, -0.5))]
+        masses.append(jaxball.CarriedMass(0.1, (0.0, 0.0, -0.5 - reach)))
+        body = Ball(**SHELL, mechanisms=[jaxball.Mechanism(links, masses)])
+        assert may_swing_out(body) == may
+    # Unknown within `jit` of the body, where it is looked at at saved times, as hinges that cannot get out are.
+    seen = []
+    jax.jit(lambda length: seen.append(may_swing_out(swinging(length))) or length)(0.6)
+    assert seen == [False]
 
 
 @pytest.mark.thorough

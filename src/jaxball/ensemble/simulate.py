@@ -19,6 +19,7 @@ from ..numerics.arrays import Numbers, to_numpy
 from ..physics.contact.body_on_plane import ContactHistory
 from ..physics.contact.law import Contact
 from ..physics.contact.released import ReleasedState
+from ..physics.limits.confinement import may_swing_out
 from ..physics.observables import Observables
 from ..physics.system import AbstractState, AbstractSystem
 from ..programs.operation import in_threads
@@ -209,6 +210,7 @@ def simulate_ensemble(
     if dae:
         require_dae(simulated, state, solver)
     events = check_events(simulated, events)
+    flags["swinging"] = inside and may_swing_out(simulated)
     method = Method.of(solver, adjoint, max_steps, None, max_step, **flags)
     rtol, atol = check_tolerances(rtol, atol, of_many=True)
     instants = times if isinstance(times, jax.Array) else to_numpy(times, "times").astype(rtol.dtype)

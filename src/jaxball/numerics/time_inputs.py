@@ -28,7 +28,8 @@ PIECEWISE = ("abs", "max", "min", "clamp")  # linear where their operands are, b
 COMPARISONS = ("lt", "le", "gt", "ge", "lt_to", "le_to", "sign", "floor", "ceil", "round")
 LOGIC = ("and", "or", "not", "xor", "eq", "ne", "is_finite", "stop_gradient")
 # Of an input, and of the time and the state together, only these are inputs: a quotient or a root is as smooth as what
-# it is of, unless that comes close to zero, as the inertia of a body does not.
+# it is of, unless that comes close to zero, as the inertia of a body does not. But what grows with time, as t − x does
+# for a place x, comes close to anything for a moment: what compares it, and a negative power of it, are inputs, too.
 STEEP = ("exp", "exp2", "expm1", "tanh", "logistic", "erf", "erfc", "erf_inv", "sinh", "cosh", "pow", "log", "log1p")
 
 
@@ -36,7 +37,8 @@ class Course(NamedTuple):
     """How a value varies with time.
 
     - ``time``, ``state``: whether it depends on them.
-    - ``degree``: of the polynomial in time that it is, between known kinks.
+    - ``degree``: of the polynomial in time that it is, between known kinks, or of that in it where it depends on the
+      state; of a logical value that of what is compared.
     - ``phases``: the angles of sinusoids in it, by where they are computed, with how many each of them is.
     - ``harmonics``: the highest multiple of them.
     - ``sampled``: whether only sampling can follow it.
@@ -81,13 +83,16 @@ class _Operation(NamedTuple):
     results: tuple[int, ...]
 
 
-def find_inputs(program: Program) -> Callable[[Float[Array, ""], Any, Any], Float[Array, " inputs"]] | None:
+def find_inputs(
+    program: Program, modes: bool = False
+) -> Callable[[Float[Array, ""], Any, Any], Float[Array, " inputs"]] | None:
     """Finds the inputs of a function of (t, x, parameters), arrays, from the program that it is traced to.
 
+    ``modes``: whether what compares the time and the state tells modes, whose ends are found in each step, and is none.
     Returns the function of the same arguments that computes them; None if there are none, and where the function calls
     back to Python, which is not asked more often than a solve must.
     """
-    trace = _Trace()
+    trace = _Trace(modes)
     first = [trace.add(Course(time=True, degree=1)), trace.add(Course(state=True)), trace.add(Course())]
     trace.follow(program, first)
     return functools.partial(trace.evaluate, first) if trace.inputs and not trace.calls_back else None
@@ -103,7 +108,8 @@ def depends_on_time(program: Program) -> bool:
 class _Trace:
     """The values that are met on the way through a program, with their courses, and how they are computed."""
 
-    def __init__(self):
+    def __init__(self, modes: bool):
+        self.modes = modes
         self.courses: list[Course] = []
         self.constants: dict[int, Any] = {}
         self.places: dict[Any, Any] = {}  # of operations that have been met, which a derivative computes again
@@ -167,8 +173,9 @@ class _Trace:
         self.calls_back |= "callback" in name
         is_input = False
         if whole.time and whole.state:
-            course = Course(time=True, state=True)
+            course = Course(time=True, state=True, degree=_degree(name, equation, courses))
             is_input = bool(_primitives(equation) & set(STEEP))
+            is_input |= not self.modes and _is_sudden(name, equation, courses)
             if name == "div" and courses[1].time and not courses[1].state and (operands[1], True) not in self.inputs:
                 self.inputs.append((operands[1], True))
         elif whole.time:
@@ -242,6 +249,28 @@ def _course(name: str, equation: Any, operands: list[int], courses: list[Course]
         phase = (operands[0], int(variable.aval.size))
         return Course(time=True, phases=whole.phases | {phase}, harmonics=max(1, whole.harmonics))
     return None
+
+
+def _degree(name: str, equation: Any, courses: Sequence[Course]) -> int:
+    """Returns the degree of the polynomial in time in a value that also depends on the state."""
+    if name in PRODUCTS:
+        power = int(equation.params.get("y", 2)) if len(courses) == 1 else 1
+        return power * sum(course.degree for course in courses) if power > 0 else 0
+    if name == "div":
+        return courses[0].degree
+    keeps = name in LINEAR or name in LOGIC or name in COMPARISONS or name in PIECEWISE or name == "sqrt"
+    return max(course.degree for course in courses) if keeps else 0
+
+
+def _is_sudden(name: str, equation: Any, courses: Sequence[Course]) -> bool:
+    """Returns whether a value that depends on the time and the state may be almost constant but for a moment."""
+    if name in PIECEWISE:
+        decisive = courses
+    elif name == "select_n" or name == "rsqrt" or (name == "integer_pow" and equation.params["y"] < 0):
+        decisive = courses[:1]
+    else:
+        decisive = []
+    return any(course.time and course.state and course.degree > 0 for course in decisive)
 
 
 def _join_compared(courses: Sequence[Course]) -> Course:

@@ -229,8 +229,6 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
         return clearance(self, t, state.theta)
 
     def breaches(self, times: Float[np.ndarray, " T"], state: Any | None, states: Any | None) -> Iterator[Problem]:
-        for condition in in_plane(self, jnp.asarray(times, default_dtype())):
-            yield from condition.problems()
         theta = states.theta if states is not None else None if state is None else state.theta[None]
         yield from breaches(self, times, None if theta is None else np.asarray(theta))
         if state is not None:

@@ -21,6 +21,7 @@ from ..numerics.arrays import Numbers, numbers
 from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.modes import ContactState, Mode
 from ..physics.dynamics.footing import room_on_ground
+from ..physics.limits.confinement import clearance_of_all
 from ..physics.rolling import AbstractRollingSystem, Reaction
 from ..physics.system import AbstractSystem
 from ..programs.derivatives.differentiation import without_derivatives
@@ -280,12 +281,14 @@ class Slip(AbstractEvent):
 
 
 class Leaving(AbstractEvent):
-    """Something leaves the inside of the system whose place only the state tells: what ``clearance`` says.
+    """Something leaves the inside of the system whose place only the state tells: what ``clearance`` says, or
+    ``clearance_of_all`` for what is ``swinging``.
 
     Where masses leave a shell the run goes on, because its equations do not depend on the shell; else it ends.
     """
 
     status: Status = eqx.field(static=True)  # pyright: ignore[reportIncompatibleVariableOverride]
+    swinging: bool = eqx.field(static=True)
     direction: int = eqx.field(static=True, default=DOWN, init=False)
     capacity: int = eqx.field(static=True, default=1, init=False)
     from_start: ClassVar[bool] = False
@@ -295,12 +298,16 @@ class Leaving(AbstractEvent):
         return self.status != Status.LEFT_SHELL
 
     def value(self, system, t, state):
-        clearance = system.clearance(t, state)
+        clearance = self.clearance(system, t, state)
         assert clearance is not None
         return clearance
 
     def value_in_solve(self, system, t, state):
         return self.value(system, t, state)
+
+    def clearance(self, system: AbstractSystem, t: Float[Array, ""], state: Any) -> Float[Array, ""] | None:
+        """Returns the number that is positive while nothing leaves; None where nothing can."""
+        return clearance_of_all(system, t, state) if self.swinging else system.clearance(t, state)
 
 
 class EndOfGround(AbstractEvent):

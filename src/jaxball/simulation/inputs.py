@@ -121,13 +121,14 @@ def limits_of_steps(
     kinks: Float[Array, " kinks"],
     tolerance: Float[Array, ""],
     share: float,
+    modes: bool,
 ) -> StepLimits | None:
     """Returns how long steps may be for the inputs of a field, which is a function of (t, ``x``, ``parameters``).
 
-    ``share`` is that of the solver. Steps end at ``kinks``, across which no input is smooth. None where the field has
-    no inputs.
+    ``share`` is that of the solver, ``modes`` says whether the system has any. Steps end at ``kinks``, across which no
+    input is smooth. None where the field has no inputs.
     """
-    inputs = find_inputs(jax.make_jaxpr(field)(times[0], x, parameters))
+    inputs = find_inputs(jax.make_jaxpr(field)(times[0], x, parameters), modes)
     if inputs is None:
         return None
     times, x, parameters, kinks, tolerance = without_derivatives((times, x, parameters, kinks, tolerance))

@@ -22,7 +22,7 @@ from ..physics.contact.modes import ContactState, Mode
 from ..physics.contact.released import ReleasedState
 from ..physics.dynamics.footing import end_of_ground, has_end
 from ..physics.hybrid import Accuracy
-from ..physics.limits.confinement import until_left
+from ..physics.limits.confinement import may_swing_out, until_left
 from ..physics.packing import Packing, ravel_state
 from ..physics.state import State
 from ..physics.system import AbstractState, AbstractSystem, require_system
@@ -112,17 +112,16 @@ def simulate(
       when each happened. One that ends the run sets its status, and the states saved after that are NaN.
     - ``contact``: a :class:`~jaxball.Contact`, by which a body may slip, leave the ground and land on it, also from a
       :class:`~jaxball.ReleasedState`; ``trajectory.contact`` has the modes. If not given, it always rolls.
-    - ``adjoint``: the mode of differentiation: ``diffrax.RecursiveCheckpointAdjoint()`` for reverse mode alone,
-      ``diffrax.ForwardMode()`` for forward mode alone; both in any order if not given, and up to second derivatives of
-      events and hybrid systems. ``diffrax.DirectAdjoint()`` is refused.
+    - ``adjoint``: for reverse mode alone ``diffrax.RecursiveCheckpointAdjoint()``, for forward mode alone
+      ``diffrax.ForwardMode()``; if not given both, in any order, of events and hybrid systems up to the second.
     - ``max_steps``: the most steps, accepted and rejected, that the solve may take; its derivatives, which may need
       more, are NaN where this does not suffice for them.
-    - ``max_step``: the longest step, a time; none if not given. What depends on time is sampled over the run, so that
-      steps are short where it changes fast; this is for what the samples miss. Each value compiles a program.
+    - ``max_step``: the longest step, a time; none if not given. Where forces and motions change fast, steps are short
+      without it; it is for changes that samples over the run miss. Each value compiles a program.
     - ``progress``: a diffrax progress meter.
     - ``inside``: whether a run is ``IMPOSSIBLE`` that starts with rails or masses outside the body, and ends as
-      ``LEFT_SHELL`` when a mass leaves the shell; mechanisms of hinges alone are checked at ``times`` only. The
-      equations do not depend on the shell; False is for searches that pass through such bodies.
+      ``LEFT_SHELL`` when a mass leaves the shell; of a body that is traced, masses on hinges are checked at
+      ``times`` only. The equations do not depend on the shell; False is for searches that pass through such bodies.
     - ``throw``: whether a failed solve raises; otherwise it is a status on the trajectory.
 
     **Raises:** :class:`PrecisionError` when float32 cannot reach the tolerances, ``ValueError`` or ``TypeError`` for
@@ -136,8 +135,6 @@ def simulate(
     >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], DiskState(phidot=-1.0))
     >>> print(run.state.z)
     [0. 1. 2.]
-    >>> run.message
-    'The solve reached t = 2.'
     """
     flags = {"dense": dense, "step_to_times": step_to_times, "dae": dae, "project": project, "inside": inside}
     require_flags(**flags, throw=throw)
@@ -145,17 +142,20 @@ def simulate(
     moving = system_to_solve(system, contact)
     state = at_rest(system) if state is None else state
     require_single(moving, state)
-    rtol, atol = check_tolerances(rtol, atol)
+    tolerances = check_tolerances(rtol, atol)
     if dae:
         require_dae(moving, state, solver)
-    events = check_events(moving, events)
+    flags["swinging"] = inside and may_swing_out(moving)
     method = Method.of(solver, adjoint, max_steps, progress, max_step, **flags)
-    trajectory = _run(method, moving, times, state, rtol, atol, events)
+    trajectory = _run(method, moving, times, state, *tolerances, check_events(moving, events))
     return _raise_if_failed(trajectory) if throw else trajectory
 
 
 class Method(NamedTuple):
-    """What a program is compiled for; everything else may change from call to call."""
+    """What a program is compiled for; everything else may change from call to call.
+
+    ``swinging``: whether masses on hinges, which may get out, are looked at in each step.
+    """
 
     solver: diffrax.AbstractAdaptiveSolver
     adjoint: diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode | None
@@ -167,6 +167,7 @@ class Method(NamedTuple):
     dae: bool = False
     project: bool = False
     inside: bool = True
+    swinging: bool = False
     observation: Observation | None = None
 
     @classmethod
@@ -248,8 +249,8 @@ def solve(
     where_startable = functools.partial(differentiate_where, startable)
     system, times, state, events = change_with_captures(where_startable, (system, times, state, events))
     packing, initial = _pack(system, times[0], state)
-    confined = method.inside and packing.system.clearance(times[0], state) is not None
-    events = _add_ends_of_run(events, packing.system, confined)
+    leaving = Leaving(packing.system.leaving_status, method.swinging) if method.inside else None
+    events = _add_ends_of_run(events, packing.system, times[0], state, leaving)
     functions = _Functions(method, system, packing, events)
     order = float(method.solver.error_order(diffrax.ODETerm(functions.field)) or 1)  # pyright: ignore
     accuracy = Accuracy(rtol, atol, order, approach_of(method.solver))
@@ -310,11 +311,11 @@ def solve(
 
 
 def _add_ends_of_run(
-    events: dict[str, AbstractEvent], system: AbstractSystem, confined: bool
+    events: dict[str, AbstractEvent], system: AbstractSystem, start: Array, state: Any, leaving: Leaving | None
 ) -> dict[str, AbstractEvent]:
-    """Returns the events with those that end a run: what leaves a ``confined`` system, and the end of its ground."""
-    if confined:
-        events = events | {LEAVING: Leaving(system.leaving_status)}
+    """Returns the events with those that end a run: what leaves the inside of a system, and the end of its ground."""
+    if leaving is not None and leaving.clearance(system, start, state) is not None:
+        events = events | {LEAVING: leaving}
     if has_end(system.shown):
         events = events | {name: EndOfGround(status) for name, status in ENDS.items()}
     return dict(sorted(events.items()))  # as they are where they are taken apart as a PyTree
@@ -431,8 +432,8 @@ def _controller(
         controller = diffrax.ClipStepSizeController(controller, step_ts=times)
     kinks, parameters = kinks_of(system), functions.parameters
     controller = to_kinks(controller, kinks)
-    share = share_of(method.solver)
-    limits = limits_of_steps(functions.field, times, initial, parameters, kinks, accuracy.tolerance, share)
+    how = accuracy.tolerance, share_of(method.solver), system.is_hybrid
+    limits = limits_of_steps(functions.field, times, initial, parameters, kinks, *how)
     return controller if limits is None else LimitedSteps(controller, limits)
 
 

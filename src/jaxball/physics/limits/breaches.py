@@ -18,6 +18,7 @@ from ...numerics.arrays import to_array
 from ...numerics.calculus import Furthest, furthest
 from ...numerics.excursions import first_excursion
 from ...numerics.vectors import length
+from ...programs.derivatives.differentiation import without_derivatives
 from ..conditions import Condition, Problem
 from ..dynamics.parameters import BodyParameters
 from ..forces.force import AbstractForce
@@ -66,6 +67,8 @@ def breaches(
 def _breaches(
     system: BodyParameters, times: Float[np.ndarray, " T"], theta: Float[np.ndarray, "t driven"] | None
 ) -> Iterator[Problem]:
+    for part, seen in zip(_flat_parts(system), _look_aside(system, times), strict=True):
+        yield from part.condition(seen).problems()
     inside = f"inside the shell of radius {float(system.radius):g}"
     for index, item in enumerate(system.point_masses):
         motion, rail = item.motion, rail_of(item.motion)
@@ -258,22 +261,69 @@ def _leaving_of_mechanisms(system: BodyParameters, group: AbstractMechanism, ord
     return leaving_of_mechanisms(system, prepared, order, to_array(times), kinks)
 
 
-def in_plane(system: BodyParameters, times: Float[Array, " T"]) -> Iterator[Condition]:
-    """Yields the conditions on a disk's force and on the motion of its ground, as far as they are seen; traceable."""
+class _Flat(NamedTuple):
+    """What must be in the plane of a disk: its name, what it must be, k vectors as a function of time whose second
+    entries must be 0, relative to a ``size`` or to the largest entry, and the times of its kinks.
+    """
+
+    name: str
+    must: str
+    vectors: Callable[[Float[Array, ""]], Float[Array, "k 3"]]
+    kinks: Callable[[], Float[Array, " kinks"]]
+    size: Float[Array, ""] | None = None
+
+    def look(self, times: Float[Array, " T"]) -> Float[Array, "n k 3"]:
+        """Computes the vectors at evenly spaced times, and at one at which they are first aside, if they ever are.
+
+        What is aside for as long as a bell exp(−(t/w)²) with w 1/1000 of the run is seen, and between kinks anything.
+        """
+        even = time_samples(times)
+        largest = jnp.max(jnp.abs(jax.vmap(self.vectors)(even))) if self.size is None else self.size
+
+        def share_aside(t: Float[Array, ""]) -> Float[Array, " k"]:
+            squares = self.vectors(t) ** 2
+            # Where all samples are 0, a vector is compared with itself.
+            of_all = jnp.sum(squares, axis=1) if self.size is None else 0.0
+            return squares[:, 1] / (of_all + largest**2 + jnp.sqrt(jnp.finfo(t.dtype).tiny))
+
+        margin = jnp.asarray(rounding(times) ** 2, times.dtype)
+        seen = first_excursion(share_aside, margin, times, self.kinks()).seen
+        return jax.vmap(self.vectors)(jnp.append(even, jnp.where(jnp.isfinite(seen), seen, times[0])))
+
+    def condition(self, seen: Float[Array, "n k 3"]) -> Condition:
+        """Returns the condition on vectors that :meth:`look` returned."""
+        seen = seen.reshape(-1, 3)
+        aside = jnp.abs(seen[:, 1])
+        largest = jnp.max(jnp.abs(seen)) if self.size is None else self.size
+        worst = seen[jnp.argmax(aside)] if self.size is None else jnp.max(aside)
+        return Condition(~(jnp.max(aside) > rounding(seen) * largest), self.name, worst, self.must)
+
+
+def _flat_parts(system: BodyParameters) -> Iterator[_Flat]:
+    """Yields a disk's force and the motion of its ground."""
     motion = system.ground.motion if isinstance(system.ground, Ground) else None
     force = system.force if isinstance(system.force, AbstractForce) else None
-    for name, vector in (("force", force), ("ground.motion", motion)):
-        if not system.planar or vector is None:
-            continue
-        seen = jax.vmap(vector)(time_samples(times))
-        largest = jnp.max(jnp.abs(seen), axis=0)
-        holds = ~(largest[1] > rounding(seen) * jnp.max(largest))
-        worst = seen[jnp.argmax(jnp.abs(seen[:, 1]))]
-        yield Condition(holds, name, worst, "in the plane of a disk, E1 and E3, at all times")
     frame = system.ground.motion if isinstance(system.ground, AbstractSurface) else None
+    must = "in the plane of a disk, E1 and E3, at all times"
+    for name, vector in (("force", force), ("ground.motion", motion)):
+        if system.planar and vector is not None:
+            yield _Flat(name, must, lambda t, vector=vector: vector(t)[None], vector.kinks)
     if system.planar and frame is not None:
-        corners = system.radius * jnp.asarray(((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)), times.dtype)
-        seen = jax.vmap(lambda t: jax.vmap(lambda x: frame.place(t, x))(corners))(time_samples(times))
-        aside = jnp.max(jnp.abs(seen[..., 1]))
-        holds = ~(aside > rounding(seen) * system.radius)
-        yield Condition(holds, "ground.motion", aside, "one that keeps the plane of a disk, e1 and e3, where it is")
+        corners = system.radius * jnp.asarray(((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
+        must = "one that keeps the plane of a disk, e1 and e3, where it is"
+        place = lambda t: jax.vmap(lambda x: frame.place(t, x))(corners)  # noqa: E731
+        yield _Flat("ground.motion", must, place, frame.kinks, system.radius)
+
+
+def in_plane(system: BodyParameters, times: Float[Array, " T"]) -> Iterator[Condition]:
+    """Yields the conditions on a disk's force and on the motion of its ground between all of ``times``; traceable,
+    without derivatives.
+    """
+    system, times = without_derivatives((system, times))
+    for part in _flat_parts(system):
+        yield part.condition(part.look(times))
+
+
+@programs.filter_jit
+def _look_aside(system: BodyParameters, times) -> list[Float[Array, "n k 3"]]:
+    return [part.look(to_array(times)) for part in _flat_parts(system)]

@@ -4,15 +4,16 @@ The rule. A closed rail must lie in the body as a whole, wherever on it the mass
 motion, it is the mass that must stay, as long as a run lasts, and so must those of mechanisms. A mass on the shell
 counts as inside. A position that is not finite is not counted as outside. When a mass leaves is known from its motion,
 where that is prescribed, by a search between all times, and else from the states, by ``clearance``, which a solve
-watches in every step.
+watches in every step. Hinges are watched where they are known to be long enough, because others cost a run time.
 
 All of it can be traced; it has no derivatives. Bounds on how far masses get, from the centre and out of a disk's plane,
 are cheaper than the search, which is left out where they settle it.
 """
 
 import functools
+import itertools
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -20,12 +21,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ...compat import is_traced
 from ...numerics.arrays import AnyArray, namespace_of
 from ...numerics.excursions import Excursion, first_excursion
 from ...numerics.functions import HarmonicSeries
+from ...numerics.vectors import length
 from ...programs.derivatives.differentiation import without_derivatives
 from ..dynamics.parameters import BodyParameters
-from ..mechanisms import AbstractMechanism, Hinge
+from ..mechanisms import AbstractMechanism, Hinge, Mechanism
 from ..prescribed.motion import AbstractMotion, AbstractPrescribedMotion, Driven, Fixed, OnRail, Oscillating, rail_of
 from ..prescribed.rails import AbstractRail, Tube
 from ..prescribed.schedules import AbstractSchedule, ConstantRate, Pulse, Sinusoids
@@ -109,8 +112,9 @@ def time_of_leaving(
     """Finds the first time at which a mass is outside the shell; infinite where none is.
 
     A mass whose motion is prescribed, by itself or by the joints of a mechanism, is looked at between all of ``times``,
-    and the time found to rounding; one that swings on free hinges is checked at ``times`` only. Masses whose
-    :func:`clearance` tells are left out. ``system`` is prepared; ``kinks`` are those of its prescribed motions.
+    and the time found to rounding; one that swings on free hinges is checked at ``times``, for bodies of which it is
+    not known whether it :func:`may_swing_out`. Masses whose :func:`clearance` tells are left out. ``system`` is
+    prepared; ``kinks`` are those of its prescribed motions.
     """
     system, times, theta, kinks = without_derivatives((system, times, theta, kinks))
     beyond = functools.partial(beyond_shell, system)
@@ -195,11 +199,13 @@ def leaving_of_mechanisms(
     return first_excursion(beyond, margin_of_shell(system), times, kinks)
 
 
-def clearance(system: BodyParameters, t: Time, theta: Float[Array, " driven"]) -> Float[Array, ""] | None:
+def clearance(
+    system: BodyParameters, t: Time, theta: Float[Array, " driven"], swinging: bool = False
+) -> Float[Array, ""] | None:
     """Computes how far inside the shell the masses are whose places only a state tells: R² less the largest |χ|².
 
     These are the masses that a law drives along open rails, and those of mechanisms with sliders and carriages in the
-    state; None without any. ``system`` is prepared.
+    state, and with ``swinging`` with hinges alone; None without any. ``system`` is prepared.
     """
     # Squares of distances are smooth also where a mass passes the centre, as what a solve watches should be.
     squares = []
@@ -207,7 +213,7 @@ def clearance(system: BodyParameters, t: Time, theta: Float[Array, " driven"]) -
         if isinstance(group.motion, Driven) and not is_bounded(group.motion):
             squares.append(jnp.sum(_positions(group.motion, t[None], theta[None, places]) ** 2, axis=-1))
     for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
-        if _slides(group):
+        if _slides(group) or (swinging and group.in_state):
             squares.append(jnp.sum(mechanism_positions(system, group, order, t[None], theta[None]) ** 2, axis=-1))
     if not squares:
         return None
@@ -219,8 +225,42 @@ def _slides(group: AbstractMechanism) -> bool:
     """Returns whether masses of a mechanism may get further than its joints are long, with a parameter that is in the
     state.
     """
-    joints = getattr(group, "joints", ())
-    return bool(group.in_state) and not (joints and all(isinstance(joint, Hinge) for joint in joints))
+    hinged = isinstance(group, Mechanism) and all(isinstance(joint, Hinge) for joint in group.joints)
+    return bool(group.in_state) and not hinged
+
+
+def may_swing_out(system: AbstractSystem) -> bool:
+    """Returns whether hinges in the state are so long that their masses may get out of the shell; False where that is
+    not known, as within ``jax.jit`` of a body. The system may be of many runs.
+
+    Masses that cannot need not be looked at in each step.
+    """
+    body = system.shown
+    if not isinstance(body, BodyParameters):
+        return False
+    swinging = [group for group in body.mechanism_groups if group.in_state and not _slides(group)]
+    if not swinging or any(map(is_traced, jax.tree.leaves((swinging, body.radius)))):
+        return False
+    inside = np.min(np.asarray(body.radius)) * (1 + rounding(body.radius))
+    return any(np.max(_reach_of_hinges(cast(Mechanism, group)), initial=0.0) > inside for group in swinging)
+
+
+def clearance_of_all(system: AbstractSystem, t: Time, state: Any) -> Float[Array, ""] | None:
+    """Computes the :func:`clearance` of a system that :func:`may_swing_out`, hinges included."""
+    body: Any = system.shown
+    return clearance(body, t, cast(State, system.state_to_show(state)).theta, swinging=True)
+
+
+def _reach_of_hinges(group: Mechanism) -> Float[np.ndarray, "*group n"]:
+    """Computes a length that no mass is further from the centre than: that of the chain of hinges which carries it."""
+    centre, place = np.zeros(3), np.asarray(group.place)
+
+    def along_chain(mass: int) -> Any:
+        hinges = [cast(Hinge, group.joints[a]) for a in group.carriers(group.carrier[mass])]
+        points = [centre, *(np.asarray(hinge.point) for hinge in hinges), place[..., mass, :]]
+        return sum(length(end - start) for start, end in itertools.pairwise(points))
+
+    return np.stack([along_chain(mass) for mass in range(place.shape[-2])], axis=-1)
 
 
 def until_left(
