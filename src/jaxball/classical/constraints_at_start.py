@@ -65,6 +65,19 @@ class Satisfied(Condition):
                 )
 
 
+class Open(Condition):
+    """That no contact ``name[k]`` has been passed at the start; ``value`` has the gap of each of them there."""
+
+    __slots__ = ()
+
+    def problems(self) -> Iterator[Problem]:
+        """Yields a problem for each contact whose gap is negative."""
+        for holds, name, gap in zip(np.asarray(self.holds), self.name, np.asarray(self.value), strict=True):
+            if not holds:
+                but = f"its gap is {gap:.6g} there; start where the contact is open or just touches"
+                yield Problem(self.must, f"keep {name} at 0 or more at the start", but)
+
+
 class Independent(Condition):
     """That no row of A depends on those before it; ``value`` has A, the same beside the start and, in two more columns,
     residuals and how far from 0 they may be.

@@ -16,9 +16,10 @@ from ..numerics.arrays import Numbers, default_dtype, numbers, to_array
 from ..numerics.kinks import Traced, kinks_of_functions
 from ..physics.conditions import Condition
 from ..physics.system import AbstractSystem
+from .constraints_at_start import ALLOWED_RESIDUAL, Open
 from .lagrangian import AbstractLagrangianSystem, LagrangianState, as_vector
 from .multipliers import Equations, rate_along, times
-from .rows import DryFriction, UnilateralContact, row_forces, to_contacts, to_frictions
+from .rows import DryFriction, UnilateralContact, row_forces, size_of_gaps, to_contacts, to_frictions
 from .with_rows import LagrangianWithRows
 
 
@@ -216,6 +217,14 @@ class LagrangianSystem(AbstractLagrangianSystem):
         for kind in ("unilateral", "dry"):
             for k, row in enumerate(getattr(self, kind)):
                 yield from row.conditions(f"{kind}[{k}]")
+
+    def start_conditions(self, t: Float[Array, ""], state: LagrangianState) -> Iterator[Condition]:
+        yield from super().start_conditions(t, state)
+        if self.unilateral:
+            gaps = self.gaps(t, state.q)
+            yield Open(
+                gaps >= -size_of_gaps(self, t, state.q, ALLOWED_RESIDUAL), self.rows[: gaps.size], gaps, "state.q"
+            )
 
     @property
     def always_projected(self) -> bool:

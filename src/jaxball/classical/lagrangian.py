@@ -288,11 +288,15 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
 
     def law_rates(self, t: Float[Array, ""], state: LagrangianState) -> Mapping[str, Float[Array, "..."]]:
         """Computes Ė = Q·q̇ − ∂L/∂t − λ·b."""
+        return {"energy": self.power(t, state, self.multipliers(t, state))}
+
+    def power(self, t: Float[Array, ""], state: LagrangianState, multipliers: Float[Array, " m"]) -> Float[Array, ""]:
+        """Computes Ė with the λ of all constraints."""
         q, qdot = state.q, state.qdot
         _, explicit = jax.jvp(lambda t: self._energy(t, q, qdot), (t,), (jnp.ones_like(t),))
         free = self._rates(t, q, jnp.zeros_like(qdot))
         work = jnp.sum(self._forces(t, q, qdot) * qdot)
-        return {"energy": work - explicit - jnp.sum(self.multipliers(t, state) * free)}
+        return work - explicit - jnp.sum(multipliers * free)
 
 
 @programs.filter_jit

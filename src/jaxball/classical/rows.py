@@ -199,6 +199,7 @@ def repeat(values: Iterable[Float[Array, ""]], sizes: Sequence[int]) -> Float[Ar
     return jnp.concatenate([jnp.zeros((0,), default_dtype()), *each])
 
 
+@eqx.filter_jit
 def rows_in_state(system: "LagrangianSystem", t: Float[Array, ""], state: LagrangianState) -> RowsInState:
     """Computes the rows in one state."""
     q, qdot = state.q, state.qdot
@@ -228,8 +229,15 @@ def rounding_of_gaps(
     system: "LagrangianSystem", t: Float[Array, ""], q: Float[Array, " n"]
 ) -> Float[Array, " contacts"]:
     """Estimates the rounding of g."""
+    return size_of_gaps(system, t, q, ROUNDINGS * float(jnp.finfo(q.dtype).eps))
+
+
+def size_of_gaps(
+    system: "LagrangianSystem", t: Float[Array, ""], q: Float[Array, " n"], part: float
+) -> Float[Array, " contacts"]:
+    """Computes how much g changes as the coordinates change by a part of their size."""
     slopes = jnp.abs(jax.jacfwd(system.gaps, argnums=1)(t, q))
-    return ROUNDINGS * float(jnp.finfo(q.dtype).eps) * times(slopes, LEAST_COUNTED + jnp.abs(q))
+    return part * times(slopes, LEAST_COUNTED + jnp.abs(q))
 
 
 def amounts(law: Rows, mode: Float[Array, " rows"], level: Float[Array, " rows"]) -> Float[Array, " rows"]:
@@ -239,6 +247,7 @@ def amounts(law: Rows, mode: Float[Array, " rows"], level: Float[Array, " rows"]
     return solved.amounts(jnp.zeros_like(mode))[0]
 
 
+@jax.jit
 def choose(
     law: Rows,
     limits: Limits,

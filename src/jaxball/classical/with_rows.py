@@ -10,7 +10,7 @@ their restitution, and others open if that pulls at them. Dry friction, whose fo
 """
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import equinox as eqx
@@ -173,6 +173,7 @@ class LagrangianWithRows(AbstractSystem[RowsState]):
         """Returns the nearest state that keeps all constraints and all that is held."""
         return eqx.tree_at(lambda x: x.motion, packed, self._on_held(t, packed.motion, packed.mode == 0))
 
+    @eqx.filter_jit
     def _on_held(self, t: Float[Array, ""], state: LagrangianState, held: Bool[Array, " rows"]) -> LagrangianState:
         system, q, qdot = self.system, state.q, state.qdot
         mass = AbstractLagrangianSystem.equations(system, t, state).mass
@@ -276,6 +277,22 @@ class LagrangianWithRows(AbstractSystem[RowsState]):
         strikes, fastest = approach > rounding, jnp.maximum(fastest, approach)
         rebounds = strikes & (without_derivatives(e) * approach > slowest * fastest)
         return jnp.where(rebounds, -e * u, 0.0), fastest
+
+    # What is known of the motion.
+
+    def laws(self, t: Float[Array, ""], state: RowsState) -> Any:
+        """Returns those of the system, with the energy that dry friction and impacts have taken added to its own."""
+        laws = self.system.laws(t, state.motion)
+        return laws._replace(energy=laws.energy + state.friction_loss + state.impact_loss)
+
+    def law_rates(self, t: Float[Array, ""], state: RowsState) -> Mapping[str, Float[Array, "..."]]:
+        """Computes Ė of both together: what walls and belts that move do, too."""
+        rows = rows_in_state(self.system, t, state.motion)
+        z = amounts(rows.law, state.mode, limits_of(self.system).level)
+        terms = AbstractLagrangianSystem.equations(self.system, t, state.motion)
+        _, multipliers = terms._replace(force=terms.force + times(rows.matrix.T, z)).solve()
+        drift = rows.velocities - times(rows.matrix, state.motion.qdot)
+        return {"energy": self.system.power(t, state.motion, multipliers) - jnp.sum(z * drift)}
 
     # What a run shows.
 
