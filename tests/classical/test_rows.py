@@ -326,10 +326,14 @@ def test_a_start_beyond_a_contact_is_impossible():
 @pytest.mark.parametrize(
     ("rows", "error", "sentence"),
     [
-        ({"unilateral": 3.0}, TypeError, r"Argument `unilateral` must be a function g\(t, q\), .* but it is 3.0"),
+        ({"unilateral": [3.0]}, TypeError, r"Argument `unilateral` must be a function g\(t, q\), .* but it is 3.0"),
         ({"unilateral": [height, 0.5]}, TypeError, "Argument `unilateral` must be a function"),
-        ({"unilateral": lambda t: t}, TypeError, r"Argument `unilateral\[0\].gap` must be a function of \(t, q, parameters\)"),
-        ({"dry": over_belt}, TypeError, "Argument `dry` must be a DryFriction such as"),
+        (
+            {"unilateral": lambda t: t},
+            TypeError,
+            r"Argument `unilateral\[0\].gap` must be a function of \(t, q, parameters\)",
+        ),
+        ({"dry": [over_belt]}, TypeError, "Argument `dry` must be a DryFriction such as"),
         (
             {"dry": DryFriction(lambda q: q, 1.0)},
             TypeError,
@@ -341,6 +345,18 @@ def test_a_start_beyond_a_contact_is_impossible():
 def test_what_is_no_row_is_refused(rows, error, sentence):
     with pytest.raises(error, match=sentence):
         LagrangianSystem(falling, ("x",), **rows)
+
+
+def test_rows_that_depend_on_each_other_are_named_or_end_a_run():
+    def along(t, q, qdot):
+        return qdot[0]
+
+    twice = LagrangianSystem(falling, ("x",), dry=[DryFriction(along, 0.5), DryFriction(along, 0.4)])
+    (sentence,) = jaxball.problems(twice, LagrangianState([1.0]))
+    assert sentence.startswith("Argument `dry[1]` must be independent of the constraints before it at the start, but ")
+    floors = LagrangianSystem(falling, ("x",), unilateral=[height, height])
+    assert jaxball.problems(floors, LagrangianState([1.0])) == []
+    assert jaxball.simulate(floors, [0.0, 4.0], LagrangianState([1.0])).status == Status.NOT_FINITE
 
 
 def test_impossible_numbers_of_rows_are_named():

@@ -143,6 +143,13 @@ def start_conditions(mass: Float[Array, "n n"], given: Constraints) -> Iterator[
     yield Regular(regular, "lagrangian", mass, "give an inertia to every motion that the constraints allow")
 
 
+def independent_beyond(count: int, rows: Float[Array, "m n"], names: tuple[str, ...]) -> Condition:
+    """Returns the condition that the rows of A after the first ``count`` do not depend on those before them."""
+    none = jnp.zeros((rows.shape[0], 2), rows.dtype)  # residuals, and how far from 0 they may be
+    holds = _are_independent(rows) | (jnp.arange(rows.shape[0]) < count)
+    return Independent(holds, names, jnp.concatenate([rows, rows, none], axis=1), "independent of each other")
+
+
 def _lengths(rows: Float[Array, "m n"]) -> Float[Array, " m"]:
     return jnp.sqrt(jnp.sum(rows**2, axis=1))
 

@@ -16,7 +16,7 @@ from ..numerics.arrays import Numbers, default_dtype, numbers, to_array
 from ..numerics.kinks import Traced, kinks_of_functions
 from ..physics.conditions import Condition
 from ..physics.system import AbstractSystem
-from .constraints_at_start import ALLOWED_RESIDUAL, Open
+from .constraints_at_start import ALLOWED_RESIDUAL, Open, independent_beyond
 from .lagrangian import AbstractLagrangianSystem, LagrangianState, as_vector
 from .multipliers import Equations, rate_along, times
 from .rows import DryFriction, UnilateralContact, row_forces, size_of_gaps, to_contacts, to_frictions
@@ -94,7 +94,7 @@ class LagrangianSystem(AbstractLagrangianSystem):
         holonomic: Callable[..., Any] | None = None,
         forces: Callable[..., Any] | None = None,
         unilateral: Callable[..., Any] | UnilateralContact | Sequence[Any] | None = None,
-        dry: DryFriction | Sequence[DryFriction] | None = None,
+        dry: DryFriction | Sequence[Any] | None = None,
         parameters: PyTree = None,
         kink_times: Numbers | None = None,
         always_projected: bool = True,
@@ -220,11 +220,15 @@ class LagrangianSystem(AbstractLagrangianSystem):
 
     def start_conditions(self, t: Float[Array, ""], state: LagrangianState) -> Iterator[Condition]:
         yield from super().start_conditions(t, state)
-        if self.unilateral:
-            gaps = self.gaps(t, state.q)
-            yield Open(
-                gaps >= -size_of_gaps(self, t, state.q, ALLOWED_RESIDUAL), self.rows[: gaps.size], gaps, "state.q"
-            )
+        contacts = sum(self.row_sizes()[0])
+        if contacts:
+            gaps, allowed = self.gaps(t, state.q), size_of_gaps(self, t, state.q, ALLOWED_RESIDUAL)
+            yield Open(gaps >= -allowed, self.rows[:contacts], gaps, "state.q")
+        if self.dry:
+            always = self.constraint_names
+            at = functools.partial(jax.jacfwd, argnums=2)
+            rows = [at(self._rates)(t, state.q, state.qdot), at(self.row_rates)(t, state.q, state.qdot)[contacts:]]
+            yield independent_beyond(len(always), jnp.concatenate(rows), (*always, *self.rows[contacts:]))
 
     @property
     def always_projected(self) -> bool:

@@ -250,10 +250,14 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
 
     def start_conditions(self, t: Float[Array, ""], state: LagrangianState) -> Iterator[Condition]:
         self.require_state(state)
-        v, k = self._counts()
-        names = (*(f"constraints[{j}]" for j in range(v)), *(f"holonomic[{j}]" for j in range(k)))
         mass, measured = _measure(self, t, state)
-        yield from start_conditions(mass, Constraints(names, v, *measured))
+        yield from start_conditions(mass, Constraints(self.constraint_names, self._counts()[0], *measured))
+
+    @property
+    def constraint_names(self) -> tuple[str, ...]:
+        """The names of the constraints in sentences, those of holonomic ones after the others."""
+        v, k = self._counts()
+        return (*(f"constraints[{j}]" for j in range(v)), *(f"holonomic[{j}]" for j in range(k)))
 
     def _compute_constraints(self, t: Float[Array, ""], state: LagrangianState) -> tuple[Array, tuple[Array, ...]]:
         """Computes M, and the fields of :class:`Constraints` from ``rows`` on."""

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from .from_functions import LagrangianSystem
 
 ROUNDINGS = 64  # in units of rounding of the terms that are summed: what is smaller counts as zero
+DEPENDENT = 1e-4  # in units of 1 / rounding: where what holds a row grows so much by the others, it is not determined
 MOST_TURNS = 1000  # of the search for what is held, which takes at most 3 to the power of the rows
 
 
@@ -242,9 +243,12 @@ def size_of_gaps(
 
 def amounts(law: Rows, mode: Float[Array, " rows"], level: Float[Array, " rows"]) -> Float[Array, " rows"]:
     """Computes z in a mode, in which what is held has no acceleration."""
+    return _in_mode(law, mode, level).amounts(jnp.zeros_like(mode))[0]
+
+
+def _in_mode(law: Rows, mode: Float[Array, " rows"], level: Float[Array, " rows"]) -> Law:
     held = mode == 0
-    solved = Law.of(law, held, jnp.where(held, 0.0, -mode * level))
-    return solved.amounts(jnp.zeros_like(mode))[0]
+    return Law.of(law, held, jnp.where(held, 0.0, -mode * level))
 
 
 @jax.jit
@@ -257,8 +261,8 @@ def choose(
 ) -> Float[Array, " rows"]:
     """Finds which of the rows that are to be ``decided`` are held, and in which direction the others move on.
 
-    ``mode`` is what is tried first, and ``rounding`` that of z; where nothing fits the mode is NaN. Of an impact, z
-    are impulses and u̇ is u.
+    ``mode`` is what is tried first, and ``rounding`` that of z. Where nothing fits, or rows that are held depend on
+    each other, the mode is NaN, which ends a run. Of an impact, z are impulses and u̇ is u.
     """
     law, limits, rounding = without_derivatives((law, limits, rounding))
 
@@ -279,7 +283,10 @@ def choose(
     most = min(3**mode.size, MOST_TURNS)
     begin = mode, jnp.asarray(0), jnp.any(decided)
     mode, _, wrong = jax.lax.while_loop(lambda carry: carry[2] & (carry[1] <= most), change, begin)
-    return jnp.where(wrong, jnp.nan, mode)
+    # The factor by which (Q⁻¹)ₖₖ exceeds 1/Qₖₖ grows without limit as a row becomes a sum of others that are held.
+    share = jnp.diagonal(_in_mode(law, mode, limits.level).inverse) * jnp.diagonal(law.matrix)
+    depends = (mode == 0) & ~(share * float(jnp.finfo(share.dtype).eps) < DEPENDENT)
+    return jnp.where(wrong | jnp.any(depends), jnp.nan, mode)
 
 
 def mode_at_rest(system: "LagrangianSystem", t: Float[Array, ""], state: LagrangianState) -> Float[Array, " rows"]:

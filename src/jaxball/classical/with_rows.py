@@ -19,9 +19,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..interface.status import Status
 from ..numerics.arrays import AnyArray
 from ..physics.conditions import Condition, ExplainedCondition
-from ..physics.hybrid import AbstractHistory, Record, Switches
+from ..physics.hybrid import AbstractHistory, Accuracy, Record, Switches, Transition
 from ..physics.system import AbstractState, AbstractSystem
 from ..programs.derivatives.differentiation import without_derivatives
 from .lagrangian import IN_STEP, AbstractLagrangianSystem, LagrangianState
@@ -223,6 +224,15 @@ class LagrangianWithRows(AbstractSystem[RowsState]):
         none = jnp.zeros_like(state.q[0])
         fastest = jnp.zeros(self.contacts, state.q.dtype)
         return RowsState(state, mode_at_rest(self.system, t, state), fastest, none, none)
+
+    def transition(
+        self, t: Float[Array, ""], state: RowsState, event: Int[Array, ""], accuracy: Accuracy
+    ) -> Transition:
+        """Computes what happens at an event; where it is not determined what is held then, the run ends."""
+        done = super().transition(t, state, event, accuracy)
+        unknown = jnp.any(jnp.isnan(done.after.mode))
+        after = dataclasses.replace(done.after, mode=jnp.where(unknown, done.before.mode, done.after.mode))
+        return done._replace(after=after, status=jnp.where(unknown, int(Status.NOT_FINITE), done.status))
 
     def reset(self, t: Float[Array, ""], state: RowsState, which: Int[Array, ""]) -> RowsState:
         """Returns the state after an event: after an impact, if there is one, everything is held that can be."""
