@@ -14,12 +14,21 @@ from ..interface.arguments import call_with, refusal, require_callable_with, tak
 from ..interface.printing import format_value
 from ..numerics.arrays import Numbers, default_dtype, numbers, to_array
 from ..numerics.kinks import Traced, kinks_of_functions
-from ..physics.conditions import Condition
+from ..physics.conditions import Condition, ExplainedCondition
 from ..physics.system import AbstractSystem
 from .constraints_at_start import ALLOWED_RESIDUAL, Open, independent_beyond
 from .lagrangian import AbstractLagrangianSystem, LagrangianState, as_vector
 from .multipliers import Equations, rate_along, times
-from .rows import DryFriction, UnilateralContact, row_forces, size_of_gaps, to_contacts, to_frictions
+from .rows import (
+    DryFriction,
+    UnilateralContact,
+    determined,
+    mode_at_rest,
+    row_forces,
+    size_of_gaps,
+    to_contacts,
+    to_frictions,
+)
 from .with_rows import LagrangianWithRows
 
 
@@ -102,6 +111,7 @@ class LagrangianSystem(AbstractLagrangianSystem):
         self.coordinates = _check_names(coordinates)  # pyright: ignore[reportIncompatibleVariableOverride]
         self.functions = Functions(lagrangian, constraints, holonomic, forces)
         self.unilateral, self.dry = to_contacts(unilateral), to_frictions(dry)
+        require_callable_with("lagrangian", lagrangian, None, *OF_MOTION)
         for name, function, takes in self._given():
             require_callable_with(name, function, None, *takes)
         if not any(takes_parameters(function, len(takes), parameters) for _, function, takes in self._given()):
@@ -114,7 +124,7 @@ class LagrangianSystem(AbstractLagrangianSystem):
     def _given(self) -> Iterator[tuple[str, Callable[..., Any], tuple[str, ...]]]:
         """Yields the user's functions: the name of each, and of its arguments."""
         for (name, function), takes in zip(self.functions._asdict().items(), TAKES.values(), strict=True):
-            if function is not None or name == "lagrangian":
+            if function is not None:
                 yield name, function, takes
         yield from ((f"unilateral[{k}].gap", contact.gap, OF_PLACE) for k, contact in enumerate(self.unilateral))
         yield from ((f"dry[{k}].velocity", friction.velocity, OF_MOTION) for k, friction in enumerate(self.dry))
@@ -218,7 +228,13 @@ class LagrangianSystem(AbstractLagrangianSystem):
             for k, row in enumerate(getattr(self, kind)):
                 yield from row.conditions(f"{kind}[{k}]")
 
-    def start_conditions(self, t: Float[Array, ""], state: LagrangianState) -> Iterator[Condition]:
+    def start_conditions(self, t: Float[Array, ""], state: LagrangianState) -> Iterator[Condition | ExplainedCondition]:
+        yield from self.conditions_of_rows(t, state)
+        if self.is_hybrid:
+            yield determined(mode_at_rest(self, t, state), self.rows)
+
+    def conditions_of_rows(self, t: Float[Array, ""], state: LagrangianState) -> Iterator[Condition]:
+        """Yields all that an initial state must meet, but that it is known what is held there."""
         yield from super().start_conditions(t, state)
         contacts = sum(self.row_sizes()[0])
         if contacts:

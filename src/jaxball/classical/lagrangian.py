@@ -21,7 +21,7 @@ from ..interface.arguments import (
 )
 from ..numerics.arrays import Numbers, default_dtype, numbers, to_array
 from ..numerics.kinks import kinks_seen
-from ..physics.conditions import Condition
+from ..physics.conditions import Condition, ExplainedCondition
 from .constraints_at_start import ALLOWED_RESIDUAL, Constraints, start_conditions
 from .multipliers import Equations, equations, nearest_place, nearest_velocity, rate_along
 from .state import AbstractClassicalState, AbstractClassicalSystem
@@ -248,7 +248,7 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
                     f"is {shape}."
                 )
 
-    def start_conditions(self, t: Float[Array, ""], state: LagrangianState) -> Iterator[Condition]:
+    def start_conditions(self, t: Float[Array, ""], state: LagrangianState) -> Iterator[Condition | ExplainedCondition]:
         self.require_state(state)
         mass, measured = _measure(self, t, state)
         yield from start_conditions(mass, Constraints(self.constraint_names, self._counts()[0], *measured))

@@ -25,9 +25,10 @@ from jaxtyping import Array, Bool, Float
 
 from ..interface.arguments import refusal
 from ..interface.printing import Printed
+from ..interface.wording import all_of
 from ..numerics.arrays import default_dtype, namespace_of, number_or_none, numbers
 from ..numerics.linear import inverse, product
-from ..physics.conditions import Condition, positive
+from ..physics.conditions import Condition, ExplainedCondition, Problem, positive
 from ..physics.dynamics.law import Law, Rows
 from ..programs.derivatives.differentiation import without_derivatives
 from .lagrangian import LEAST_COUNTED, AbstractLagrangianSystem, LagrangianState
@@ -287,6 +288,19 @@ def choose(
     share = jnp.diagonal(_in_mode(law, mode, limits.level).inverse) * jnp.diagonal(law.matrix)
     depends = (mode == 0) & ~(share * float(jnp.finfo(share.dtype).eps) < DEPENDENT)
     return jnp.where(wrong | jnp.any(depends), jnp.nan, mode)
+
+
+def determined(mode: Float[Array, " rows"], names: tuple[str, ...]) -> ExplainedCondition:
+    """Returns the condition that it is known which rows are held."""
+
+    def problem() -> Problem:
+        return Problem(
+            "state",
+            "let one set of contacts and frictions be held",
+            f"those of {all_of(names)} depend on each other there",
+        )
+
+    return ExplainedCondition(~jnp.any(jnp.isnan(mode)), problem)
 
 
 def mode_at_rest(system: "LagrangianSystem", t: Float[Array, ""], state: LagrangianState) -> Float[Array, " rows"]:

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
-from ..numerics.arrays import AnyArray
+from ..numerics.arrays import AnyArray, select_tree
 from ..physics.conditions import Condition, ExplainedCondition
 from ..physics.hybrid import AbstractHistory, Accuracy, Record, Switches, Transition
 from ..physics.system import AbstractState, AbstractSystem
@@ -31,6 +31,7 @@ from .rows import (
     Limits,
     amounts,
     choose,
+    determined,
     limits_of,
     mode_at_rest,
     repeat,
@@ -144,7 +145,8 @@ class LagrangianWithRows(AbstractSystem[RowsState]):
         yield from self.system.conditions()
 
     def start_conditions(self, t: Float[Array, ""], state: RowsState) -> Iterator[Condition | ExplainedCondition]:
-        yield from self.system.start_conditions(t, state.motion)
+        yield from self.system.conditions_of_rows(t, state.motion)
+        yield determined(state.mode, self.system.rows)
 
     def run_conditions(self, times: Float[AnyArray, " T"]) -> Iterator[Condition | ExplainedCondition]:
         yield from self.system.run_conditions(times)
@@ -230,9 +232,9 @@ class LagrangianWithRows(AbstractSystem[RowsState]):
     ) -> Transition:
         """Computes what happens at an event; where it is not determined what is held then, the run ends."""
         done = super().transition(t, state, event, accuracy)
-        unknown = jnp.any(jnp.isnan(done.after.mode))
-        after = dataclasses.replace(done.after, mode=jnp.where(unknown, done.before.mode, done.after.mode))
-        return done._replace(after=after, status=jnp.where(unknown, int(Status.NOT_FINITE), done.status))
+        unknown = jnp.any(jnp.isnan(jnp.append(done.after.mode, done.after.motion.qdot)))
+        status = jnp.where(unknown, int(Status.NOT_FINITE), done.status)
+        return done._replace(after=select_tree(unknown, done.before, done.after), status=status)
 
     def reset(self, t: Float[Array, ""], state: RowsState, which: Int[Array, ""]) -> RowsState:
         """Returns the state after an event: after an impact, if there is one, everything is held that can be."""
