@@ -22,7 +22,7 @@ from .multipliers import Equations, rate_along, times
 from .rows import (
     DryFriction,
     UnilateralContact,
-    determined,
+    check_determined,
     mode_at_rest,
     row_forces,
     size_of_gaps,
@@ -112,16 +112,16 @@ class LagrangianSystem(AbstractLagrangianSystem):
         self.functions = Functions(lagrangian, constraints, holonomic, forces)
         self.unilateral, self.dry = to_contacts(unilateral), to_frictions(dry)
         require_callable_with("lagrangian", lagrangian, None, *OF_MOTION)
-        for name, function, takes in self._given():
+        for name, function, takes in self._list_functions():
             require_callable_with(name, function, None, *takes)
-        if not any(takes_parameters(function, len(takes), parameters) for _, function, takes in self._given()):
+        if not any(takes_parameters(function, len(takes), parameters) for _, function, takes in self._list_functions()):
             require_callable_with("lagrangian", lagrangian, parameters, *OF_MOTION)
         self.parameters = jax.tree.map(_as_number, parameters)
         # None takes no part where systems are stacked.
         self.kink_times = None if kink_times is None else numbers("kink_times", ("kinks",))(kink_times)
         self.projects = always_projected
 
-    def _given(self) -> Iterator[tuple[str, Callable[..., Any], tuple[str, ...]]]:
+    def _list_functions(self) -> Iterator[tuple[str, Callable[..., Any], tuple[str, ...]]]:
         """Yields the user's functions: the name of each, and of its arguments."""
         for (name, function), takes in zip(self.functions._asdict().items(), TAKES.values(), strict=True):
             if function is not None:
@@ -142,7 +142,7 @@ class LagrangianSystem(AbstractLagrangianSystem):
         return self._call("forces", t, q, qdot)
 
     def _call(self, name: str, *arguments: Array) -> Any:
-        function = {given: function for given, function, _ in self._given()}.get(name)
+        function = {written: function for written, function, _ in self._list_functions()}.get(name)
         if function is None:
             return getattr(super(), name)(*arguments)
         with traceable(name, function):
@@ -231,9 +231,11 @@ class LagrangianSystem(AbstractLagrangianSystem):
     def start_conditions(self, t: Float[Array, ""], state: LagrangianState) -> Iterator[Condition | ExplainedCondition]:
         yield from self.conditions_of_rows(t, state)
         if self.is_hybrid:
-            yield determined(mode_at_rest(self, t, state), self.rows)
+            yield check_determined(mode_at_rest(self, t, state), self.rows)
 
-    def conditions_of_rows(self, t: Float[Array, ""], state: LagrangianState) -> Iterator[Condition]:
+    def conditions_of_rows(
+        self, t: Float[Array, ""], state: LagrangianState
+    ) -> Iterator[Condition | ExplainedCondition]:
         """Yields all that an initial state must meet, but that it is known what is held there."""
         yield from super().start_conditions(t, state)
         contacts = sum(self.row_sizes()[0])
@@ -242,8 +244,11 @@ class LagrangianSystem(AbstractLagrangianSystem):
             yield Open(gaps >= -allowed, self.rows[:contacts], gaps, "state.q")
         if self.dry:
             always = self.constraint_names
-            at = functools.partial(jax.jacfwd, argnums=2)
-            rows = [at(self._rates)(t, state.q, state.qdot), at(self.row_rates)(t, state.q, state.qdot)[contacts:]]
+            by_rates = functools.partial(jax.jacfwd, argnums=2)
+            rows = [
+                by_rates(self._rates)(t, state.q, state.qdot),
+                by_rates(self.row_rates)(t, state.q, state.qdot)[contacts:],
+            ]
             yield independent_beyond(len(always), jnp.concatenate(rows), (*always, *self.rows[contacts:]))
 
     @property
@@ -254,7 +259,7 @@ class LagrangianSystem(AbstractLagrangianSystem):
     def driving_kinks(self) -> Float[Array, " kinks"]:
         q = self.default_state().q
         seen = []
-        for name, function, takes in self._given():
+        for name, function, takes in self._list_functions():
 
             def evaluate(system: "LagrangianSystem", t: Array, *arguments: Array, name: str = name) -> Any:
                 # `name` is a default, because each of these functions must keep its own.

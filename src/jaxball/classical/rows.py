@@ -37,7 +37,7 @@ from .multipliers import times
 if TYPE_CHECKING:
     from .from_functions import LagrangianSystem
 
-ROUNDINGS = 64  # in units of rounding of the terms that are summed: what is smaller counts as zero
+SUMMED = 64  # in units of rounding of the terms that are summed: what is smaller counts as zero
 DEPENDENT = 1e-4  # in units of 1 / rounding: where what holds a row grows so much by the others, it is not determined
 MOST_TURNS = 1000  # of the search for what is held, which takes at most 3 to the power of the rows
 
@@ -221,7 +221,7 @@ def rows_in_state(system: "LagrangianSystem", t: Float[Array, ""], state: Lagran
 def _roundings(n, matrix, qdot, velocities, K_inverse, force, bend) -> tuple[Array, Array]:
     """Estimates the rounding of u and of u̇ from the sizes of the terms that make them."""
     limits = jnp.finfo(qdot.dtype)
-    unit = ROUNDINGS * float(limits.eps)
+    unit = SUMMED * float(limits.eps)
     of_rate = unit * (times(matrix, times(K_inverse[:n, :n], force)) + bend)
     # Positive also where nothing acts at all, so that a guard of 0 there is not an event.
     return unit * (times(matrix, qdot) + velocities), of_rate + float(limits.tiny) ** 0.5
@@ -231,7 +231,7 @@ def rounding_of_gaps(
     system: "LagrangianSystem", t: Float[Array, ""], q: Float[Array, " n"]
 ) -> Float[Array, " contacts"]:
     """Estimates the rounding of g."""
-    return size_of_gaps(system, t, q, ROUNDINGS * float(jnp.finfo(q.dtype).eps))
+    return size_of_gaps(system, t, q, SUMMED * float(jnp.finfo(q.dtype).eps))
 
 
 def size_of_gaps(
@@ -290,7 +290,7 @@ def choose(
     return jnp.where(wrong | jnp.any(depends), jnp.nan, mode)
 
 
-def determined(mode: Float[Array, " rows"], names: tuple[str, ...]) -> ExplainedCondition:
+def check_determined(mode: Float[Array, " rows"], names: tuple[str, ...]) -> ExplainedCondition:
     """Returns the condition that it is known which rows are held."""
 
     def problem() -> Problem:

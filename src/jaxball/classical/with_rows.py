@@ -30,8 +30,8 @@ from .multipliers import nearest_place, nearest_velocity, times
 from .rows import (
     Limits,
     amounts,
+    check_determined,
     choose,
-    determined,
     limits_of,
     mode_at_rest,
     repeat,
@@ -146,7 +146,7 @@ class LagrangianWithRows(AbstractSystem[RowsState]):
 
     def start_conditions(self, t: Float[Array, ""], state: RowsState) -> Iterator[Condition | ExplainedCondition]:
         yield from self.system.conditions_of_rows(t, state.motion)
-        yield determined(state.mode, self.system.rows)
+        yield check_determined(state.mode, self.system.rows)
 
     def run_conditions(self, times: Float[AnyArray, " T"]) -> Iterator[Condition | ExplainedCondition]:
         yield from self.system.run_conditions(times)
@@ -269,10 +269,10 @@ class LagrangianWithRows(AbstractSystem[RowsState]):
         hit = choose(law, pushes, jnp.where(touches, 0.0, 1.0), touches, rounding)
         impulse = amounts(law, hit, none)
         qdot, change = motion.qdot + times(rows.pull, impulse), times(law.matrix, impulse)
-        # The work of the impulses, by the mean of what moves before and after.
-        taken = -0.5 * jnp.sum(impulse * times(rows.matrix, motion.qdot + qdot))
+        # The work of the impulses, by the mean velocity.
+        loss = -0.5 * jnp.sum(impulse * times(rows.matrix, motion.qdot + qdot))
         after = dataclasses.replace(
-            state, motion=LagrangianState(motion.q, qdot), fastest=fastest, impact_loss=state.impact_loss + taken
+            state, motion=LagrangianState(motion.q, qdot), fastest=fastest, impact_loss=state.impact_loss + loss
         )
         slow, unchanged = jnp.abs(u + change) <= rows.rounding, jnp.abs(change) <= rows.rounding
         stays = (hit == 0) & (jnp.append(rebound, none[contacts:]) == 0)

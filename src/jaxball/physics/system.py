@@ -345,10 +345,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
 
     # What a run shows.
 
-    @property
-    def with_modes(self) -> "AbstractSystem":
-        """The hybrid system that is solved in its place, where it has modes that its own states do not tell."""
-        return self
+    with_modes = property(lambda self: self, doc="The hybrid system that is solved in its place, where it has modes.")
 
     def start(self, t: Float[Array, ""], state: Any) -> AnyState:
         """Returns the state with which a solve starts, from the one that is given; ``self`` is not prepared."""
