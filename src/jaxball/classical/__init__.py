@@ -12,13 +12,13 @@ from .ellipsoid import (
     EllipsoidState as EllipsoidState,
     RollingEllipsoid as RollingEllipsoid,
 )
+from .from_functions import LagrangianSystem as LagrangianSystem
 from .heavy_top import HeavyTop as HeavyTop, HeavyTopLaws as HeavyTopLaws
 from .lagrangian import (
     AbstractLagrangianSystem as AbstractLagrangianSystem,
     HolonomicLaws as HolonomicLaws,
     LagrangianLaws as LagrangianLaws,
     LagrangianState as LagrangianState,
-    LagrangianSystem as LagrangianSystem,
     NonholonomicLaws as NonholonomicLaws,
 )
 from .nonholonomic import (
@@ -35,6 +35,7 @@ from .particle import (
     VakonomicParticle as VakonomicParticle,
 )
 from .rigid_body import FreeBodyLaws as FreeBodyLaws, FreeRigidBody as FreeRigidBody
+from .rows import DryFriction as DryFriction, UnilateralContact as UnilateralContact
 from .state import (
     AbstractClassicalState as AbstractClassicalState,
     AbstractClassicalSystem as AbstractClassicalSystem,

@@ -65,6 +65,19 @@ class Satisfied(Condition):
                 )
 
 
+class Open(Condition):
+    """That no contact ``name[k]`` has been passed at the start; ``value`` has the gap of each of them there."""
+
+    __slots__ = ()
+
+    def problems(self) -> Iterator[Problem]:
+        """Yields a problem for each contact whose gap is negative."""
+        for holds, name, gap in zip(np.asarray(self.holds), self.name, np.asarray(self.value), strict=True):
+            if not holds:
+                but = f"its gap is {gap:.6g} there; start where the contact is open or just touches"
+                yield Problem(self.must, f"keep {name} at 0 or more at the start", but)
+
+
 class Independent(Condition):
     """That no row of A depends on those before it; ``value`` has A, the same beside the start and, in two more columns,
     residuals and how far from 0 they may be.
@@ -128,6 +141,13 @@ def start_conditions(mass: Float[Array, "n n"], given: Constraints) -> Iterator[
         yield Satisfied(consistent, given.names, given.residual, "state.qdot")
     regular = _is_regular(mass, given.rows) | ~jnp.all(independent)
     yield Regular(regular, "lagrangian", mass, "give an inertia to every motion that the constraints allow")
+
+
+def independent_beyond(count: int, rows: Float[Array, "m n"], names: tuple[str, ...]) -> Condition:
+    """Returns the condition that the rows of A after the first ``count`` do not depend on those before them."""
+    none = jnp.zeros((rows.shape[0], 2), rows.dtype)  # residuals, and how far from 0 they may be
+    holds = _are_independent(rows) | (jnp.arange(rows.shape[0]) < count)
+    return Independent(holds, names, jnp.concatenate([rows, rows, none], axis=1), "independent of each other")
 
 
 def _lengths(rows: Float[Array, "m n"]) -> Float[Array, " m"]:

@@ -5,29 +5,23 @@ derived (module ``multipliers``).
 """
 
 import abc
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PyTree
+from jaxtyping import Array, Float
 
 from .. import programs
 from ..interface.arguments import (
-    call_with,
     describe,
-    refusal,
-    require_callable_with,
     require_value,
-    takes_parameters,
-    traceable,
 )
-from ..interface.printing import format_value
 from ..numerics.arrays import Numbers, default_dtype, numbers, to_array
-from ..numerics.kinks import Traced, kinks_of_functions, kinks_seen
-from ..physics.conditions import Condition
+from ..numerics.kinks import kinks_seen
+from ..physics.conditions import Condition, ExplainedCondition
 from .constraints_at_start import ALLOWED_RESIDUAL, Constraints, start_conditions
 from .multipliers import Equations, equations, nearest_place, nearest_velocity, rate_along
 from .state import AbstractClassicalState, AbstractClassicalSystem
@@ -172,15 +166,15 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
         return jnp.asarray(value, q.dtype)
 
     def _forces(self, t: Float[Array, ""], q: Float[Array, " n"], qdot: Float[Array, " n"]) -> Float[Array, " n"]:
-        value = _vector("forces", self.forces(t, q, qdot), q.dtype)
+        value = as_vector("forces", self.forces(t, q, qdot), q.dtype)
         require_value("forces", value, q.shape)
         return value
 
     def _of_velocity(self, t: Float[Array, ""], q: Float[Array, " n"], qdot: Float[Array, " n"]) -> Float[Array, " m"]:
-        return _vector("constraints", self.constraints(t, q, qdot), q.dtype)
+        return as_vector("constraints", self.constraints(t, q, qdot), q.dtype)
 
     def _of_place(self, t: Float[Array, ""], q: Float[Array, " n"]) -> Float[Array, " k"]:
-        return _vector("holonomic", self.holonomic(t, q), q.dtype)
+        return as_vector("holonomic", self.holonomic(t, q), q.dtype)
 
     def _rates(self, t: Float[Array, ""], q: Float[Array, " n"], qdot: Float[Array, " n"]) -> Float[Array, " m"]:
         """Returns A q̇ + b of all constraints."""
@@ -254,12 +248,16 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
                     f"is {shape}."
                 )
 
-    def start_conditions(self, t: Float[Array, ""], state: LagrangianState) -> Iterator[Condition]:
+    def start_conditions(self, t: Float[Array, ""], state: LagrangianState) -> Iterator[Condition | ExplainedCondition]:
         self.require_state(state)
-        v, k = self._counts()
-        names = (*(f"constraints[{j}]" for j in range(v)), *(f"holonomic[{j}]" for j in range(k)))
         mass, measured = _measure(self, t, state)
-        yield from start_conditions(mass, Constraints(names, v, *measured))
+        yield from start_conditions(mass, Constraints(self.constraint_names, self._counts()[0], *measured))
+
+    @property
+    def constraint_names(self) -> tuple[str, ...]:
+        """The names of the constraints in sentences, those of holonomic ones after the others."""
+        v, k = self._counts()
+        return (*(f"constraints[{j}]" for j in range(v)), *(f"holonomic[{j}]" for j in range(k)))
 
     def _compute_constraints(self, t: Float[Array, ""], state: LagrangianState) -> tuple[Array, tuple[Array, ...]]:
         """Computes M, and the fields of :class:`Constraints` from ``rows`` on."""
@@ -294,11 +292,15 @@ class AbstractLagrangianSystem(AbstractClassicalSystem[LagrangianState]):
 
     def law_rates(self, t: Float[Array, ""], state: LagrangianState) -> Mapping[str, Float[Array, "..."]]:
         """Computes Ė = Q·q̇ − ∂L/∂t − λ·b."""
+        return {"energy": self.power(t, state, self.multipliers(t, state))}
+
+    def power(self, t: Float[Array, ""], state: LagrangianState, multipliers: Float[Array, " m"]) -> Float[Array, ""]:
+        """Computes Ė with the λ of all constraints."""
         q, qdot = state.q, state.qdot
         _, explicit = jax.jvp(lambda t: self._energy(t, q, qdot), (t,), (jnp.ones_like(t),))
         free = self._rates(t, q, jnp.zeros_like(qdot))
         work = jnp.sum(self._forces(t, q, qdot) * qdot)
-        return {"energy": work - explicit - jnp.sum(self.multipliers(t, state) * free)}
+        return work - explicit - jnp.sum(multipliers * free)
 
 
 @programs.filter_jit
@@ -311,164 +313,7 @@ def _measure(system: AbstractLagrangianSystem, t: Array, state: LagrangianState)
     return system._compute_constraints(t, state)
 
 
-class LagrangianSystem(AbstractLagrangianSystem):
-    """A system from functions: a Lagrangian, and whatever constrains and drives it.
-
-    Each is a function of the time t, the coordinates q and their rates q̇, arrays of shape (n,), from which ``x, y = q``
-    takes the numbers, and last, if it takes one more, of ``parameters``. They are written with ``jax.numpy``.
-
-    **Arguments:**
-
-    - ``lagrangian``: L(t, q, q̇), a number; T − V of a natural system.
-    - ``coordinates``: the names of the coordinates.
-    - ``constraints``: of (t, q, q̇), to what is 0 along every motion: a number, or a list of them. It is written as in
-      a book, ẋ sin θ − ẏ cos θ, must be affine in q̇, A q̇ + b, and A and b are its derivatives.
-    - ``holonomic``: of (t, q), to φ, which is 0 along every motion: a number, or a list of them. Steps end on φ = 0.
-    - ``forces``: of (t, q, q̇), to the generalised forces Q, shape (n,), that L does not contain, such as friction.
-    - ``parameters``: numbers in any PyTree, passed to all functions; they can be swept and differentiated.
-    - ``kink_times``: times, shape (kinks,), at which a function jumps; comparisons of the time alone are found.
-    - ``always_projected``: whether steps end on the constraints where some are holonomic. False shows how far the
-      equations for q̈ alone drift away from them.
-
-    Constraints must be independent, and the start must keep them: :func:`jaxball.problems` names each that does not
-    fit, and ``consistent(t, state)`` is the nearest start that keeps them. The mass matrix ∂²L/∂q̇² may be singular
-    along what constraints fix.
-
-    **Raises:** ``TypeError`` for functions that do not take these arguments, and ``ValueError`` for coordinates without
-    names or with the same.
-
-    **Example:**
-
-    >>> import jax
-    >>> jax.config.update("jax_enable_x64", True)
-    >>> import jax.numpy as jnp
-    >>> from jaxball import simulate
-    >>> from jaxball.classical import LagrangianState, LagrangianSystem
-    >>> def lagrangian(t, q, qdot):
-    ...     return 0.5 * jnp.sum(qdot**2)
-    >>> def constraint(t, q, qdot):  # ż = y ẋ
-    ...     return qdot[2] - q[1] * qdot[0]
-    >>> particle = LagrangianSystem(lagrangian, ("x", "y", "z"), constraints=constraint)
-    >>> particle
-    LagrangianSystem(lagrangian, coordinates=('x', 'y', 'z'), constraints=constraint)
-    >>> start = LagrangianState([0.0, 0.0, 0.0], [1.0, 1.0, 0.0])
-    >>> run = simulate(particle, [0.0, 1.0, 2.0], start, throw=True)
-    >>> print(run.state.qdot[:, 0].round(6))  # 1 / √(1 + t²)
-    [1.       0.707107 0.447214]
-    >>> print(jax.vmap(particle.multipliers)(run.times, run.state).round(6))
-    [[1.      ]
-     [0.353553]
-     [0.089443]]
-    """
-
-    functions: "Functions" = eqx.field(static=True)
-    coordinates: tuple[str, ...] = eqx.field(static=True)  # pyright: ignore
-    parameters: PyTree
-    kink_times: Float[Array, " kinks"] | None
-    projects: bool = eqx.field(static=True)
-
-    def __init__(
-        self,
-        lagrangian: Callable[..., Any],
-        coordinates: Sequence[str],
-        *,
-        constraints: Callable[..., Any] | None = None,
-        holonomic: Callable[..., Any] | None = None,
-        forces: Callable[..., Any] | None = None,
-        parameters: PyTree = None,
-        kink_times: Numbers | None = None,
-        always_projected: bool = True,
-    ):
-        self.coordinates = _check_names(coordinates)  # pyright: ignore[reportIncompatibleVariableOverride]
-        self.functions = Functions(lagrangian, constraints, holonomic, forces)
-        for (name, function), takes in zip(self.functions._asdict().items(), TAKES.values(), strict=True):
-            if function is not None or name == "lagrangian":
-                require_callable_with(name, function, None, *takes)
-        functions = zip(self.functions, TAKES.values(), strict=True)
-        if not any(takes_parameters(function, len(takes), parameters) for function, takes in functions if function):
-            require_callable_with("lagrangian", lagrangian, parameters, *OF_MOTION)
-        self.parameters = jax.tree.map(_as_number, parameters)
-        # None takes no part where systems are stacked.
-        self.kink_times = None if kink_times is None else numbers("kink_times", ("kinks",))(kink_times)
-        self.projects = always_projected
-
-    def lagrangian(self, t: Float[Array, ""], q: Float[Array, " n"], qdot: Float[Array, " n"]) -> Float[Array, ""]:
-        return self._call("lagrangian", t, q, qdot)
-
-    def constraints(self, t: Float[Array, ""], q: Float[Array, " n"], qdot: Float[Array, " n"]) -> Any:
-        return self._call("constraints", t, q, qdot)
-
-    def holonomic(self, t: Float[Array, ""], q: Float[Array, " n"]) -> Any:
-        return self._call("holonomic", t, q)
-
-    def forces(self, t: Float[Array, ""], q: Float[Array, " n"], qdot: Float[Array, " n"]) -> Any:
-        return self._call("forces", t, q, qdot)
-
-    def _call(self, name: str, *arguments: Array) -> Any:
-        function = getattr(self.functions, name)
-        if function is None:
-            return getattr(super(), name)(*arguments)
-        with traceable(name, function):
-            return call_with(function, *arguments, parameters=self.parameters)
-
-    @property
-    def always_projected(self) -> bool:
-        """Whether steps end on the constraints in any case: with holonomic ones, unless the user says no."""
-        return self.projects and super().always_projected
-
-    def driving_kinks(self) -> Float[Array, " kinks"]:
-        q = self.default_state().q
-        seen = []
-        for (name, function), takes in zip(self.functions._asdict().items(), TAKES.values(), strict=True):
-            if function is not None:
-
-                def evaluate(system: "LagrangianSystem", t: Array, *arguments: Array, name: str = name) -> Any:
-                    # `name` is a default, because each of these functions must keep its own.
-                    return system._call(name, t, *arguments)
-
-                seen.append(Traced(function, evaluate, (q,) * (len(takes) - 1)))
-        return kinks_of_functions(self, seen, jnp.zeros((0,), q.dtype) if self.kink_times is None else self.kink_times)
-
-    def __repr__(self) -> str:
-        first, *others = (
-            (name, function) for name, function in self.functions._asdict().items() if function is not None
-        )
-        parts = [format_value(first[1]), f"coordinates={self.coordinates}"]
-        parts += [f"{name}={format_value(function)}" for name, function in others]
-        parts += [] if self.parameters is None else [f"parameters={format_value(self.parameters)}"]
-        parts += [f"kink_times={format_value(self.kink_times)}"] if self.kink_times is not None else []
-        parts += [] if self.projects else ["always_projected=False"]
-        return f"LagrangianSystem({', '.join(parts)})"
-
-
-class Functions(NamedTuple):
-    """The functions of a :class:`LagrangianSystem`."""
-
-    lagrangian: Callable[..., Any]
-    constraints: Callable[..., Any] | None
-    holonomic: Callable[..., Any] | None
-    forces: Callable[..., Any] | None
-
-
-OF_MOTION = ("t", "q", "qdot")
-TAKES = {"lagrangian": OF_MOTION, "constraints": OF_MOTION, "holonomic": ("t", "q"), "forces": OF_MOTION}
-
-
-def _check_names(coordinates: Sequence[str]) -> tuple[str, ...]:
-    if not isinstance(coordinates, list | tuple) or not all(isinstance(name, str) for name in coordinates):
-        raise refusal("coordinates", 'the names of the coordinates, such as ("x", "y", "theta")', coordinates)
-    names = tuple(coordinates)
-    if not names or len(set(names)) < len(names):
-        raise ValueError(f"Argument `coordinates` must be one or more different names, but it is {names}.")
-    return names
-
-
-def _as_number(leaf: Any) -> Any:
-    """Converts numbers to arrays, which can be swept; whatever else a user passes stays as it is."""
-    return to_array(leaf, "parameters") if isinstance(leaf, int | float | np.ndarray) else leaf
-
-
-def _vector(name: str, value: Any, dtype: Any) -> Float[Array, " m"]:
+def as_vector(name: str, value: Any, dtype: Any) -> Float[Array, " m"]:
     """Converts the return value of a function, one number or several, to a vector."""
     if isinstance(value, list | tuple):
         for k, item in enumerate(value):

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..numerics.linear import inverse, product
 
@@ -46,20 +46,28 @@ class Equations(NamedTuple):
         return saddle(self.mass, self.rows)
 
     def solve(self) -> tuple[Float[Array, " n"], Float[Array, " m"]]:
-        """Solves for q̈ and λ, with one step of iterative refinement."""
+        """Solves for q̈ and λ."""
+        return self.solve_by(inverse(self.matrix))
+
+    def solve_by(self, K_inverse: Float[Array, "size size"]) -> tuple[Float[Array, " n"], Float[Array, " m"]]:
+        """Solves for q̈ and λ by the inverse of the matrix, with one step of iterative refinement."""
         K, right = self.matrix, jnp.concatenate([self.force, -self.bend])
-        K_inverse = inverse(K)
-        first = _times(K_inverse, right)
-        both = first + _times(K_inverse, right - _times(K, first))
+        first = times(K_inverse, right)
+        both = first + times(K_inverse, right - times(K, first))
         n = self.force.size
         return both[:n], both[n:]
 
 
-def saddle(mass: Float[Array, "n n"], rows: Float[Array, "m n"]) -> Float[Array, "size size"]:
-    """Builds [M −Aᵀ; A 0]."""
+def saddle(
+    mass: Float[Array, "n n"], rows: Float[Array, "m n"], held: Bool[Array, " m"] | None = None
+) -> Float[Array, "size size"]:
+    """Builds [M −Aᵀ; A 0], of all rows or of those that are ``held``; others have a multiplier of their own."""
     m = rows.shape[0]
+    corner = jnp.zeros((m, m), rows.dtype)
+    if held is not None:
+        rows, corner = jnp.where(held[:, None], rows, 0.0), jnp.diag(jnp.where(held, 0.0, 1.0)).astype(rows.dtype)
     above = jnp.concatenate([mass, -rows.T], axis=1)
-    below = jnp.concatenate([rows, jnp.zeros((m, m), rows.dtype)], axis=1)
+    below = jnp.concatenate([rows, corner], axis=1)
     return jnp.concatenate([above, below], axis=0)
 
 
@@ -97,18 +105,24 @@ def rate_along(positions: OfPlace) -> Vector:
 
 
 def nearest_place(
-    mass: Float[Array, "n n"], positions: OfPlace, t: Float[Array, ""], q: Float[Array, " n"], steps: int
+    mass: Float[Array, "n n"],
+    positions: OfPlace,
+    t: Float[Array, ""],
+    q: Float[Array, " n"],
+    steps: int,
+    held: Bool[Array, " k"] | None = None,
 ) -> Float[Array, " n"]:
     """Finds the q near the given one with φ(t, q) = 0, by Newton steps that are as short as possible in the metric M.
 
-    A step δ satisfies M δ = Aᵀ μ and A δ = −φ, so that the units of the coordinates do not matter.
+    A step δ satisfies M δ = Aᵀ μ and A δ = −φ, so that the units of the coordinates do not matter. Where it is said
+    which constraints are ``held``, others are left as they are.
     """
     n = q.size
 
     def newton(_: Any, q: Float[Array, " n"]) -> Float[Array, " n"]:
         rows = jax.jacfwd(positions, argnums=1)(t, q)
         # This block takes a residual of the constraints to the step that removes it.
-        return q - _times(inverse(saddle(mass, rows))[:n, n:], positions(t, q))
+        return q - times(inverse(saddle(mass, rows, held))[:n, n:], positions(t, q))
 
     if steps > UNROLLED:
         return jax.lax.fori_loop(0, steps, newton, q)
@@ -118,12 +132,19 @@ def nearest_place(
 
 
 def nearest_velocity(
-    mass: Float[Array, "n n"], rows: Float[Array, "m n"], residual: Float[Array, " m"], qdot: Float[Array, " n"]
+    mass: Float[Array, "n n"],
+    rows: Float[Array, "m n"],
+    residual: Float[Array, " m"],
+    qdot: Float[Array, " n"],
+    held: Bool[Array, " m"] | None = None,
 ) -> Float[Array, " n"]:
-    """Finds the nearest q̇ in the metric M with A q̇ + b = 0, where the given one leaves ``residual``."""
+    """Finds the nearest q̇ in the metric M with A q̇ + b = 0, where the given one leaves ``residual``; of all rows, or
+    of those that are ``held``.
+    """
     n = qdot.size
-    return qdot - _times(inverse(saddle(mass, rows))[:n, n:], residual)
+    return qdot - times(inverse(saddle(mass, rows, held))[:n, n:], residual)
 
 
-def _times(A: Float[Array, "k n"], b: Float[Array, " n"]) -> Float[Array, " k"]:
+def times(A: Float[Array, "k n"], b: Float[Array, " n"]) -> Float[Array, " k"]:
+    """Computes A b."""
     return product(A, b[:, None])[:, 0]

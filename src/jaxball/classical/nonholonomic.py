@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, numbers
 from ..numerics.vectors import sine_cosine
-from ..physics.conditions import Condition, positive
+from ..physics.conditions import Condition, ExplainedCondition, positive
 from .lagrangian import AbstractLagrangianSystem, LagrangianState
 
 LEAST_UPRIGHT = 1e-6  # the cosine of a lean from which a coin can start: below, turning and rolling are one motion
@@ -156,7 +156,7 @@ class RollingCoin(AbstractLagrangianSystem):
     def conditions(self) -> Iterator[Condition]:
         yield from _positive(mass=self.mass, radius=self.radius, inertia=self.inertia)
 
-    def start_conditions(self, t: Float[Array, ""], state: LagrangianState) -> Iterator[Condition]:
+    def start_conditions(self, t: Float[Array, ""], state: LagrangianState) -> Iterator[Condition | ExplainedCondition]:
         conditions = list(super().start_conditions(t, state))
         lean = state.q[3]
         stands = jnp.cos(lean) > LEAST_UPRIGHT

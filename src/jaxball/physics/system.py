@@ -345,6 +345,8 @@ class AbstractSystem(Printed, Generic[AnyState]):
 
     # What a run shows.
 
+    with_modes = property(lambda self: self, doc="The hybrid system that is solved in its place, where it has modes.")
+
     def start(self, t: Float[Array, ""], state: Any) -> AnyState:
         """Returns the state with which a solve starts, from the one that is given; ``self`` is not prepared."""
         return state

@@ -383,7 +383,7 @@ def system_to_solve(system: AbstractSystem, contact: Contact | None) -> Abstract
     """
     if contact is None:
         if not isinstance(system, AbstractBody):
-            return system
+            return system.with_modes
         if system.is_held:
             return DryStickSlip(system) if system.sticking else DryRolling(system)
         return StickSlip(system) if system.sticking else system

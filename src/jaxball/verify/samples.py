@@ -66,11 +66,11 @@ def quantities(system: Any, t: Float[Array, ""], state: Any) -> Quantities:
     """Computes the balances of any system in one state; for a body with joints that stick, the balances of the body."""
     if isinstance(system, BodyOnPlane):
         return _of_contact(system, t, state)
-    system, state = system.shown, system.state_to_show(state)
-    if not isinstance(system, AbstractBody):
+    if not isinstance(system.shown, AbstractBody):
         laws, rates = system.laws(t, state)._asdict(), system.law_rates(t, state)
         balances = {n: Balance(value, rates[n]) if n in rates else _constant(value) for n, value in laws.items()}
         return Quantities(balances, None, None)
+    system, state = system.shown, system.state_to_show(state)
     observables, in_space = observe(system, t, state), state.in_space()
     if system.shape is not None:
         energy, norm = Balance(observables.energy, observables.power), jnp.sqrt(jnp.sum(in_space.q**2))
