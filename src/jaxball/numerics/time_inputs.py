@@ -100,7 +100,7 @@ def find_inputs(
 
 def depends_on_time(program: Program) -> bool:
     """Returns whether any result of a function of (t, x, parameters), arrays, changes with t alone."""
-    trace = _Trace()
+    trace = _Trace(modes=False)
     results = trace.follow(program, [trace.add(Course(time=True)), trace.add(Course(state=True)), trace.add(Course())])
     return any(trace.courses[place].time for place in results)
 

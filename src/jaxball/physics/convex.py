@@ -84,7 +84,7 @@ class ConvexBody(AbstractBody):
                 "Argument `ground` must have no turntable under a ConvexBody, whose contact point is not under its "
                 "centre; use a Ball."
             )
-        self.shape = shape
+        self.shape = shape  # pyright: ignore
         BodyParameters.__init__(
             self,
             mass=mass,
