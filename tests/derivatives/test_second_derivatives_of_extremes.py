@@ -94,7 +94,7 @@ SHARES = jnp.array([1.0, -20.0, 7.0])  # which make the three about equally larg
 def test_second_derivatives_of_extremes_within_a_run_and_at_its_end(twice):
     """N is least, and |f|/N largest, within the run; |f| is largest at its end.
 
-    Of a sum of them, along two directions: all entries of all three as one program takes half an hour to compile.
+    Of a sum of them, along two directions: all entries of all three are a program that takes minutes to compile.
     """
     values = extremes(P)
     curvature = twice(lambda x: SHARES @ extremes(P + x[0] * ONE + x[1] * OTHER))(jnp.zeros(2))[0, 1]

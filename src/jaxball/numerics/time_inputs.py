@@ -38,7 +38,7 @@ class Course(NamedTuple):
 
     - ``time``, ``state``: whether it depends on them.
     - ``degree``: of the polynomial in time that it is, between known kinks, or of that in it where it depends on the
-      state; of a logical value that of what is compared.
+      state; of a logical value the highest of the numbers that it compares.
     - ``phases``: the angles of sinusoids in it, by where they are computed, with how many each of them is.
     - ``harmonics``: the highest multiple of them.
     - ``sampled``: whether only sampling can follow it.
