@@ -381,7 +381,7 @@ class Disk(AbstractBody):
         return Ball(**arguments)
 
 
-System = AbstractBody  # a Ball, a Disk or a ConvexBody
+System = Ball | Disk | AbstractBody  # which may be a ConvexBody
 
 
 def with_masses(system: System, masses: Sequence[PointMass], law: AbstractLaw | None = None) -> System:

@@ -109,5 +109,5 @@ class ConvexBody(AbstractBody):
 
     @property
     def arguments(self) -> dict[str, Any]:
-        own = {name: value for name, value in super().arguments.items() if name not in self.derived}
-        return {"shape": self.shape, **own}
+        others = {name: value for name, value in super().arguments.items() if name not in self.derived}
+        return {"shape": self.shape, **others}

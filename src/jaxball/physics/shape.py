@@ -22,7 +22,7 @@ from ..numerics.functions import OfFunction
 from ..numerics.vectors import root, sine_cosine
 from .conditions import Condition, positive
 
-DIRECTIONS = 512  # in which a surface is looked at
+LOOKS = 512  # in which a surface is looked at
 
 
 class AbstractShape(Printed):
@@ -123,7 +123,7 @@ class SupportFunction(OfFunction, AbstractShape):
 
 def _directions() -> Float[Array, "n 3"]:
     """Returns directions that are spread evenly, along a spiral."""
-    k = np.arange(DIRECTIONS)
-    z, azimuth = 1 - (2 * k + 1) / DIRECTIONS, k * np.pi * (3 - np.sqrt(5))
+    k = np.arange(LOOKS)
+    z, azimuth = 1 - (2 * k + 1) / LOOKS, k * np.pi * (3 - np.sqrt(5))
     across = np.sqrt(1 - z**2)
     return to_array(np.stack([across * np.cos(azimuth), across * np.sin(azimuth), z], axis=1))

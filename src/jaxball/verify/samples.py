@@ -17,8 +17,8 @@ from ..physics.contact.modes import ContactState
 from ..physics.contact.released import rolling_contact
 from ..physics.dynamics.energy import velocities
 from ..physics.dynamics.equations import accelerations
-from ..physics.dynamics.footing import contact_normal, footing
-from ..physics.dynamics.load import in_three, load
+from ..physics.dynamics.footing import contact_normal, footing, in_three
+from ..physics.dynamics.load import load
 from ..physics.dynamics.moments import Moments, kinematics, point_mass_values, principal_inertia
 from ..physics.dynamics.momentum import jellett, jellett_rate, routh_integrals
 from ..physics.grounds import Footing

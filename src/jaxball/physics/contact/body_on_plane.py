@@ -203,12 +203,10 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         self, t: Float[Array, ""], state: ContactState, interaction: friction.Interaction, acting: Load
     ) -> Float[Array, "3"] | None:
         """Computes the torque of dry friction against rolling and spinning, body axes; None without."""
-        resistance = self.body.resistance
-        unit = (
-            None
-            if resistance is None
-            else resistance.dry_torque(self.body.height_of_centre(acting.Gamma), acting.resisted, acting.Gamma)
-        )
+        if self.body.resistance is None:
+            return None
+        height = self.body.height_of_centre(acting.Gamma)
+        unit = self.body.resistance.dry_torque(height, acting.resisted, acting.Gamma)
         return None if unit is None else interaction.normal * unit
 
     def step_reference(self, t: Float[Array, ""], state: ContactState, accuracy: Accuracy) -> slips.Heading:
@@ -241,9 +239,8 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         slack = self.rounding_of_force(state, response)
         slip, unit = slip_velocity(self.body, t, state.released), jnp.ones_like(state.height)
         spare = friction.margin(acting.R, self.contact.static_friction) + slack
-        forward = jnp.sum(slip[:2] * reference.sigma) - reference.least
         # A slip on a smooth ground, or against friction that fades, never ends: its guard must not fall.
-        forward = jnp.where(self.slips_end, forward, unit)
+        forward = jnp.where(self.slips_end, jnp.sum(slip[:2] * reference.sigma) - reference.least, unit)
         # A body that rises does not land, where rounding takes its height below zero as it lifts.
         above = jnp.maximum(
             state.height + over.rounding_of_height(self.body, t, state),
@@ -302,10 +299,9 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
 
         Nor does it leave a plane on which nothing presses it. It grows with the weight and with the rotation.
         """
-        R, rest = jax.lax.stop_gradient(
-            (response.rolling.reaction, (response.yielding.reaction[2, 2], state.body.Omega))
-        )
-        m, Omega = rest  # the mass that a normal acceleration of the contact has to move, (D⁻¹)₃₃
+        R, Omega = jax.lax.stop_gradient((response.rolling.reaction, state.body.Omega))
+        # The mass that a normal acceleration of the contact has to move, (D⁻¹)₃₃.
+        m = jax.lax.stop_gradient(response.yielding.reaction[2, 2])
         g, r = jax.lax.stop_gradient((jnp.abs(self.body.gravity), self.body.radius))
         scale, limits = root(jnp.sum(R**2)) + m * (g + r * jnp.sum(Omega**2)), jnp.finfo(R.dtype)
         # Positive also where nothing acts at all, so that a guard of 0 there is not an event.
@@ -374,7 +370,7 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         return done.state, None, jnp.zeros(0, bool)
 
     def as_chosen(self, state: Any, choice: Any, t: Float[Array, ""]) -> Any:
-        """Returns the state in the modes of a ``Choice`` of what is held, besides that of the contact."""
+        """Returns the state in the modes of a ``Choice``, besides that of the contact."""
         return state
 
     def cause_of_event(self, state: ContactState, event: Int[Array, ""]) -> Int[Array, ""]:
@@ -460,12 +456,12 @@ class ContactHistory(AbstractHistory):
             return []
         last = indices[-1]
         when = "is {} at the end" if last == modes.size - 1 else "was {} at the last saved time that was reached"
-        end = when.format(Mode(int(modes[last])).name.lower())
         changed = f"changed {self.switches.how_often}" if int(self.switches.count) else "never changed"
         friction_loss, impact_loss = (
             float(np.asarray(dissipation)[last]) for dissipation in (self.friction_loss, self.impact_loss)
         )
         dissipation = f"sliding friction dissipated the energy {friction_loss:.10g}, and impacts {impact_loss:.10g}"
+        end = when.format(Mode(int(modes[last])).name.lower())
         return [f"{self.changing} {changed}, and {end}", *self.switches.first_lines, dissipation]
 
     @property

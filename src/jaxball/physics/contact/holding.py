@@ -65,8 +65,8 @@ class _Rolling(NamedTuple):
 
     def act(self, sigma: Float[Array, "2"]) -> friction.Interaction:
         """Computes what acts where it rolls in a direction."""
-        given = self.plane.law_of_turning(self.at, self.mode._replace(sigma=in_three(sigma)))
-        return self.contact.with_turning(given).interaction(self.mu, self.sigma)
+        law = self.plane.law_of_turning(self.at, self.mode._replace(sigma=in_three(sigma)))
+        return self.contact.with_turning(law).interaction(self.mu, self.sigma)
 
     def pull(self, sigma: Float[Array, "2"], _: Float[Array, ""]) -> slips.Pull:
         """Computes how ω_h changes in a direction of rolling."""

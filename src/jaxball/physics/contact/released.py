@@ -217,8 +217,8 @@ class Response(NamedTuple):
         """
         solved, value = slips, jnp.zeros_like(self.rolling.reaction)
         if self.turned is not None:
-            given = self.turned.given
-            solved, value = jnp.concatenate([solved, given.solved]), jnp.concatenate([value, given.value])
+            turning = self.turned.given
+            solved, value = jnp.concatenate([solved, turning.solved]), jnp.concatenate([value, turning.value])
         return Law.of(self.rows(), solved, value)
 
     def push(self, force: Float[Array, "3"]) -> Float[Array, " rows"]:
@@ -230,8 +230,8 @@ class Response(NamedTuple):
         if self.turned is None:
             return slip_acceleration if self.rubbing is None else jnp.append(slip_acceleration, N)
         law = self.law(jnp.zeros(3, bool))
-        given = law._replace(value=law.value.at[:3].set(slip_acceleration))
-        base, unit = given.amounts(self.push(jnp.zeros_like(slip_acceleration)))
+        slipping = law._replace(value=law.value.at[:3].set(slip_acceleration))
+        base, unit = slipping.amounts(self.push(jnp.zeros_like(slip_acceleration)))
         return base + N * unit
 
     def jump(self, slip: Float[Array, "3"]) -> Float[Array, " amounts"]:
@@ -244,7 +244,7 @@ class Response(NamedTuple):
         return still.amounts(jnp.zeros_like(law.value))[0]
 
     def each(self, name: str) -> Float[Array, "amounts ..."]:
-        """Returns a part of what a unit of each amount adds."""
+        """Returns a part of the motion that a unit of each amount adds."""
         more = self.rubbing if self.turned is None else self.twisting
         by_slip = getattr(self.yielding, name)
         return by_slip if more is None else jnp.concatenate([by_slip, getattr(more, name)])

@@ -168,9 +168,9 @@ class RestingOnPlane(AbstractTurning, BodyOnPlane):
 
     def law_of_turning(self, state: Any, mode: TurningMode) -> TurningLaw:
         """Returns what exact dry resistance gives in a mode of turning."""
-        given = TurningLaw.of(self.resistance, self.body.height_of_centre(state.body.Gamma), mode)
+        law = TurningLaw.of(self.resistance, self.body.height_of_centre(state.body.Gamma), mode)
         # A disk is held upright by other forces than friction.
-        return given._replace(solved=given.solved.at[0].set(False)) if self.body.planar else given
+        return law._replace(solved=law.solved.at[0].set(False)) if self.body.planar else law
 
     def dry_torque(
         self, t: Float[Array, ""], state: Any, interaction: friction.Interaction, acting: Load

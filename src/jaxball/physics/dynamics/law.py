@@ -26,7 +26,7 @@ AnyHeld = TypeVar("AnyHeld")
 class Rows(NamedTuple):
     """w = ``rest`` + ``matrix`` z and N = ``normal`` + ``lift``·z.
 
-    There may be more amounts than rows: the last ones are then N, each of what a unit of N does.
+    There may be more amounts than rows: the last ones are then N, and their columns are the effect of a unit of N.
     """
 
     rest: Float[Array, " rows"]
@@ -69,8 +69,8 @@ class Law(NamedTuple):
         size, more = self.solved.size, self.rows.lift.size - self.solved.size
         moved = jnp.sum(self.rows.matrix[:, size:], axis=1) if more else 0.0
         base, unit = (
-            jnp.where(self.solved, _product(self.inverse, jnp.where(self.solved, given - rest, given)), given)
-            for given, rest in ((self.value, self.rows.rest), (push, moved))
+            jnp.where(self.solved, _product(self.inverse, jnp.where(self.solved, value - rest, value)), value)
+            for value, rest in ((self.value, self.rows.rest), (push, moved))
         )
         none, once = jnp.zeros((more,), base.dtype), jnp.ones((more,), base.dtype)
         return jnp.concatenate([base, none]), jnp.concatenate([unit, once])
@@ -98,7 +98,7 @@ def release(
 ) -> AnyHeld:
     """Lets go of all that dry friction cannot hold, the most overloaded first: as one goes, all other loads jump.
 
-    - ``weigh``: the load of everything in what is held, with what acts; −∞ of what friction holds and of what is loose.
+    - ``weigh``: the loads of all that is held, with what acts; −∞ where friction holds, and where nothing is held.
     - ``let_go``: what is held after some of it has let go, under what acts.
     - ``at_once``: what an event has loosened, which lets go before all else.
     """
@@ -114,7 +114,7 @@ def release(
 
 
 def load(square: Float[Array, "*forces"], largest: Float[Array, "*forces"]) -> Float[Array, "*forces"]:
-    """Computes the load of what friction holds, from the square of what that bears and the largest that it can."""
+    """Computes the load of a friction that holds, from the square of the force that it bears and the largest one."""
     # As the square of a share loads of all kinds compare. The least divisor keeps it within the range of numbers.
     return square / jnp.maximum(largest, float(jnp.finfo(largest.dtype).tiny) ** 0.25) ** 2
 

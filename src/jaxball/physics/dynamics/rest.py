@@ -57,8 +57,8 @@ class TurningLaw(NamedTuple):
 
 def resist(resistance: Resistance, turning: Turning, mode: TurningMode) -> Acting:
     """Computes what exact dry friction does in a mode. Where N would be negative without it, it only holds."""
-    given = TurningLaw.of(resistance, turning.radius, mode)
-    return Law.of(turning.rows, given.solved, given.value).act(given.push)
+    law = TurningLaw.of(resistance, turning.radius, mode)
+    return Law.of(turning.rows, law.solved, law.value).act(law.push)
 
 
 class Needs(NamedTuple):
@@ -72,7 +72,7 @@ class Needs(NamedTuple):
     loads: Float[Array, "2"]
 
     def overloads(self, mode: TurningMode) -> Float[Array, "2"]:
-        """Returns the loads of what is held although it cannot be; −∞ of the rest."""
+        """Returns the loads where it is held although friction cannot do it; −∞ elsewhere."""
         fails = jnp.stack([mode.rests & ~(self.rolling > 0), mode.still & ~(self.spinning > 0)])
         return jnp.where(fails, self.loads, -jnp.inf)
 
