@@ -55,7 +55,7 @@ P = jnp.array([1.5, 2.0, 6.0, 2.0, 1.1])
 
 def extremes(p):
     speed, omega, a, b, end = p
-    run = simulate(Rocker(omega, a, b), jnp.stack([0 * end, end]), Rocking(0.0, speed), dense=True)
+    run = simulate(Rocker(omega, a, b), jnp.stack([0 * end, end]), Rocking(0.0, speed), dense=True, max_steps=100)
     found = contact_extremes(run)
     return jnp.stack([found.least_normal_force, found.friction_needed, found.largest_friction])
 
