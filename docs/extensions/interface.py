@@ -43,6 +43,8 @@ CHAPTERS = {
         "Bodies and their surroundings",
         [
             "physics.body",
+            "physics.convex",
+            "physics.shape",
             "physics.dynamics.parameters",
             "physics.prescribed.motion",
             "physics.grounds",
