@@ -25,10 +25,13 @@ from jaxball import (
     Resistance,
     Status,
     SupportFunction,
+    planar_pendulum,
     plot,
     simulate,
 )
 from jaxball.classical import EllipsoidState, RollingEllipsoid
+from jaxball.scenario import Scenario, ScenarioError, write_scenario
+from jaxball.verify import verify
 
 AXES = np.array([1.0, 1.3, 0.7])
 INERTIA = (0.5, 0.6, 0.7)
@@ -159,14 +162,84 @@ def test_one_that_falls_bounces_and_slips_keeps_its_energy():
 
 @pytest.mark.thorough
 def test_derivatives_by_the_surface():
-    def end(size):
-        body = ConvexBody(shape=Ellipsoid(size * AXES), mass=1.2, inertia=INERTIA, gravity=9.81)
-        return simulate(body, [0.0, 1.0], BallState(q=Q, Omega=OMEGA), rtol=1e-10, atol=1e-10).state.z[-1, 0]
+    """In both modes, as those of the rolling ellipsoid, whose equations are its own."""
+    numbers = {"mass": 1.2, "inertia": INERTIA, "gravity": 9.81}
 
-    difference = (end(1 + 1e-5) - end(1 - 1e-5)) / 2e-5
-    # The runs are exact to 1e-10, so their difference is to 1e-5 of that.
-    np.testing.assert_allclose(jax.jacfwd(end)(1.0), difference, rtol=0, atol=1e-5)
-    np.testing.assert_allclose(jax.grad(end)(1.0), jax.jacfwd(end)(1.0), rtol=0, atol=1e-9)
+    def end(size):
+        body = ConvexBody(shape=Ellipsoid(size * AXES), **numbers)
+        return simulate(body, [0.0, 1.0], BallState(q=Q, Omega=OMEGA), **TIGHT).state.z[-1, 0]
+
+    def expected(size):
+        body = RollingEllipsoid(semiaxes=size * AXES, **numbers)
+        return simulate(body, [0.0, 1.0], EllipsoidState(q=Q, Omega=OMEGA), **TIGHT).state.z[-1, 0]
+
+    derivative = jax.jacfwd(expected)(1.0)
+    np.testing.assert_allclose(jax.jacfwd(end)(1.0), derivative, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(jax.grad(end)(1.0), derivative, rtol=0, atol=1e-9)
+
+
+def rocking_rate(rate, T, tolerance):
+    """The rate after the time T of an ellipsoid that rocks on its lowest point with a small rate at first."""
+    body = ConvexBody(shape=Ellipsoid(AXES), mass=1.2, inertia=INERTIA, gravity=9.81)
+    start = BallState(Omega=jnp.stack([0 * rate, rate, 0 * rate]))
+    return simulate(body, jnp.array([0.0, T]), start, rtol=tolerance, atol=tolerance).state.Omega[-1, 1]
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("jit", [jax.jit, jaxball.jit], ids=["xla", "native"])
+def test_derivatives_where_it_stands_still(jit):
+    """It rocks like a pendulum, by the radius of curvature a²/c under a centre at the height c."""
+    a, _, c = AXES
+    T, frequency = 10.0, np.sqrt(1.2 * 9.81 * (a**2 / c - c) / (INERTIA[1] + 1.2 * c**2))
+    for differentiate in (jax.grad, jax.jacfwd):
+        derivative = jit(differentiate(rocking_rate))
+        for tolerance in (1e-4, 1e-8, 1e-12):
+            for rate in (0.0, 1e-9):
+                error = derivative(rate, T, tolerance) - np.cos(frequency * T)
+                assert abs(error) < 1000 * tolerance
+
+
+@pytest.mark.any_precision
+def test_one_at_rest_stays_there():
+    body = ConvexBody(shape=Ellipsoid(AXES), mass=1.2, inertia=INERTIA, gravity=9.81)
+    for contact in (None, Contact(friction=0.3)):
+        run = simulate(body, [0.0, 10.0], contact=contact, throw=True)
+        assert np.all(np.asarray(run.state.Omega) == 0)
+        assert np.all(np.asarray(run.state.z) == 0)
+        assert int(run.steps) < 10
+
+
+@pytest.mark.thorough
+def test_with_a_pendulum_it_keeps_its_energy():
+    body = ConvexBody(
+        shape=Ellipsoid(AXES), mass=1.2, inertia=INERTIA, gravity=9.81, mechanisms=[planar_pendulum(0.4, 0.5)]
+    )
+    start = BallState(q=Q, Omega=OMEGA, theta=[0.8], thetadot=[0.5])
+    energy = simulate(body, np.linspace(0.0, 5.0, 6), start, throw=True, **TIGHT).observables.energy
+    np.testing.assert_allclose(energy, energy[0], rtol=0, atol=1e-9)
+
+
+def test_its_runs_are_saved(tmp_path):
+    """Without the text of a scenario, which files do not have for it; a recording leaves its surface out."""
+    body = ConvexBody(shape=Ellipsoid(AXES), mass=1.2, inertia=INERTIA)
+    run = simulate(body, [0.0, 0.5, 1.0], BallState(q=Q, Omega=OMEGA))
+    for name in ("run.npz", "run.nc"):
+        run.save(tmp_path / name)
+        loaded = jaxball.load_run(tmp_path / name, body)
+        np.testing.assert_array_equal(loaded.state.Omega, run.state.Omega)
+    run.save(tmp_path / "run.mcap")
+    assert (tmp_path / "run.mcap").stat().st_size > 0
+    scenario = Scenario(body, [0.0, 1.0], BallState(q=Q, Omega=OMEGA))
+    with pytest.raises(ScenarioError, match="must be one of ball, disk in a file, but the system is a ConvexBody"):
+        write_scenario(scenario)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("contact", [None, Contact(friction=0.1)], ids=["rolling", "contact"])
+def test_verify_finds_it_right(contact):
+    body = ConvexBody(shape=Ellipsoid(AXES), mass=1.2, inertia=INERTIA, gravity=9.81)
+    scenario = Scenario(body, np.linspace(0.0, 2.0, 5), BallState(q=Q, Omega=OMEGA), contact=contact)
+    assert verify(scenario).ok
 
 
 @pytest.mark.thorough

@@ -168,11 +168,10 @@ def simulate_ensemble(
 
     **Arguments:**
 
-    - ``system``, ``state``: every array has the runs as leading axis, as ``jax.vmap`` takes them and ``jax.tree.map``
-      with ``np.stack`` makes them, unless ``in_axes`` says otherwise.
+    - ``system``, ``state``: every array has the runs as leading axis, as ``jax.vmap`` makes them, or as in ``in_axes``.
     - ``times``: of shape (runs, T), or (T,) for all runs.
-    - ``events``: the same for all runs unless ``in_axes`` says otherwise. Reductions go on to the end of the step
-      within which the first terminal event ends the run.
+    - ``events``: the same for all runs, or as in ``in_axes``. Reductions go on to the end of the last step, within
+      which the first terminal event ends the run.
     - ``contact``: each of its numbers is for all runs or, made by ``jax.vmap``, of shape (runs,); its ``capacity`` is
       the same for every run.
     - ``solver``, ``step_to_times``, ``dae``, ``project``, ``inside``, ``adjoint``, ``max_steps``, ``max_step``: as for
@@ -210,8 +209,8 @@ def simulate_ensemble(
     if dae:
         require_dae(simulated, state, solver)
     events = check_events(simulated, events)
-    flags["swinging"] = inside and may_swing_out(simulated)
-    method = Method.of(solver, adjoint, max_steps, None, max_step, **flags)
+    swinging = inside and may_swing_out(simulated)
+    method = Method.of(solver, adjoint, max_steps, None, max_step, swinging=swinging, **flags)
     rtol, atol = check_tolerances(rtol, atol, of_many=True)
     instants = times if isinstance(times, jax.Array) else to_numpy(times, "times").astype(rtol.dtype)
     results = tuple(_check_reductions(reductions).items())

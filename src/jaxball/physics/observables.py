@@ -213,9 +213,7 @@ def compute_observables(system: AbstractBody, t: Float[Array, ""], motion: Movem
     """Computes the observables of a body from its motion."""
     in_space, body_moments, acting, slip = motion.state, motion.body_moments, motion.acting, motion.slip
     r, g, Omega, Lambda = system.radius, system.gravity, in_space.Omega, in_space.Lambda
-    under, omega, Omegadot = acting.footing, apply(Lambda, Omega), motion.Omegadot
-    arm = acting.arm.along
-    square = None if system.shape is None else dot(arm, arm)
+    under, omega, Omegadot, arm = acting.footing, apply(Lambda, Omega), motion.Omegadot, acting.arm.along
     points = kinematics(system, t, motion.angles)
     still = jnp.zeros((1, 3), dtype=Omega.dtype)
     with_shell = Kinematics(
@@ -226,25 +224,20 @@ def compute_observables(system: AbstractBody, t: Float[Array, ""], motion: Movem
     m = jnp.concatenate([system.mass[None], point_mass_values(system)])
     a = accelerations_of_masses(r, with_shell, Omega, Omegadot, arm)
     weight, u = motion.weight, None
+    centre, foot = _places(system, motion)
     if under is None:
         contact = ContactForce(motion.R[2], motion.R[:2])
         u = system.drift(t, in_space)
         velocity, lowest = velocity_by_turning(system, Lambda, Omega), None if u is None else in_three(u)
         velocity = velocity if lowest is None else velocity + lowest
-        centre = in_three(in_space.z)
-        if system.shape is None:
-            foot = centre - jnp.stack([jnp.zeros_like(r), jnp.zeros_like(r), r])
-        else:
-            centre = centre.at[2].set(height_over_origin(system, Lambda[2], None))
-            foot = centre - apply(Lambda, r * arm)
     else:
         contact = ContactForce(dot(under.normal, motion.R), jnp.sum(under.tangents * motion.R[None], axis=1))
-        velocity, lowest, centre, foot = under.centre_velocity, under.velocity, under.centre, under.foot
+        velocity, lowest = under.centre_velocity, under.velocity
     if slip is not None:
         velocity, lowest = velocity + slip.velocity, slip.velocity if lowest is None else lowest + slip.velocity
-        centre = centre if under is not None else centre.at[2].set(height_over_origin(system, Lambda[2], slip.height))
     # Momentum and energy are those of rolling on a plane at rest, with the velocity of the lowest point added to every
     # mass.
+    square = None if system.shape is None else dot(arm, arm)
     drift, Pi = None, contact_momentum(body_moments, r, Omega, arm, square)
     if lowest is not None:
         drift = apply(Lambda.T, lowest)
@@ -294,6 +287,22 @@ def compute_observables(system: AbstractBody, t: Float[Array, ""], motion: Movem
         joint_rates=joints.thetadot,
         joint_efforts=joints.effort,
     )
+
+
+def _places(system: AbstractBody, motion: Movement) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+    """Computes where the geometric centre is, and the contact point: on the ground below a body that flies."""
+    in_space, under, slip, r = motion.state, motion.acting.footing, motion.slip, system.radius
+    if under is not None:
+        return under.centre, under.foot
+    on_plane = in_three(in_space.z)
+    centre = on_plane
+    if slip is not None or system.shape is not None:
+        height = None if slip is None else slip.height
+        centre = centre.at[2].set(height_over_origin(system, in_space.Lambda[2], height))
+    if system.shape is None:
+        return centre, on_plane - jnp.stack([jnp.zeros_like(r), jnp.zeros_like(r), r])
+    standing = on_plane.at[2].set(height_over_origin(system, in_space.Lambda[2], None))
+    return centre, standing - apply(in_space.Lambda, r * motion.acting.arm.along)
 
 
 def evaluate_schedules(

@@ -108,6 +108,7 @@ def _shapes(trajectory: Trajectory[Any, Any], rows: np.ndarray) -> Iterator[tupl
     """Lists the shapes of the shell and of the masses, once: they move with their frames."""
     system = trajectory.system
     r = float(system.radius)
+    entities = []
     size = {"x": 2 * r, "y": 2 * r, "z": 2 * r}
     shell = {"pose": STILL, "size": size, "color": SHELL_COLOUR}
     if system.planar:  # a cylinder along z, which is turned to E2
@@ -115,9 +116,9 @@ def _shapes(trajectory: Trajectory[Any, Any], rows: np.ndarray) -> Iterator[tupl
         quarter = {"x": float(np.sqrt(0.5)), "y": 0.0, "z": 0.0, "w": float(np.sqrt(0.5))}
         pose = {**STILL, "orientation": quarter}
         cylinder = {**shell, "pose": pose, "size": {**size, "z": THIN * r}, "bottom_scale": 1.0, "top_scale": 1.0}
-        entities = [_entity(BODY, "cylinders", cylinder)]
-    else:
-        entities = [_entity(BODY, "spheres", shell)]
+        entities.append(_entity(BODY, "cylinders", cylinder))
+    elif system.shape is None:  # no other surface is among the shapes of a recording
+        entities.append(_entity(BODY, "spheres", shell))
     small = dict.fromkeys("xyz", 2 * MASS * r)
     for k in range(trajectory.observables.mass_positions_body.shape[1]):
         entities.append(_entity(f"mass[{k}]", "spheres", {"pose": STILL, "size": small, "color": MASS_COLOUR}))

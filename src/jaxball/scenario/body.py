@@ -12,6 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from ..interface.wording import one_of
 from ..numerics.arrays import to_array
 from ..physics.body import AbstractBody, Ball, Disk, System
 from ..physics.contact.law import (
@@ -362,8 +363,17 @@ def write_surroundings(parts: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def kind_of(system: System) -> str:
-    """Returns the name of the kind of body in a file, ``ball`` or ``disk``."""
-    return next(kind for kind, (body, _) in BODIES.items() if isinstance(system, body))
+    """Returns the name of the kind of body in a file, ``ball`` or ``disk``.
+
+    **Raises:** :class:`ScenarioError` for another, which no file can hold.
+    """
+    for kind, (body, _) in BODIES.items():
+        if isinstance(system, body):
+            return kind
+    raise ScenarioError(
+        f"Key `body.kind` must be {one_of(tuple(BODIES))} in a file, but the system is a {type(system).__name__}; keep "
+        "the Python program that makes it."
+    )
 
 
 _ON = Key(Text("the name of a part of the body, such as masses[0] or mechanisms[0].joints[0]"))

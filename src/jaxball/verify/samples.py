@@ -119,6 +119,8 @@ def _of_contact(plane: BodyOnPlane, t: Float[Array, ""], state: ContactState) ->
 def _turning(plane: BodyOnPlane, t: Float[Array, ""], state: ContactState) -> Float[Array, "3"]:
     """Computes r ω × n, without the velocity of the ground's matter."""
     body = state.body
+    if plane.body.shape is not None:
+        return _of_arm(plane.body, body)
     normal = apply(body.Lambda, contact_normal(plane.body, t, body))
     return plane.body.radius * cross(apply(body.Lambda, body.Omega), normal)
 
@@ -136,12 +138,18 @@ def rolling_balance(system: AbstractBody, t: Float[Array, ""], state: BallState 
 
 def _centre_velocity(system: AbstractBody, t: Float[Array, ""], state: BallState) -> Float[Array, "3"]:
     """Computes ż = ω × r e3 + u, with u the velocity of a turntable."""
+    if system.shape is not None:
+        return _of_arm(system, state)
     vertical = jnp.zeros_like(state.Omega).at[2].set(1.0)
     rolling = cross(apply(state.Lambda, state.Omega), system.radius * vertical)
-    if system.shape is not None:
-        rolling = apply(state.Lambda, cross(state.Omega, system.shape.arm(state.Lambda[2])))
     drift = system.drift(t, state)
     return rolling if drift is None else rolling + in_three(drift)
+
+
+def _of_arm(system: AbstractBody, state: Any) -> Float[Array, "3"]:
+    """Computes ω × Λ∇h, the velocity of the centre of a body that is no sphere."""
+    assert system.shape is not None
+    return cross(apply(state.Lambda, state.Omega), apply(state.Lambda, system.shape.arm(state.Lambda[2])))
 
 
 def contact_momentum_balance(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskState) -> Balance:

@@ -129,9 +129,12 @@ def arm_over_plane(system: BodyParameters, Gamma: Float[Array, "3"], Omega: Floa
     return Arm(along, cross(Omega, along) + rate)
 
 
-def velocity_by_turning(system: BodyParameters, Lambda: Float[Array, "3 3"], Omega: Float[Array, "3"]):
-    """Computes the velocity of the geometric centre over a plane at rest, space axes, where the contact point of the
-    body is at rest; also its rate or a change of it by those of Ω.
+def velocity_by_turning(
+    system: BodyParameters, Lambda: Float[Array, "3 3"], Omega: Float[Array, "3"]
+) -> Float[Array, "3"]:
+    """Computes the velocity of the geometric centre, space axes, of a body whose contact point is at rest on a plane.
+
+    It is linear in Ω: of a rate or a change of Ω it is that of the velocity.
     """
     if system.shape is None:
         return in_three(rolling_velocity(Lambda, Omega, system.radius))
