@@ -18,6 +18,7 @@ from jaxball import (
     Ellipsoid,
     Free,
     Ground,
+    HarmonicForce,
     Mode,
     OnRail,
     PointMass,
@@ -229,7 +230,7 @@ def test_its_runs_are_saved(tmp_path):
         np.testing.assert_array_equal(loaded.state.Omega, run.state.Omega)
     run.save(tmp_path / "run.mcap")
     assert (tmp_path / "run.mcap").stat().st_size > 0
-    scenario = Scenario(body, [0.0, 1.0], BallState(q=Q, Omega=OMEGA))
+    scenario = Scenario("an egg", body, BallState(q=Q, Omega=OMEGA), np.array([0.0, 1.0]))
     with pytest.raises(ScenarioError, match="must be one of ball, disk in a file, but the system is a ConvexBody"):
         write_scenario(scenario)
 
@@ -237,9 +238,15 @@ def test_its_runs_are_saved(tmp_path):
 @pytest.mark.thorough
 @pytest.mark.parametrize("contact", [None, Contact(friction=0.1)], ids=["rolling", "contact"])
 def test_verify_finds_it_right(contact):
-    body = ConvexBody(shape=Ellipsoid(AXES), mass=1.2, inertia=INERTIA, gravity=9.81)
-    scenario = Scenario(body, np.linspace(0.0, 2.0, 5), BallState(q=Q, Omega=OMEGA), contact=contact)
-    assert verify(scenario).ok
+    mass, force = PointMass(0.4, Free(moving)), HarmonicForce((0.3, 0.2, 0.1))
+    numbers = {"mass": 1.2, "inertia": INERTIA, "gravity": 9.81, "offset": (0.05, -0.03, 0.02)}
+    body = ConvexBody(shape=SupportFunction(egg), masses=[mass], force=force, ground=Ground(angle=0.1), **numbers)
+    scenario = Scenario("an egg", body, BallState(q=Q, Omega=OMEGA), np.linspace(0.0, 2.0, 5), contact=contact)
+    balances = ["energy"] if contact else ["energy", "momentum", "rolling"]
+    report = verify(scenario, laws=[*balances, "contact"])
+    assert report["contact"].ok  # N > 0, and friction within its limit
+    for name in balances:
+        assert report[name].residual < 1e-8
 
 
 @pytest.mark.thorough

@@ -32,6 +32,7 @@ PLANAR = "a disk rolls in a plane, where it is zero"
 NO_TURNTABLE = "the ground has no turntable"
 NO_VERSOR = "a disk's state has no versor"
 OF_CONTACT = ("energy", "norm")  # balances that are known for a body with a law of contact
+OF_CONVEX = ("energy", "momentum", "norm", "rolling")
 MEANINGLESS = (MASSES_MOVE, PLANAR, NO_VERSOR, NO_TURNTABLE)  # reasons for which there is no quantity that could change
 
 
@@ -145,6 +146,9 @@ def laws_along(scenario: Scenario) -> dict[str, Callable[[Case], Row]]:
     if scenario.may_slip:
         laws = {name: partial(balance if name in OF_CONTACT else _of_rolling, name) for name in BALANCES}
         return {**laws, "contact": law_of_contact}
+    if scenario.system.shape is not None:
+        laws = {name: partial(balance if name in OF_CONVEX else _of_ball, name) for name in BALANCES}
+        return {**laws, "contact": contact}
     return {**{name: partial(balance, name) for name in BALANCES}, "contact": contact}
 
 
@@ -176,12 +180,19 @@ def _of_rolling(name: str, case: Case) -> Row:
     return Row(name, reason=f"the body has {case.run.history.described}")
 
 
+def _of_ball(name: str, case: Case) -> Row:
+    """Returns the row of a law that is known only for balls and disks."""
+    return Row(name, reason="the body is no ball")
+
+
 def _why_not(name: str, case: Case) -> str:
     system, samples = case.scenario.system, case.samples
     if not isinstance(system, AbstractBody):
         return _why_not_classical(name, case)
     if case.scenario.may_slip:
         return _why_not_with_contact(name, case)
+    if system.shape is not None:
+        return ""
     assert samples.moments is not None
     assert samples.axis is not None
     if name == "moving-energy":

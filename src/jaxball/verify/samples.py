@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .. import programs
-from ..numerics.vectors import apply, cross, dot
+from ..numerics.vectors import apply, cross, dot, hat
 from ..physics.body import AbstractBody
 from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.modes import ContactState
@@ -74,8 +74,8 @@ def quantities(system: Any, t: Float[Array, ""], state: Any) -> Quantities:
     observables, in_space = observe(system, t, state), state.in_space()
     if system.shape is not None:
         energy, norm = Balance(observables.energy, observables.power), jnp.sqrt(jnp.sum(in_space.q**2))
-        rolling = rolling_balance(system, t, state)
-        return Quantities({"energy": energy, "norm": _constant(norm), "rolling": rolling}, None, None)
+        balances = {"energy": energy, "momentum": contact_momentum_balance(system, t, state), "norm": _constant(norm)}
+        return Quantities(balances | {"rolling": rolling_balance(system, t, state)}, None, None)
     motion, r = accelerations(system, t, state), system.radius
     acting = load(system, t, state).with_torque(motion.dry)
     Lambda, Omega = in_space.Lambda, in_space.Omega
@@ -120,7 +120,7 @@ def _turning(plane: BodyOnPlane, t: Float[Array, ""], state: ContactState) -> Fl
     """Computes r ω × n, without the velocity of the ground's matter."""
     body = state.body
     if plane.body.shape is not None:
-        return _of_arm(plane.body, body)
+        return cross(apply(body.Lambda, body.Omega), _arm_in_space(plane.body, body)[0])
     normal = apply(body.Lambda, contact_normal(plane.body, t, body))
     return plane.body.radius * cross(apply(body.Lambda, body.Omega), normal)
 
@@ -139,17 +139,19 @@ def rolling_balance(system: AbstractBody, t: Float[Array, ""], state: BallState 
 def _centre_velocity(system: AbstractBody, t: Float[Array, ""], state: BallState) -> Float[Array, "3"]:
     """Computes ż = ω × r e3 + u, with u the velocity of a turntable."""
     if system.shape is not None:
-        return _of_arm(system, state)
+        return cross(apply(state.Lambda, state.Omega), _arm_in_space(system, state)[0])
     vertical = jnp.zeros_like(state.Omega).at[2].set(1.0)
     rolling = cross(apply(state.Lambda, state.Omega), system.radius * vertical)
     drift = system.drift(t, state)
     return rolling if drift is None else rolling + in_three(drift)
 
 
-def _of_arm(system: AbstractBody, state: Any) -> Float[Array, "3"]:
-    """Computes ω × Λ∇h, the velocity of the centre of a body that is no sphere."""
-    assert system.shape is not None
-    return cross(apply(state.Lambda, state.Omega), apply(state.Lambda, system.shape.arm(state.Lambda[2])))
+def _arm_in_space(system: AbstractBody, state: Any) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+    """Computes Λ∇h from the contact to the centre of a body that is no sphere, and its rate, as Λ turns."""
+    shape = system.shape
+    assert shape is not None
+    turning = jnp.sum(state.Lambda[:, :, None] * hat(state.Omega)[None], axis=1)
+    return jax.jvp(lambda Lambda: apply(Lambda, shape.arm(Lambda[2])), (state.Lambda,), (turning,))
 
 
 def contact_momentum_balance(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskState) -> Balance:
@@ -165,13 +167,17 @@ def contact_momentum_balance(system: AbstractBody, t: Float[Array, ""], state: B
     Lambda, vertical, under = in_space.Lambda, jnp.zeros_like(in_space.Omega).at[2].set(1.0), acting.footing
     seen = _in_space(system, t, state, under)
     lift = system.gravity * vertical if system.ground is None else system.ground.lift(t, system.gravity)
-    if under is None:
+    arm = r * vertical
+    if system.shape is not None:
+        arm, arm_rate = _arm_in_space(system, in_space)
+        moves = _centre_velocity(system, t, in_space) - arm_rate
+    elif under is None:
         moves = _centre_velocity(system, t, in_space)
     else:
-        vertical, moves = under.normal, under.centre_velocity - r * under.normal_rate
+        arm, moves = r * under.normal, under.centre_velocity - r * under.normal_rate
     rate = cross(seen.moment, -lift) - cross(moves, seen.P)
     if acting.force is not None:
-        rate = rate + cross(r * vertical, apply(Lambda, acting.force))
+        rate = rate + cross(arm, apply(Lambda, acting.force))
     if acting.torque is not None:
         rate = rate + apply(Lambda, acting.torque)
     return Balance(seen.Pi, rate)
@@ -216,14 +222,16 @@ def _in_space(
 ) -> _InSpace:
     in_space, r = state.in_space(), system.radius
     Lambda, Omega = in_space.Lambda, in_space.Omega
-    Gamma = Lambda[2] if under is None else apply(Lambda.T, under.normal)
+    arm = Lambda[2] if under is None else apply(Lambda.T, under.normal)
+    if system.shape is not None:
+        arm = system.shape.arm(Lambda[2]) / r
     points = kinematics(system, t, (state.theta, state.thetadot, state.thetadot))  # accelerations are not used
     chi = jnp.concatenate([system.offset[None], points.chi])
     chidot = jnp.concatenate([jnp.zeros((1, 3), dtype=Omega.dtype), points.chidot])
     m = jnp.concatenate([system.mass[None], point_mass_values(system)])[:, None]
-    s = r * Gamma[None] + chi
+    s = r * arm[None] + chi
     drift = system.drift(t, in_space)
-    Y = velocities(r, Kinematics(chi, chidot, jnp.zeros_like(chi)), Omega, Gamma)
+    Y = velocities(r, Kinematics(chi, chidot, jnp.zeros_like(chi)), Omega, arm)
     Y = Y if drift is None else Y + apply(Lambda.T, in_three(drift))[None]
     Y = Y if under is None else Y + apply(Lambda.T, under.velocity)[None]
     Pi = apply(principal_inertia(system), Omega) + jnp.sum(m * jax.vmap(cross)(s, Y), axis=0)
