@@ -79,7 +79,6 @@ def test_a_body_with_a_moving_mass_inside(case):
     np.testing.assert_allclose(np.concatenate([end.q[-1], end.Omega[-1]]), attitude, rtol=0, atol=1e-9)
     np.testing.assert_allclose(end.z[-1], z, rtol=0, atol=1e-9)
     np.testing.assert_allclose(run.observables.contact_force[-1], R, rtol=0, atol=1e-9)
-    # The contact is on the plane, and in the plane of its normal through it lies the whole body.
     np.testing.assert_allclose(run.observables.contact_point[:, 2], -body.radius, rtol=0, atol=1e-14)
 
 

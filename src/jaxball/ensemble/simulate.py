@@ -179,8 +179,7 @@ def simulate_ensemble(
     - ``rtol``, ``atol``: for all runs, or of shape (runs,).
     - ``reductions``: results to find in each run while it is computed, by name, of ``jaxball.ensemble.REDUCTIONS`` or a
       :class:`Maximum`, :class:`Minimum`, :class:`Drift` or :class:`Integral` of your own function.
-    - ``lanes``: how many runs XLA computes side by side; by default 64 on a CPU, or all on a GPU. Native programs
-      always take 8, or a single one with methods such as ``RadauIIA``.
+    - ``lanes``: how many runs XLA computes side by side, by default 64 on a CPU, all on a GPU; native programs 8 or 1.
     - ``chunk``: how many runs are in memory at a time while they are computed; by default all.
     - ``threads``: of native programs, by default as many as this process has cores. Results do not depend on it.
     - ``in_axes``: which arrays of ``(system, state)`` have the runs as leading axis, as ``jax.vmap`` takes it: 0 for
