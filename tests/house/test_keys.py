@@ -29,7 +29,7 @@ def readers() -> dict[str, dict[str, Mapping[str, Key]]]:
             for inner, its_keys in key.kind.tables.items() if isinstance(key.kind, Nested) else ():
                 visit(f"{path}.{name}", inner, its_keys)
 
-    visit("scenario", "ball, disk", KEYS)
+    visit("scenario", "ball, disk, convex-body", KEYS)
     visit("scenario", "classical", CLASSICAL_KEYS)
     visit("scenario", "rolling-ellipsoid", RESISTED_KEYS)
     visit("study", "", STUDY)

@@ -31,7 +31,8 @@ from jaxball import (
     simulate,
 )
 from jaxball.classical import EllipsoidState, RollingEllipsoid
-from jaxball.scenario import Scenario, ScenarioError, write_scenario
+from jaxball.plot.view.rolling import rolling_scene
+from jaxball.scenario import Scenario, ScenarioError, read_scenario, write_scenario
 from jaxball.verify import verify
 
 AXES = np.array([1.0, 1.3, 0.7])
@@ -230,8 +231,59 @@ def test_its_runs_are_saved(tmp_path):
     run.save(tmp_path / "run.mcap")
     assert (tmp_path / "run.mcap").stat().st_size > 0
     scenario = Scenario("an egg", body, BallState(q=Q, Omega=OMEGA), np.array([0.0, 1.0]))
-    with pytest.raises(ScenarioError, match="must be one of ball, disk in a file, but the system is a ConvexBody"):
-        write_scenario(scenario)
+    scenario.simulate().save(tmp_path / "whole.nc")
+    assert jaxball.load_run(tmp_path / "whole.nc").system.shape.semiaxes.tolist() == list(AXES)
+
+
+def support(Gamma, height):
+    return height + 0.0 * Gamma[0]
+
+
+FILE = """
+format = 1
+kind = "convex-body"
+body = { mass = 1.2, inertia = [0.5, 0.6, 0.7], gravity = 9.81, offset = [0.05, -0.03, 0.02], shape = SHAPE }
+ground = { angle = 0.1 }
+initial = { versor = VERSOR, Omega = [0.4, -0.8, 0.3] }
+time = { start = 0.0, end = 1.0, step = 1.0 }
+"""
+
+
+TURNTABLE = 'turntable = { turning = { kind = "constant-rate", theta = 0.0, rate = 1.0 } }'
+
+
+def in_file(shape):
+    return FILE.replace("SHAPE", shape).replace("VERSOR", str(Q.tolist()))
+
+
+def test_it_stands_in_files():
+    numbers = {"mass": 1.2, "inertia": INERTIA, "gravity": 9.81, "offset": (0.05, -0.03, 0.02), "ground": Ground(0.1)}
+    function = f'{{ kind = "function", function = "{__name__}:support", parameters = 0.8 }}'
+    for shape, same in (
+        ('{ kind = "ellipsoid", semiaxes = [1.0, 1.3, 0.7], turn = 0.2 }', Ellipsoid(AXES, turn=0.2)),
+        (function, SupportFunction(support, 0.8)),
+    ):
+        scenario = read_scenario(in_file(shape))
+        run = simulate(ConvexBody(shape=same, **numbers), scenario.times, BallState(q=Q, Omega=OMEGA))
+        np.testing.assert_allclose(scenario.simulate().state.z, run.state.z, rtol=0, atol=1e-12)
+        assert write_scenario(read_scenario(write_scenario(scenario))) == write_scenario(scenario)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "named"),
+    [
+        ("1.3", "-1.3", "`body.shape.semiaxes` must be a list of 3 positive numbers"),
+        ('"ellipsoid"', '"egg"', "`body.shape.kind`"),
+        ("mass = 1.2", "mass = 1.2, radius = 1.0", "`body.radius`"),
+        ("angle = 0.1", 'kind = "bowl", radius = 5.0', "`ground` must be a plane under a convex body"),
+        ("angle = 0.1", TURNTABLE, "`ground.turntable` must be left out for a convex body"),
+    ],
+)
+def test_what_no_file_may_say_of_it(old, new, named):
+    text = in_file('{ kind = "ellipsoid", semiaxes = [1.0, 1.3, 0.7] }')
+    assert old in text
+    with pytest.raises(ScenarioError, match=named):
+        read_scenario(text.replace(old, new))
 
 
 @pytest.mark.thorough
@@ -280,5 +332,14 @@ def test_its_surface_is_drawn():
     lines = plot.configuration(body).lines
     # The silhouette of a spheroid that is seen across its axis reaches from end to end of it.
     assert max(np.nanmax(line.get_data_3d()[2]) for line in lines) == pytest.approx(1.6, abs=1e-3)
-    with pytest.raises(ValueError, match="it is of a ConvexBody"):
-        simulate(body, [0.0, 1.0]).view("view.html")
+
+
+def test_it_is_shown_where_it_touches_the_plane():
+    """In a view: its lowest point is on the floor, and its surface has the extents of an ellipsoid."""
+    body = ConvexBody(shape=Ellipsoid(AXES), mass=1.2, inertia=INERTIA, ground=Ground(angle=0.1))
+    run = simulate(body, np.linspace(0.0, 2.0, 9), BallState(q=Q, Omega=OMEGA))
+    shown = rolling_scene({"": run}, None)
+    numbers, up = shown.numbers[0], np.asarray(shown.stand["axes"])[:, 2]
+    lowest = (numbers["centre"].values + numbers["foot"].values) @ up
+    np.testing.assert_allclose(lowest, -body.radius, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(np.max(numbers["surface"].values, axis=0), AXES, rtol=1e-12)

@@ -30,9 +30,9 @@ TYPES = {
     ),
     "another kind": (
         edited('"ball"', '"cube"'),
-        'Key `kind` must be one of "ball", "disk", "free-rigid-body", "heavy-top", "suslov", "rolling-ellipsoid", '
-        '"nonholonomic-particle", "vakonomic-particle", "chaplygin-sleigh", "knife-edge", "rolling-coin", '
-        '"snakeboard", "roller-racer", but it is "cube".',
+        'Key `kind` must be one of "ball", "disk", "convex-body", "free-rigid-body", "heavy-top", "suslov", '
+        '"rolling-ellipsoid", "nonholonomic-particle", "vakonomic-particle", "chaplygin-sleigh", "knife-edge", '
+        '"rolling-coin", "snakeboard", "roller-racer", but it is "cube".',
     ),
     "a misspelt kind": (
         edited('"ball"', '"Bal"'),

@@ -404,6 +404,24 @@ OF_A_BALL |= {"LOW": "[-5.0, -5.0]", "HIGH": "[5.0, 5.0]"}
 OF_A_DISK = {"KIND": "disk", "INERTIA": "1.0", "PLACE": "1.0", "HEIGHT": "0.0", "LOW": "-5.0", "HIGH": "5.0"}
 
 
+_CONVEX = """
+format = 1
+kind = "convex-body"
+body = { mass = 1.2, inertia = [0.5, 0.6, 0.7], gravity = 1.0, offset = [0.05, -0.03, 0.02], shape = SHAPE }
+initial = { Omega = [0.4, -0.8, 0.3], z = [1.0, 0.5] }
+time = { start = 0.0, end = 1.0, step = 0.5 }
+"""
+CONVEX = {
+    "stone": _CONVEX.replace("SHAPE", '{ kind = "ellipsoid", semiaxes = [1.0, 1.3, 0.7], turn = 0.2 }'),
+    "egg": _CONVEX.replace("SHAPE", '{ kind = "function", function = "tests.support.corpus:egg", parameters = 0.1 }'),
+}
+
+
+def egg(Gamma: Any, sharpness: Any) -> Any:
+    """The support function of an egg."""
+    return (1.0 + 0.5 * Gamma[2] ** 2) ** 0.5 + sharpness * Gamma[2] ** 3
+
+
 def every_kind(body: dict[str, str], controlled: bool) -> str:
     """A problem with every objective and constraint that there is, of a search or of optimal control."""
     text = _TO_BE_DESIGNED + (_CONTROL if controlled else _VARIABLES) + _ALONG_THE_RUN
@@ -445,7 +463,7 @@ def scenarios() -> dict[str, dict[str, Any]]:
     texts |= _blocks("reference/scenario-files.md", "```toml\n(.*?)```") | {"every motion": EVERY_MOTION}
     texts |= {"every mechanism": EVERY_MECHANISM, "under feedback": UNDER_FEEDBACK}
     texts |= {"predictive": PREDICTIVE, "feedforward": FEEDFORWARD, "every event": EVERY_EVENT}
-    return {name: tomllib.loads(text) for name, text in (texts | ON_SURFACES | VEHICLES).items()}
+    return {name: tomllib.loads(text) for name, text in (texts | ON_SURFACES | VEHICLES | CONVEX).items()}
 
 
 def studies() -> dict[str, dict[str, Any]]:
@@ -471,7 +489,7 @@ def with_everything() -> list[dict[str, Any]]:
     with_all_keys = ("every motion", "every mechanism", "under feedback", "predictive", "feedforward", "every event")
     named = [name for name in problems() if name.startswith("every kind")]
     return [
-        *(scenarios()[name] for name in (*classical, "disk", *with_all_keys, *ON_SURFACES, *VEHICLES)),
+        *(scenarios()[name] for name in (*classical, "disk", *with_all_keys, *ON_SURFACES, *VEHICLES, *CONVEX)),
         studies()["every axis"],
         *(problems()[name] for name in named),
     ]

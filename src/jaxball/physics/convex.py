@@ -104,8 +104,8 @@ class ConvexBody(AbstractBody):
     require_state, is_reducible, phase_point = Ball.require_state, Ball.is_reducible, Ball.phase_point
 
     def conditions(self) -> Iterator[Condition]:
+        yield from self.shape.conditions()  # first, because the radius follows from it
         yield from AbstractBody.conditions(self)
-        yield from self.shape.conditions()
 
     @property
     def arguments(self) -> dict[str, Any]:

@@ -24,6 +24,7 @@ from ..physics.contact.law import (
     SmoothedCoulomb,
 )
 from ..physics.contact.released import ReleasedState
+from ..physics.convex import ConvexBody
 from ..physics.forces.force import AbstractWrench, FunctionWrench, HarmonicForce, require_wrench
 from ..physics.forces.resistance import SMOOTHING, AbstractResistance, Resistance
 from ..physics.grounds.ground import Ground
@@ -35,6 +36,7 @@ from .errors import ScenarioError, each_of, key_error
 from .grounds import GROUNDS, read_ground
 from .motions import FRAME, HARMONIC_FORCE
 from .own import FUNCTION, Open, names_own, read_own, trying, trying_class
+from .shapes import SHAPE
 from .table import (
     Family,
     Key,
@@ -223,8 +225,14 @@ SHELL = {
 }
 BALL = {**SHELL, "inertia": Key(Numbers((3,), POSITIVE, OF_INERTIA))}
 DISK = {**SHELL, "inertia": Key(Numbers(rule=POSITIVE, dimension=OF_INERTIA))}
+# Its radius follows from its shape.
+CONVEX = {"shape": Key(SHAPE), **{name: key for name, key in BALL.items() if name != "radius"}}
 FLAT = "in the plane of a disk, E1 and E3, with second entry 0"
-BODIES = {"ball": (Ball, BALL), "disk": (Disk, DISK)}
+BODIES: dict[str, tuple[type[AbstractBody], dict[str, Key]]] = {
+    "ball": (Ball, BALL),
+    "disk": (Disk, DISK),
+    "convex-body": (ConvexBody, CONVEX),
+}
 FORCES = Open(
     AbstractWrench,
     {
@@ -266,7 +274,7 @@ def check_own_states(system: System, start: Any, state: BallState | DiskState) -
 
 
 def read_shell(values: Any, path: str, kind: str) -> dict[str, Any]:
-    """Reads the arguments of a ball or a disk for its shell. An impossible shell raises."""
+    """Reads the arguments of a body for its shell. An impossible shell raises."""
     make, keys = BODIES[kind]
     shell = read_table(values, path, keys)
     # Built for its conditions alone: the shell is an argument of the body with its masses later.
@@ -363,7 +371,7 @@ def write_surroundings(parts: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def kind_of(system: System) -> str:
-    """Returns the name of the kind of body in a file, ``ball`` or ``disk``.
+    """Returns the name of the kind of body in a file, such as ``ball``.
 
     **Raises:** :class:`ScenarioError` for another, which no file can hold.
     """

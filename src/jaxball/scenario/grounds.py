@@ -180,8 +180,14 @@ GROUNDS = Open(
 )
 
 
+_TABLE_REFUSED = {
+    "disk": "a disk, which rolls on a line",
+    "convex-body": "a convex body, whose contact point is not under its centre",
+}
+
+
 def read_ground(values: Any, path: str, kind: str) -> AbstractGround | ReadPlate:
-    """Reads the ground, a plate with the schedules that a law follows; under a disk it has no turntable."""
+    """Reads the ground, a plate with the schedules that a law follows; only under a ball may it have a turntable."""
     if names_own(values):
         ground = read_own(values, path, GROUNDS)
     elif isinstance(values, dict) and "kind" in values:
@@ -189,7 +195,12 @@ def read_ground(values: Any, path: str, kind: str) -> AbstractGround | ReadPlate
             ground = read_family(values, path, GROUNDS)
     else:
         ground = GROUND.read(values, path)
-    if kind == "disk" and isinstance(ground, Ground) and ground.turntable is not None:
-        raise ScenarioError(f"Key `{path}.turntable` must be left out for a disk, which rolls on a line; use a ball.")
+    if kind == "convex-body" and not isinstance(ground, Ground):
+        raise ScenarioError(
+            f"Key `{path}` must be a plane under a convex body, whose contact with another ground would have to be "
+            f"searched for; give `{path}.angle`, leave it out, or use a ball."
+        )
+    if isinstance(ground, Ground) and ground.turntable is not None and kind in _TABLE_REFUSED:
+        raise ScenarioError(f"Key `{path}.turntable` must be left out for {_TABLE_REFUSED[kind]}; use a ball.")
     require_conditions(ground.ground if isinstance(ground, ReadPlate) else ground)
     return ground

@@ -74,7 +74,8 @@ _DISK = {
     **_RELEASED,
     **_DRIVEN,
 }
-INITIAL = {"ball": {**_CHOICES["versor"], **_CHOICES["axis"]}, "disk": _DISK}
+_BALL = {**_CHOICES["versor"], **_CHOICES["axis"]}
+INITIAL = {"ball": _BALL, "disk": _DISK, "convex-body": _BALL}
 UNIT_SQUARE = 1e-6
 
 
@@ -212,6 +213,8 @@ def balance_schedules(
     from ..simulation.equilibrium import balance, with_angles
 
     path = join(path, "balance")
+    if kind == "convex-body":
+        raise ScenarioError(f"Key `{path}` must be left out of a convex body; give `initial.theta` instead.")
     on_rails = [index for index, item in enumerate(masses) if item.schedule is not None]
     if not set(request["masses"]) <= set(on_rails):
         raise key_error(join(path, "masses"), f"masses on rails, which are {on_rails}", str(list(request["masses"])))

@@ -9,6 +9,8 @@ are kept, as ``note`` says, and ``saved`` is the number of all. A ball or a disk
 
 - ``time`` (T,); ``centre`` (T, 3), of the shell, and ``quaternion`` (T, 4), the scalar last: from body axes to those of
   the page; ``moved`` (T, 3) and ``turned`` (T,), of a ground that moves and of a turntable;
+- of a body that is no ball, ``foot`` (T, 3), from there to its lowest point, in axes of the page, and its ``surface``
+  (49 · 97, 3) in body axes, row after row from E3 down, each from E1 around E3;
 - on a surface, ``mesh`` (S, nodes, 3), row after row, in axes that move with it, of which S = T if it changes its form
   and then has ``nodes`` (T, 2), the row and the column at the contact point; ``carried`` (T, 4), the quaternion from
   these axes to those of the page, if it turns; and ``normal`` and ``tangent`` (T, 3) of it at the contact point, in
@@ -252,7 +254,7 @@ def _note(count: int, saved: int) -> str:
 def kind_of(trajectory: Trajectory[Any, Any]) -> str | None:
     """Returns the kind as which a run is shown; None if it cannot be shown."""
     if isinstance(trajectory.system, AbstractBody):
-        return ROLLING if trajectory.system.shape is None else None
+        return ROLLING
     if isinstance(trajectory.state, OrientedState):
         return RIGID
     if isinstance(trajectory.state, LagrangianState):

@@ -18,7 +18,7 @@ from ..modes import modes_of
 from ..over_time import Sizes, sizes_of, without_rounding
 from ..palette import TAKEN, mass_colour
 from ..record import Record, finite_rows, record, require_finite_rows, require_one, with_jumps
-from ..shapes import rails_of
+from ..shapes import on_surface, rails_of
 from ..surface import Contacts, Mesh, contacts_of, mesh_grid, mesh_points, nodes
 from ..time_series import energy_losses, height, of_contact, slip_speed
 from .feedback import feedback_graphs, feedback_numbers
@@ -45,6 +45,10 @@ ON_RAILS = 1e-3  # radii, the allowed error of a rail between its points
 ELEVATION, AZIMUTH = {False: 20.0, True: 8.0}, {False: -60.0, True: -90.0}  # degrees, of a ball and of a disk
 ELEVATION_ON_SURFACES = 28.0
 POINTS_OF_EDGE = 65  # points of the edge of a disc on a surface
+_POLAR, _AZIMUTH = np.meshgrid(np.linspace(0.0, np.pi, 49), np.linspace(0.0, 2 * np.pi, 97), indexing="ij")
+_NORMALS = np.stack(  # where the surface of a body is drawn: row by row from E3 down, each from E1 around E3
+    [np.sin(_POLAR) * np.cos(_AZIMUTH), np.sin(_POLAR) * np.sin(_AZIMUTH), np.cos(_POLAR)], axis=-1
+).reshape(-1, 3)
 
 
 class Shown(NamedTuple):
@@ -114,6 +118,11 @@ def body_numbers(one: Shown, plane: float, grid: Float[np.ndarray, "rows columns
         "masses": Numbers(seen.mass_positions_body, r),
     }
     numbers |= {f"arms_{j}": Numbers(points, r) for j, points in enumerate(placed.arms)}
+    if system.shape is not None:
+        numbers |= {
+            "surface": Numbers(on_surface(system, _NORMALS), r, over_time=False),
+            "foot": Numbers(_feet(one), r),
+        }
     if np.any(setting.moved):
         numbers["moved"] = Numbers(setting.moved, r)
     if grid is not None and setting.contacts is not None:
@@ -147,6 +156,13 @@ def body_numbers(one: Shown, plane: float, grid: Float[np.ndarray, "rows columns
     if system.mechanisms:
         numbers["joint_angles"] = Numbers(seen.joint_angles)
     return numbers
+
+
+def _feet(one: Shown) -> Float[np.ndarray, "T 3"]:
+    """Computes the vector from the centre of a body that is no ball to its lowest point, axes of the page."""
+    Lambda = one.placed.Lambda
+    downwards = -np.einsum("tji,j->ti", Lambda, one.placed.setting.page[:, 2])
+    return np.einsum("tij,tj->ti", Lambda, on_surface(one.system, downwards))
 
 
 def _surface_numbers(

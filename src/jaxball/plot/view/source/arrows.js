@@ -6,7 +6,7 @@ import { row } from "./data.js";
 import { flat } from "./materials.js";
 import { Arrow, matrixOf } from "./shapes.js";
 import { css, readable } from "./theme.js";
-import { ON_MESH } from "./trace.js";
+import { footOf, ON_MESH } from "./trace.js";
 
 export class Arrows extends Group {
   constructor(body, { axes, palette, friction, cone = null }, scales) {
@@ -71,7 +71,7 @@ export class Arrows extends Group {
     this.contact.quaternion.setFromRotationMatrix(this.turn);
     this.sheet?.quaternion.setFromRotationMatrix(this.turn);
     const inSpace = (array) => new Vector3().fromArray(row(array, k)).applyQuaternion(body.quaternion);
-    const foot = body.position.clone().addScaledVector(up, -r);
+    const foot = body.position.clone().add(footOf(arrays, k, up, r));
     const N = up.clone().multiplyScalar(scales.force * row(arrays.normal_force, k)[0]);
     const [f1, f2] = row(arrays.friction, k);
     const f = new Vector3(f1, f2, 0).applyMatrix4(this.turn).multiplyScalar(scales.force);

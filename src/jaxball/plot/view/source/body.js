@@ -1,6 +1,9 @@
 // The ball or disk: its shell, rails, masses, arms and centre of mass, moved by the pose of the body.
 
-import { BackSide, CylinderGeometry, DoubleSide, FrontSide, Group, Mesh, OctahedronGeometry, SphereGeometry, Vector3 } from "three";
+import {
+  BackSide, CylinderGeometry, DoubleSide, FrontSide, Group, Mesh, OctahedronGeometry, PlaneGeometry,
+  SphereGeometry, Vector3,
+} from "three";
 import { row } from "./data.js";
 import { flat, glass, solid } from "./materials.js";
 import { bodyAxes, circle, curve, Rod, segments } from "./shapes.js";
@@ -12,7 +15,7 @@ export class Body extends Group {
     this.run = run;
     const { radius: r, arrays } = run;
     const shell = () => (run.colour ? readable(run.colour) : css("shell"));
-    this.add(run.body === "disk" ? hoop(r, shell) : sphere(r, shell));
+    this.add(run.body === "disk" ? hoop(r, shell) : glassy(arrays.surface?.values ?? sphere(r), shell));
     this.rails = new Group();
     run.rails.forEach((rail, j) => {
       const points = curve(arrays[`rail_${j}`].values);
@@ -59,29 +62,40 @@ export class Body extends Group {
   }
 }
 
-// A sphere of glass. Meridians about E3, of which the one through E1 is marked, show that it turns.
-function sphere(r, colour) {
+const [AROUND, DOWN] = [96, 48]; // the sides of a surface along a parallel, and along a meridian
+
+// The points of a sphere, row by row from the pole E3 down, and in each row around it from E1 on.
+function sphere(r) {
+  const points = [];
+  for (let i = 0; i <= DOWN; i++) {
+    for (let j = 0; j <= AROUND; j++) {
+      const [polar, azimuth] = [(Math.PI * i) / DOWN, (2 * Math.PI * j) / AROUND];
+      points.push(r * Math.sin(polar) * Math.cos(azimuth), r * Math.sin(polar) * Math.sin(azimuth), r * Math.cos(polar));
+    }
+  }
+  return points;
+}
+
+// A surface of glass. Meridians about E3, of which the one through E1 is marked, show that it turns.
+function glassy(points, colour) {
   const shell = new Group();
+  const geometry = new PlaneGeometry(1, 1, AROUND, DOWN); // whose vertices lie in the same order
+  geometry.attributes.position.copyArray(points);
+  geometry.computeVertexNormals();
   for (const [side, order] of [[BackSide, -1], [FrontSide, 5]]) {
-    const half = new Mesh(new SphereGeometry(r, 64, 40), glass(colour, side));
+    const half = new Mesh(geometry, glass(colour, side));
     half.renderOrder = order;
     shell.add(half);
   }
+  const at = (i, j) => [0, 1, 2].map((k) => points[3 * (i * (AROUND + 1) + j) + k]);
+  const along = (count, point) => curve(Array.from({ length: count + 1 }, (_, k) => point(k)).flat());
   const lines = [];
-  for (let j = 0; j < 6; j++) {
-    const [c, s] = [Math.cos((j * Math.PI) / 6), Math.sin((j * Math.PI) / 6)];
-    lines.push(...circle((a) => [r * Math.sin(a) * c, r * Math.sin(a) * s, r * Math.cos(a)]));
-  }
-  for (const height of [-Math.PI / 4, 0, Math.PI / 4]) {
-    const [c, s] = [Math.cos(height), Math.sin(height)];
-    lines.push(...circle((a) => [r * c * Math.cos(a), r * c * Math.sin(a), r * s]));
-  }
+  for (let j = 0; j < AROUND; j += AROUND / 12) lines.push(...along(DOWN, (i) => at(i, j)));
+  for (let i = DOWN / 4; i < DOWN; i += DOWN / 4) lines.push(...along(AROUND, (j) => at(i, j)));
   const thin = { transparent: true, opacity: 0.3, depthWrite: false };
-  const marked = [];
-  for (let j = 0; j <= 48; j++) marked.push(r * Math.sin((Math.PI * j) / 48), 0, r * Math.cos((Math.PI * j) / 48));
   shell.add(
     segments(lines, colour, 1, thin),
-    segments(curve(marked), colour, 2.6, { ...thin, opacity: 0.8 }),
+    segments(along(DOWN, (i) => at(i, 0)), colour, 2.6, { ...thin, opacity: 0.8 }),
   );
   return shell;
 }

@@ -86,6 +86,11 @@ export class Trail extends Group {
   }
 }
 
+// From the centre of a body to its lowest point.
+export function footOf({ foot }, k, normal, r) {
+  return foot ? new Vector3().fromArray(row(foot, k)) : normal.clone().multiplyScalar(-r);
+}
+
 // Those of a body, or of other places of its centre with the normals there, in axes that move with the ground.
 export function contactPoints({ arrays, times, radius: r }, axes, centres = arrays.centre, normals = arrays.normal) {
   const up = axes.map((line) => line[2]);
@@ -95,7 +100,7 @@ export function contactPoints({ arrays, times, radius: r }, axes, centres = arra
   for (let k = 0; k < times.length; k++) {
     normal.fromArray(row(normals, k, up));
     point.fromArray(row(centres, k)).sub(new Vector3().fromArray(row(arrays.moved, k, STILL)));
-    point.addScaledVector(normal, above * r - r);
+    point.addScaledVector(normal, above * r).add(footOf(arrays, k, normal, r));
     points.push(...point.applyQuaternion(turn.fromArray(row(arrays.carried, k, UPRIGHT)).invert()).toArray());
   }
   return points;

@@ -1,0 +1,33 @@
+"""The surface of a convex body in a scenario file: one of jaxball's shapes, a user's function, or a user's class."""
+
+from typing import Any
+
+from ..physics.shape import AbstractShape, Ellipsoid, SupportFunction
+from .own import FUNCTION, Open, names_own, read_own, trying
+from .table import Key, Module, join, keys_of, read_family, write_family
+from .values import ANGLE, LENGTH, POSITIVE, Nested, Numbers
+
+SHAPES = Open(
+    AbstractShape,
+    {
+        "ellipsoid": Module(
+            Ellipsoid,
+            {"semiaxes": Key(Numbers((3,), POSITIVE, LENGTH)), "turn": Key(Numbers(dimension=ANGLE), 0.0)},
+        ),
+        "function": Module(SupportFunction, FUNCTION),
+    },
+)
+
+
+def _read_shape(values: Any, path: str) -> AbstractShape:
+    if names_own(values):
+        return read_own(values, path, SHAPES)
+    with trying(join(path, "function")):
+        return read_family(values, path, SHAPES)
+
+
+def _write_shape(value: Any, path: str) -> Any:
+    return write_family(value, path, SHAPES)
+
+
+SHAPE = Nested(_read_shape, _write_shape, tables=keys_of(SHAPES))
