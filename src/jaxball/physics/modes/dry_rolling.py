@@ -418,8 +418,8 @@ class _FromRest(NamedTuple):
 
     @property
     def body(self) -> AbstractBody:
-        """What is in motion."""
-        return self.system.body
+        """What is in motion, in the mode of its joints."""
+        return self.system.moving(self.begins)
 
     def prepare(self, t: Float[Array, ""], state: PlacedState) -> tuple[()]:
         return ()
