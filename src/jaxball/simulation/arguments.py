@@ -28,9 +28,7 @@ from ..physics.contact.resting_and_sticking import HeldOnPlane
 from ..physics.contact.sticking import StickingOnPlane
 from ..physics.dae import WITH_UNIT
 from ..physics.dynamics.parameters import shapes_of_body
-from ..physics.modes.dry_rolling import DryRolling
-from ..physics.modes.dry_stick_slip import DryStickSlip
-from ..physics.modes.stick_slip import StickSlip
+from ..physics.modes.held import HeldBody
 from ..physics.system import AbstractState, AbstractSystem, require_one, require_state, shapes_of_state
 from ..programs import traces
 from ..programs.derivatives.differentiation import is_differentiated_forward
@@ -384,9 +382,7 @@ def system_to_solve(system: AbstractSystem, contact: Contact | None) -> Abstract
     if contact is None:
         if not isinstance(system, AbstractBody):
             return system.with_modes
-        if system.is_held:
-            return DryStickSlip(system) if system.sticking else DryRolling(system)
-        return StickSlip(system) if system.sticking else system
+        return HeldBody(system) if system.is_hybrid else system
     require("contact", contact, Contact, "a Contact, such as Contact(friction=0.3)")
     if not isinstance(system, AbstractBody):
         raise TypeError(

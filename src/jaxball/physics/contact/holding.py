@@ -271,8 +271,8 @@ class _Slipping(NamedTuple):
 
     @property
     def body(self) -> AbstractBody:
-        """What is in motion."""
-        return self.plane.body
+        """What is in motion, in the modes of its joints."""
+        return self.plane.moving(self.begins)
 
     def prepare(self, t: Float[Array, ""], state: ReleasedState) -> tuple[friction.SolvedContact, Float[Array, ""]]:
         response = self.plane.response(t, self.begins.move(state))
@@ -295,8 +295,8 @@ class _Turning(NamedTuple):
 
     @property
     def body(self) -> AbstractBody:
-        """What is in motion."""
-        return self.plane.body
+        """What is in motion, in the modes of its joints."""
+        return self.plane.moving(self.begins)
 
     def prepare(self, t: Float[Array, ""], state: ReleasedState) -> _Rolling:
         now = self.begins.move(state)

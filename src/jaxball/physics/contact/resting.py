@@ -7,7 +7,7 @@ or against spinning. A body that does not slip and is held against rolling is at
 it slides without turning where sliding friction is less than dry resistance. In flight the ground resists nothing.
 Impacts have no impulse of dry resistance.
 
-What ends a mode are the three guards of a contact, and those of ``dry_rolling``: the rate of rolling or of spinning in
+What ends a mode are the three guards of a contact, and those of ``modes.held``: the rate of rolling or of spinning in
 its direction, or what dry resistance has to spare where it holds the body.
 """
 

@@ -1,7 +1,7 @@
 """A body that rolls, slides or flies, with joints that dry friction may hold.
 
 ``simulate`` solves it in place of a body with such joints that is given a law of contact. In each of its modes each
-joint sticks or slips, as in ``stick_slip``.
+joint sticks or slips, as in ``modes.held``.
 
 Joints that stick are held in the matrix of the equations, so that the response of the body to the ground is that of one
 in which they are locked, and so is the friction that holds them: linear in the slip acceleration. What ends a mode are
@@ -99,7 +99,7 @@ class StickingOnPlane(BodyOnPlane):
     def guards_where(
         self, t: Float[Array, ""], state: Any, reference: Any, response: Response, acting: friction.Interaction
     ) -> Float[Array, " guards"]:
-        """Computes the guards of the body, and two for each joint, as in ``stick_slip``."""
+        """Computes the guards of the body, and two for each joint, as in ``modes.held``."""
         of_body = super().guards_where(t, state, reference, response, acting)
         holding = response.part("holding", acting.amounts)
         return jnp.concatenate([of_body, sticking_guards(self.body, state.slips, state.body.thetadot, holding)])

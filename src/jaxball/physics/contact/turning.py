@@ -1,6 +1,6 @@
-"""What ``resting`` and ``dry_rolling`` share: a body that exact dry resistance may hold against rolling or spinning.
+"""What ``resting`` and ``modes.held`` share: a body that exact dry resistance may hold against rolling or spinning.
 
-With a law of contact (``resting``) or without (``dry_rolling``), it rolls in the direction of ω_h until that vanishes,
+With a law of contact (``resting``) or without (``modes.held``), it rolls in the direction of ω_h until that vanishes,
 and rests until the torque that holds it exceeds the largest one; spinning, ω₃, has a mode of rest of its own. All
 vectors are in contact axes: on a plane those of space.
 """

@@ -1,6 +1,6 @@
 """Exact dry friction against the turning of a body over its plane: the torque that brakes it, or holds it at rest.
 
-``equations`` adds the torque; ``dry_rolling`` and the contact ask whether it can hold the body.
+``equations`` adds the torque; ``modes.held`` and the contact ask whether it can hold the body.
 
 Without it, ω has some rate and the plane presses with some normal force, and a torque T at the contact adds to both in
 proportion: these are the rows of ``law``. Where the body rolls and spins, T is −N r times the coefficients and the
@@ -139,9 +139,7 @@ def begin(
 
     first, at_once = mode.rests, jnp.stack([mode.rests & rolls, mode.still & spins])
     mode = release(mode, weigh, let_go, at_once)
-    if planar or resistance.dry is None:
-        return mode
-    return jax.lax.cond(first & ~mode.rests, _along_growth, lambda _, __, mode: mode, resistance, turning, mode)
+    return mode if planar or resistance.dry is None else along_growth(resistance, turning, mode, first & ~mode.rests)
 
 
 def let_go(mode: TurningMode, torque: Float[Array, "3"], off: Bool[Array, "2"]) -> TurningMode:
@@ -155,11 +153,15 @@ def let_go(mode: TurningMode, torque: Float[Array, "3"], off: Bool[Array, "2"]) 
     )
 
 
-def _along_growth(resistance: Resistance, turning: Turning, mode: TurningMode) -> TurningMode:
-    """Returns the mode in which the direction of rolling is one in which ω_h grows."""
-    about = resistance, turning, mode
-    sigma = diverging(_pull, about, jax.lax.stop_gradient(mode.sigma[:2])).sigma
-    return mode._replace(sigma=in_three(sigma))
+def along_growth(resistance: Resistance, turning: Turning, mode: TurningMode, begins: Bool[Array, ""]) -> TurningMode:
+    """Returns the mode in which the direction of rolling that ``begins`` is one in which ω_h grows."""
+
+    def search(resistance: Resistance, turning: Turning, mode: TurningMode) -> TurningMode:
+        about = resistance, turning, mode
+        sigma = diverging(_pull, about, jax.lax.stop_gradient(mode.sigma[:2])).sigma
+        return mode._replace(sigma=in_three(sigma))
+
+    return jax.lax.cond(begins, search, lambda _, __, mode: mode, resistance, turning, mode)
 
 
 def _pull(

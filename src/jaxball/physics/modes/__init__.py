@@ -1,1 +1,1 @@
-"""Bodies whose equations switch without a law of contact: joints that stick, and dry resistance that holds a body."""
+"""Bodies whose equations switch without a law of contact: dry friction holds a body, or its joints."""
