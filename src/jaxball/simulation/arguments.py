@@ -23,9 +23,6 @@ from ..physics.body import AbstractBody
 from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.law import COEFFICIENTS, Contact
 from ..physics.contact.released import ReleasedState
-from ..physics.contact.resting import RestingOnPlane
-from ..physics.contact.resting_and_sticking import HeldOnPlane
-from ..physics.contact.sticking import StickingOnPlane
 from ..physics.dae import WITH_UNIT
 from ..physics.dynamics.parameters import shapes_of_body
 from ..physics.modes.held import HeldBody
@@ -389,6 +386,4 @@ def system_to_solve(system: AbstractSystem, contact: Contact | None) -> Abstract
             f"Argument `contact` must be None for a {type(system).__name__}, which is neither a Ball nor a Disk, but "
             f"it is {describe(contact)}."
         )
-    if system.is_held:
-        return HeldOnPlane(system, contact) if system.sticking else RestingOnPlane(system, contact)
-    return StickingOnPlane(system, contact) if system.sticking else BodyOnPlane(system, contact)
+    return BodyOnPlane(system, contact)

@@ -3,7 +3,6 @@
 import dataclasses
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -354,11 +353,9 @@ def _varies(packing: Packing[Any, Any], x: Float[Array, " size"]) -> Float[Array
     """
     state = jax.tree.map(jnp.ones_like, packing.unravel(x))
     if isinstance(state, ContactState):
-        of_mode = [name for name in ("mode", "begun", "near", "rolls", "spin", "rolling") if hasattr(state, name)]
-        labels = [getattr(state, name) for name in of_mode]
-        state = eqx.tree_at(
-            lambda x: [getattr(x, name) for name in of_mode], state, jax.tree.map(jnp.zeros_like, labels)
-        )
+        of_mode = ("mode", "begun", "near", "rolls", "spin", "rolling", "slips")
+        labels = {name: jax.tree.map(jnp.zeros_like, getattr(state, name)) for name in of_mode}
+        state = dataclasses.replace(state, **labels)
     return ravel_state(state)[0]
 
 

@@ -12,6 +12,20 @@ mode ends, and the next one is decided there:
 On the ground, a body that does not slip rolls if friction can hold it, and otherwise begins to slip as
 ``friction.first_slip`` determines.
 
+Two parts are there or not, which is known before anything is computed:
+
+- **Exact dry resistance.** In each mode but flight the body turns, or is held against rolling or against spinning. A
+  body that does not slip and is held against rolling is at rest. One that slips may be held, too: it slides without
+  turning where sliding friction is less than dry resistance. In flight the ground resists nothing, and impacts have no
+  impulse of dry resistance.
+- **Joints that dry friction may hold.** In each mode each of them sticks or slips. Those that stick are held in the
+  matrix of the equations, so that the response of the body to the ground is that of one in which they are locked, and
+  so is the friction that holds them: linear in the slip acceleration. In an impact no joint is held: the friction that
+  holds one is finite, and gives no impulse. Those that it has set in motion slip afterwards.
+
+``guards`` says what ends a mode, ``transition`` what follows, and ``holding`` what is then held: everything that does
+not move, as far as friction can do it.
+
 The ground is a plane or a surface. What differs is in few places: the contact axes, in which slip and reaction have
 their components (``released``), and how the height in flight follows from the place of the body (``over_surface``).
 """
@@ -23,25 +37,29 @@ from typing import Any, ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ...interface.printing import format_value, is_single
-from ...numerics.vectors import root
-from ..body import AbstractBody, AbstractBodyWithModes
+from ...numerics.vectors import apply, root
+from ..body import AbstractBody
 from ..conditions import Condition, ExplainedCondition
+from ..dynamics.footing import ContactAxes, footing_of_released, rate_of_carrier
 from ..dynamics.load import Load
+from ..dynamics.rest import TurningLaw
+from ..dynamics.sticking import sticking_slots, with_directions
 from ..forces.resistance import TurningMode
-from ..grounds import AbstractSurface
-from ..hybrid import NONE, STIFF, WINDOW, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
+from ..grounds import AbstractSurface, Footing
+from ..hybrid import Accuracy, Assessment, GuardedStep, Transition
 from ..rolling import Reaction
 from ..state import PlacedState, ReducedState
-from . import friction, over_surface as over, slip as slips
+from . import friction, over_surface as over
+from .guards import Headings, assess, guards, headings
+from .history import NOWHERE, ContactHistory, ContactSwitches
 from .law import Contact
-from .modes import CAUSES, ContactState, ContactSwitches, Mode, SwitchCause, cause_of
+from .modes import ContactState, Mode
 from .released import (
     ReleasedState,
     Response,
+    Turned,
     in_space,
     rates,
     release,
@@ -49,18 +67,15 @@ from .released import (
     rolling_contact,
     slip_velocity,
 )
-from .transition import Progress, begin_slip, decide, response_on_plane, strike, transition
+from .slip import Heading
+from .transition import transition
+from .turning import AbstractTurning
 from .window import Beginning
 
 ROUNDING_OF_VELOCITY = 8  # in units of rounding: velocities and accelerations that are smaller count as zero
-FORCES = 32  # in units of rounding of the forces whose sum a reaction is: one that is smaller counts as zero
-RISEN = 1e-6  # of √(r/g): a body that rises counts as being as high as after this time, at least
-SLOW_DISK = 0.55  # as slip.SLOW, for a disk: its slip does not turn, but must exceed the error of a mode's end
-NOWHERE = -1  # the mode at times to which a solve did not come
-NOTHING = 1e-9  # a normal force below this part of its size in a step counts as zero
 
 
-class BodyOnPlane(AbstractBodyWithModes[ContactState]):
+class BodyOnPlane(AbstractTurning):
     """A ball or a disk with a law of contact, on a plane or a surface."""
 
     body: AbstractBody
@@ -87,8 +102,8 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
             holds = state.V[1] == 0
             yield Condition(holds, "state.V", state.V, "in the plane of the disk, with 0 for its second entry")
 
-    def prepare(self) -> Any:
-        return type(self)(self.body.prepare(), self.contact)
+    def prepare(self) -> "BodyOnPlane":
+        return BodyOnPlane(self.body.prepare(), self.contact)
 
     # What a solve advances. A body is evaluated with a versor of length 1: near the end of a slip small errors turn it
     # far, and where a mode ends, the forces in it and in the next one must be those of the same attitude.
@@ -99,14 +114,21 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         stopped = self.slips_end & self.is_still(slip, state)
         slip = slip.at[:2].set(jnp.where(stopped, 0.0, slip[:2]))
         slip = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip)
-        packed = eqx.tree_at(lambda x: x.V, state, jnp.where(state.is_in(Mode.FLIGHT), state.V, slip))
+        packed = dataclasses.replace(state, V=jnp.where(state.is_in(Mode.FLIGHT), state.V, slip))
+        if state.rolls is not None:
+            omega = self.unless_held(state, self.over_ground(t, state))
+            packed = dataclasses.replace(packed, body=packed.body.with_Omega(omega))
         return over.with_place(self.body, t, state, packed)
 
     def from_packed(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
-        packed = over.with_nearest_piece(self.body, t, packed.projected())
+        packed = packed.projected()
+        if packed.rolls is not None:
+            Omega = self.contact_axes(t, packed).in_body(packed.body.Omega)
+            packed = dataclasses.replace(packed, body=packed.body.with_Omega(Omega))
+        packed = over.with_nearest_piece(self.body, t, packed)
         rolling, axes = rolling_contact(self.body, t, packed.body)
         V = in_space(axes, packed.V) + rolling
-        return eqx.tree_at(lambda x: x.V, packed, jnp.where(packed.is_in(Mode.FLIGHT), packed.V, V))
+        return dataclasses.replace(packed, V=jnp.where(packed.is_in(Mode.FLIGHT), packed.V, V))
 
     def field_of_packed(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
         state = self.from_packed(t, packed)
@@ -125,7 +147,11 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         # The rate of the slip velocity, without the rounding of a difference.
         slipping = jnp.where(rolls, 0.0, acting.slip_acceleration)
         V = jnp.where(packed.is_in(Mode.FLIGHT), moved.V, slipping)
-        return over.with_rates_of_place(self.body, state, eqx.tree_at(lambda x: x.V, moved, V))
+        moved = over.with_rates_of_place(self.body, state, dataclasses.replace(moved, V=V))
+        if state.rolls is None:
+            return moved
+        rate = self.unless_held(packed, self._rate_over_ground(t, state, moved.body.Omega))
+        return dataclasses.replace(moved, body=moved.body.with_Omega(rate))
 
     def field(self, t: Float[Array, ""], state: ContactState) -> ContactState:
         response = self.response(t, state)
@@ -138,7 +164,7 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         slip = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip_velocity(self.body, t, state.released))
         moved = rates(self.body, state.released, response, acting.amounts)
         rates_of_all = jax.tree.map(jnp.zeros_like, state).move(moved)
-        return eqx.tree_at(lambda x: x.friction_loss, rates_of_all, -jnp.sum(acting.R[:2] * slip[:2]))
+        return dataclasses.replace(rates_of_all, friction_loss=-jnp.sum(acting.R[:2] * slip[:2]))
 
     def projected(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
         packed = packed.projected()
@@ -152,17 +178,70 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
 
     # The contact.
 
-    def response(self, t: Float[Array, ""], state: ContactState) -> Response:
-        """Computes how the body moves under each reaction."""
-        return response(self.moving(state), t, state.released, touching=~state.is_in(Mode.FLIGHT))
+    def contact_axes(self, t: Float[Array, ""], state: Any) -> ContactAxes:
+        """Returns the axes of the contact at a state, packed or not; in flight the axes of space, which are at rest."""
+        body = state.body
+        if not over.has_surface(self.body):
+            return ContactAxes(body.Lambda, None)
+        flies = state.is_in(Mode.FLIGHT)
+        # In flight, the place of a packed state has no coordinates.
+        u = jnp.where(flies, jnp.reshape(state.near, body.z.shape), body.z)
+        touching = ContactAxes.of(self.body, t, eqx.tree_at(lambda x: x.z, body, u))
+        assert touching.spin is not None
+        return ContactAxes(jnp.where(flies, body.Lambda, touching.rows), jnp.where(flies, 0.0, touching.spin))
+
+    def _rate_over_ground(self, t: Float[Array, ""], state: Any, Omegadot: Float[Array, "3"]) -> Float[Array, "3"]:
+        """Computes the rate of ω relative to the ground, in contact axes, from Ω̇."""
+        rate, carried = apply(self.contact_axes(t, state).rows, Omegadot), self._carried_rate(t, state)
+        return rate if carried is None else rate + carried
+
+    def _carried_rate(self, t: Float[Array, ""], state: Any, under: Footing | None = None) -> Float[Array, "3"] | None:
+        """Computes that rate while ω is constant, contact axes; None on a plane. ``under`` is the footing, if known."""
+        if not over.has_surface(self.body):
+            return None
+        touching = ~state.is_in(Mode.FLIGHT)
+        if under is None:
+            under = footing_of_released(self.body, t, state.body, state.V, state.height, touching)
+        carried = rate_of_carrier(self.body, t, state.body, under)
+        assert carried is not None
+        return jnp.where(touching, apply(self.contact_axes(t, state).rows, carried), 0.0)
+
+    def response(self, t: Float[Array, ""], state: Any, mode: TurningMode | None = None) -> Response:
+        """Computes how the body moves under each reaction, in the ``mode`` of turning of the state if it is not
+        given.
+        """
+        moved = response(self.moving(state), t, state.released, touching=~state.is_in(Mode.FLIGHT))
+        if state.rolls is None:
+            return moved
+        carried = self._carried_rate(t, state, moved.footing)
+        law = self.law_of_turning(state, self.mode(t, state) if mode is None else mode)
+        return moved._replace(turned=Turned(self.contact_axes(t, state).rows, carried, law))
+
+    def law_of_turning(self, state: Any, mode: TurningMode) -> TurningLaw:
+        """Returns what exact dry resistance gives in a mode of turning."""
+        law = TurningLaw.of(self.resistance, self.body.height_of_centre(state.body.Gamma), mode)
+        # A disk is held upright by other forces than friction.
+        return law._replace(solved=law.solved.at[0].set(False)) if self.body.planar else law
 
     def moving(self, state: ContactState) -> AbstractBody:
-        """Returns the body in the mode of its joints."""
-        return self.body
+        """Returns the body in the modes of its joints."""
+        return self.body if state.slips is None else with_directions(self.body, state.slips)
 
-    def response_to_impulse(self, t: Float[Array, ""], state: ContactState) -> Response:
-        """Computes how the body moves under each impulse of the ground, by the rates of its response."""
-        return response_on_plane(self, t, state)
+    def response_on_ground(self, t: Float[Array, ""], state: ContactState) -> Response:
+        """Computes the response of a body that touches the ground."""
+        # A body that lands still has the mode of flight; any mode on the ground says that it touches.
+        return self.response(t, dataclasses.replace(state, mode=jnp.full_like(state.mode, int(Mode.SLIDING))))
+
+    def with_fixed_speeds(self, reference: Headings) -> Headings:
+        """Returns the headings for which the guards of a slip and of rolling that end are exactly zero: the speed
+        counts as fixed.
+        """
+        slip, rolling = reference
+        if rolling is not None:
+            # A ball's rolling is given to ``end_rolling`` while it still has this speed. That of a disk does not turn,
+            # and is followed to exactly zero.
+            rolling = rolling._replace(least=jnp.zeros_like(rolling.speed) if self.body.planar else rolling.speed)
+        return Headings(slip._replace(least=slip.speed), rolling)
 
     def coefficient(self, slip: Float[Array, "3"], share: float = 1.0) -> Float[Array, ""]:
         """Returns the kinetic friction coefficient at a share of the speed of a slip."""
@@ -205,107 +284,48 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         """Computes the torque of dry friction against rolling and spinning, body axes; None without."""
         if self.body.resistance is None:
             return None
+        if state.rolls is not None:
+            return apply(self.contact_axes(t, state).rows.T, interaction.torque)
         height = self.body.height_of_centre(acting.Gamma)
         unit = self.body.resistance.dry_torque(height, acting.resisted, acting.Gamma)
         return None if unit is None else interaction.normal * unit
 
-    def step_reference(self, t: Float[Array, ""], state: ContactState, accuracy: Accuracy) -> slips.Heading:
-        """Returns the heading of a slip as a step begins."""
-        slip = slip_velocity(self.body, t, state.released)
-        sigma = state.direction(t, slip)
-        size = self.speed_of(state.released)
-        power = SLOW_DISK if self.body.planar else slips.SLOW
-        return slips.Heading.of(sigma, slip[:2], size, accuracy.atol + accuracy.rtol * size, power)
+    # The guards.
 
-    def guards(self, t: Float[Array, ""], state: ContactState) -> Float[Array, "3"]:
-        """Computes the guards without a solve, in which a slip ends where its velocity vanishes."""
+    def step_reference(self, t: Float[Array, ""], state: ContactState, accuracy: Accuracy) -> Headings:
+        """Returns the headings of a slip and of rolling as a step begins."""
+        return headings(self, t, state, accuracy)
+
+    def guards(self, t: Float[Array, ""], state: ContactState) -> Float[Array, " guards"]:
+        """Computes the guards without a solve, in which a slip and rolling end where their velocities vanish."""
         sigma, zero = state.direction(t, slip_velocity(self.body, t, state.released)), jnp.zeros_like(state.height)
-        return self.guards_in_step(t, state, slips.Heading(sigma, zero, zero))
+        rolling = None if state.rolls is None else Heading(self.direction(t, state), zero, zero)
+        return guards(self, t, state, Headings(Heading(sigma, zero, zero), rolling))
 
     def guards_in_step(self, t: Float[Array, ""], state: ContactState, reference: Any) -> Float[Array, " guards"]:
-        """Computes the guards, for ``CAUSES``. A slip lasts while it goes along its heading."""
-        response = self.response(t, state)
-        return self.guards_where(t, state, reference, response, self.interaction(t, state, response))
-
-    def guards_where(
-        self,
-        t: Float[Array, ""],
-        state: ContactState,
-        reference: Any,
-        response: Response,
-        acting: friction.Interaction,
-    ) -> Float[Array, " guards"]:
-        """Computes the guards where the response and the reaction are known."""
-        slack = self.rounding_of_force(state, response)
-        slip, unit = slip_velocity(self.body, t, state.released), jnp.ones_like(state.height)
-        spare = friction.margin(acting.R, self.contact.static_friction) + slack
-        # A slip on a smooth ground, or against friction that fades, never ends: its guard must not fall.
-        forward = jnp.where(self.slips_end, jnp.sum(slip[:2] * reference.sigma) - reference.least, unit)
-        # A body that rises does not land, where rounding takes its height below zero as it lifts.
-        above = jnp.maximum(
-            state.height + over.rounding_of_height(self.body, t, state),
-            jnp.where(slip[2] > 0, RISEN * slips.unit_of_time(self.body) * slip[2], -jnp.inf),
-        )
-        above = over.clearance_for_landing(self.body, t, state, above)
-        rolls, slides = state.is_in(Mode.ROLLING), state.is_in(Mode.SLIDING)
-        return jnp.stack(
-            [
-                jnp.where(rolls, spare, jnp.where(slides, forward, above)),
-                jnp.where(rolls | slides, acting.R[2] + slack, unit),
-                jnp.where(slides, acting.solvability, unit),
-            ]
-        )
+        """Computes the guards of ``guards``, along the headings of a step."""
+        return guards(self, t, state, reference)
 
     def time_event(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
-        """Returns the end of the window in which the direction of a slip is known beforehand, or of a step in
-        flight.
+        """Returns the next end of a window in which the direction of a slip or of rolling is known beforehand, or of a
+        step in flight.
         """
         until = jnp.where(state.is_in(Mode.SLIDING), state.begun.until, jnp.inf)
-        return jnp.minimum(until, t + over.longest_flight(self.body, t, state))
+        until = jnp.minimum(until, t + over.longest_flight(self.body, t, state))
+        if self.body.planar or state.rolling is None:
+            return until
+        rolling = state.rolling.until
+        rolling = jnp.where((state.rolls != 0) & (rolling > t), rolling, jnp.inf)
+        return jnp.minimum(jnp.where(until > t, until, jnp.inf), rolling)
 
     def assess(self, step: GuardedStep, accuracy: Accuracy) -> Assessment:
-        """Finds the cause that the guard which is zero stands for, or that a slip has ended although no guard is zero.
-
-        Where friction gives way because the normal force vanishes, the body lifts off. The longest next step is
-        infinite, except where a slip slows down.
-        """
-        state, least, guards = step.state, step.reference.least, step.guards
-        slip = slip_velocity(self.body, step.end, state.released)
-        errors = slips.ERRORS * (accuracy.atol + accuracy.rtol * self.speed_of(state.released))
-        # A slip that does not continue along its heading may be at its end.
-        slow = root(jnp.sum(slip[:2] ** 2)) <= 2 * least + errors
-        # The friction that can be had vanishes with the normal force, so both guards fall together, in either order.
-        cause = cause_of(state.mode, step.zero)
-        weightless = guards[1, -1] <= NOTHING * step.largest[1]
-        cause = jnp.where((cause == int(SwitchCause.GIVES_WAY)) & weightless, int(SwitchCause.LIFTS), cause)
-        ends = (step.zero != NONE) & jnp.where(cause == int(SwitchCause.STOPS), slow, step.has_fallen)
-        # The guard is the speed along the heading less ``least``, so these are the speeds at both ends of the step.
-        before, after = guards[0, 0] + least, guards[0, -1] + least
-        slides = state.is_in(Mode.SLIDING)
-        slows_down = slides & self.slips_end
-        stops = slows_down & slow & slips.nears_its_end(before, after, least)
-        otherwise = jnp.where(step.timed & slides, WINDOW, jnp.where(stops, int(SwitchCause.STOPS), NONE))
-        longest = slips.longest_step(before, after, least, step.end - step.start, accuracy)
-        longest = jnp.where(slows_down & ~ends, longest, jnp.inf)
-        return Assessment(jnp.where(ends, cause, otherwise), longest)
+        """Finds the event at the end of a step, and the longest next step."""
+        return assess(self, step, accuracy)
 
     def is_still(self, slip: Float[Array, "3"], state: ContactState | ReleasedState) -> Bool[Array, ""]:
         """Returns whether the slip velocity is zero up to rounding."""
         least = ROUNDING_OF_VELOCITY * float(jnp.finfo(slip.dtype).eps) * self.speed_of(state)
         return root(jnp.sum(slip[:2] ** 2)) <= least
-
-    def rounding_of_force(self, state: ContactState | ReleasedState, response: Response) -> Float[Array, ""]:
-        """Estimates the rounding of N and |f|, with which a body still rolls where friction just holds it.
-
-        Nor does it leave a plane on which nothing presses it. It grows with the weight and with the rotation.
-        """
-        R, Omega = jax.lax.stop_gradient((response.rolling.reaction, state.body.Omega))
-        # The mass that a normal acceleration of the contact has to move, (D⁻¹)₃₃.
-        m = jax.lax.stop_gradient(response.yielding.reaction[2, 2])
-        g, r = jax.lax.stop_gradient((jnp.abs(self.body.gravity), self.body.radius))
-        scale, limits = root(jnp.sum(R**2)) + m * (g + r * jnp.sum(Omega**2)), jnp.finfo(R.dtype)
-        # Positive also where nothing acts at all, so that a guard of 0 there is not an event.
-        return FORCES * float(limits.eps) * scale + float(limits.tiny) ** 0.5
 
     def rise(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
         """Computes the rate at which a body leaves its ground; 0 if it is rounding, but not for a ball on a plane."""
@@ -338,48 +358,18 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         # the slip exactly zero.
         mode, begun = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT), Beginning.none(zero)
         near = over.near_to(self.body, start_state.body.z, zero)
-        return ContactState(start_state.body, start_state.V, start_state.height, zero, zero, mode, begun, near)
+        start = ContactState(start_state.body, start_state.V, start_state.height, zero, zero, mode, begun, near)
+        if self.body.is_held:
+            unit = jnp.ones_like(zero)  # nothing is held before the first transition
+            start = dataclasses.replace(start, rolls=unit, spin=unit, rolling=Beginning.none(unit))
+        if not self.body.sticking:
+            return start
+        return dataclasses.replace(start, slips=jnp.sign(start.body.thetadot[sticking_slots(self.body)]))
 
     def transition(
         self, t: Float[Array, ""], state: ContactState, event: Int[Array, ""], accuracy: Accuracy
     ) -> Transition:
         return transition(self, t, state, event, accuracy)
-
-    # The parts of a transition.
-
-    def guard_of(self, state: ContactState, event: Int[Array, ""]) -> Int[Array, ""]:
-        """Returns the guard of an event, a :class:`SwitchCause` here; 0 where no guard has it."""
-        return jnp.argmax(jnp.asarray(CAUSES)[state.mode.astype(int)] == event)
-
-    def with_fixed_speeds(self, heading: Any) -> Any:
-        """Returns the heading for which the guard of a slip that ends is exactly zero: the speed counts as fixed."""
-        return heading._replace(least=heading.speed)
-
-    def progress(self, t: Float[Array, ""], state: Any, event: Int[Array, ""]) -> Progress:
-        """Begins a transition."""
-        return Progress.of(self, t, state, event)
-
-    def end_rolling(self, done: Progress, event: Int[Array, ""], tolerance: Float[Array, ""]) -> Progress:
-        """Moves the state to the end of rolling, if it has one soon."""
-        return done
-
-    strike, decide, begin = strike, decide, begin_slip
-
-    def all_held(self, done: Progress, event: Int[Array, ""]) -> tuple[Any, TurningMode | None, Bool[Array, " loads"]]:
-        """Returns the state and the mode of turning where all is held that stands, and what the event has loosened."""
-        return done.state, None, jnp.zeros(0, bool)
-
-    def as_chosen(self, state: Any, choice: Any, t: Float[Array, ""]) -> Any:
-        """Returns the state in the modes of a ``Choice``, besides that of the contact."""
-        return state
-
-    def cause_of_event(self, state: ContactState, event: Int[Array, ""]) -> Int[Array, ""]:
-        """Returns the :class:`SwitchCause` of an event in a state."""
-        return event
-
-    def slows(self, event: Int[Array, ""]) -> Bool[Array, ""]:
-        """Returns whether an event comes in ever shorter steps."""
-        return event == int(SwitchCause.STOPS)
 
     # What a run shows.
 
@@ -388,20 +378,27 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         """How many switches are kept."""
         return self.contact.capacity
 
-    def history(self, times: Float[Array, " T"], states: ContactState, record: Any) -> "ContactHistory":
-        slip, sigma = self.prepare().slips(times, states)
-        before, after = record.before, record.after
+    def history(self, times: Float[Array, " T"], states: ContactState, record: Any) -> ContactHistory:
+        plane, before, after = self.prepare(), record.before, record.after
+        slip, sigma = plane.slips(times, states)
         switches = ContactSwitches.of(
             record,
-            source=_whole(before.mode),
-            target=_whole(after.mode),
+            source=_seen(before),
+            target=_seen(after),
             before=before.released,
             after=after.released,
             lost=after.impact_loss - before.impact_loss,
+            directions_before=before.slips,
+            directions_after=after.slips,
+            joints=self.body.sticking,
         )
-        saved = {name: getattr(states, name) for name in ("V", "height", "friction_loss", "impact_loss")}
-        mode = _whole(states.mode)
-        return ContactHistory(law=self.contact, mode=mode, slip=slip, sigma=sigma, switches=switches, **saved)
+        saved = {name: getattr(states, name) for name in ("V", "height", "friction_loss", "impact_loss", "spin")}
+        if states.rolls is not None:
+            saved["rests"] = states.rolls == 0
+            rolling = jax.lax.map(lambda arguments: plane.direction(*arguments), (times, states))
+            saved["rolling"] = jnp.where(saved["rests"][..., None], 0.0, rolling)
+        shown = {"mode": _seen(states), "slip": slip, "sigma": sigma, "directions": states.slips}
+        return ContactHistory(law=self.contact, switches=switches, **shown, **saved)
 
     def slips(self, times: Float[Array, " T"], states: ContactState) -> tuple[Float[Array, "T 3"], Float[Array, "T 2"]]:
         """Computes the slip velocities, exactly 0 for a body that rolls, and their directions, 0 unless it slides;
@@ -415,86 +412,9 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         return jax.lax.map(lambda arguments: slip(*arguments), (times, states))
 
 
-class ContactHistory(AbstractHistory):
-    """The modes of a run with a law of contact, at its saved times.
-
-    - ``switches``: the ``ContactSwitches``.
-    - ``law``: the :class:`~jaxball.Contact`.
-    - ``mode``: the :class:`~jaxball.Mode` at each time, shape (T,); −1 at times that the solve did not reach.
-    - ``V``: the velocity of the geometric centre, space axes, length/time, shape (T, 3).
-    - ``height``: of the body above the ground, length, shape (T,).
-    - ``slip``: v_s, the velocity of the body's lowest point relative to the ground, length/time, shape (T, 3), in space
-      axes; on a surface p along ∂p/∂u1, across, and along the normal.
-    - ``sigma``: the direction of the slip, a unit vector, shape (T, 2), also where the slip begins; 0 before the first.
-    - ``friction_loss``, ``impact_loss``: the energy dissipated so far by sliding friction and by impacts,
-      mass length²/time², shape (T,) each.
-    """
-
-    described: ClassVar[str] = "a law of contact"
-    changing: ClassVar[str] = "the mode of contact"
-
-    switches: ContactSwitches
-    law: Contact
-    mode: Int[Array, "*batch T"]
-    V: Float[Array, "*batch T 3"]
-    height: Float[Array, "*batch T"]
-    slip: Float[Array, "*batch T 3"]
-    sigma: Float[Array, "*batch T 2"]
-    friction_loss: Float[Array, "*batch T"]
-    impact_loss: Float[Array, "*batch T"]
-
-    def __repr__(self) -> str:
-        single = is_single(self.switches.count)
-        return "\n".join(["ContactHistory", *(f"  {line}" for line in self.lines)]) if single else format_value(self)
-
-    @property
-    def lines(self) -> list[str]:
-        """How the body moved on its plane, and the energy that this dissipated. For one trajectory, not for a batch."""
-        modes = np.asarray(self.mode)
-        indices = np.flatnonzero(modes >= 0)
-        if not indices.size:
-            return []
-        last = indices[-1]
-        when = "is {} at the end" if last == modes.size - 1 else "was {} at the last saved time that was reached"
-        changed = f"changed {self.switches.how_often}" if int(self.switches.count) else "never changed"
-        friction_loss, impact_loss = (
-            float(np.asarray(dissipation)[last]) for dissipation in (self.friction_loss, self.impact_loss)
-        )
-        dissipation = f"sliding friction dissipated the energy {friction_loss:.10g}, and impacts {impact_loss:.10g}"
-        end = when.format(Mode(int(modes[last])).name.lower())
-        return [f"{self.changing} {changed}, and {end}", *self.switches.first_lines, dissipation]
-
-    @property
-    def advice(self) -> str:
-        modes = np.asarray(self.mode)
-        reached = np.flatnonzero(modes >= 0)
-        if not reached.size or modes[reached[-1]] != Mode.SLIDING:
-            return ""
-        slip = float(np.linalg.norm(np.asarray(self.slip)[reached[-1]]))
-        return f"The body slides, at {slip:.3g} at the last saved time that was reached. A slow slip is stiff: {STIFF}"
-
-    @property
-    def over_time(self) -> dict[str, Array]:
-        names = ("mode", "V", "height", "slip", "sigma", "friction_loss", "impact_loss")
-        return {name: getattr(self, name) for name in names}
-
-    @property
-    def coefficients(self) -> dict[str, Array]:
-        return {"friction": self.law.friction, "static_friction": self.law.static_friction}
-
-    def at_rows(self, rows: slice) -> "ContactHistory":
-        return dataclasses.replace(self, **{name: array[rows] for name, array in self.over_time.items()})
-
-    def as_solved(self, system: AbstractBody, states: Any) -> tuple[BodyOnPlane, ContactState]:
-        """Returns the body on its plane and its states, in which the body itself has the ``states``."""
-        # A saved state has its σ beside it, also where the slip begins and v_s has none: it holds at any time.
-        mode, ever = self.mode.astype(self.height.dtype), jnp.full_like(self.height, jnp.finfo(self.height.dtype).max)
-        begun = Beginning.along(ever, self.sigma)
-        near = over.near_to(system, states.z, self.height)
-        return BodyOnPlane(system, self.law), ContactState(
-            states, self.V, self.height, self.friction_loss, self.impact_loss, mode, begun, near
-        )
-
-
-def _whole(mode: Float[Array, "*rows"]) -> Int[Array, "*rows"]:
-    return jnp.where(jnp.isfinite(mode), mode, NOWHERE).astype(int)
+def _seen(states: ContactState) -> Int[Array, "*rows"]:
+    """Returns the modes, with rest in place of rolling where dry resistance holds the body."""
+    mode = jnp.where(jnp.isfinite(states.mode), states.mode, NOWHERE).astype(int)
+    if states.rolls is None:
+        return mode
+    return jnp.where((mode == int(Mode.ROLLING)) & (states.rolls == 0), int(Mode.REST), mode)

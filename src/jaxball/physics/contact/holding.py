@@ -1,11 +1,12 @@
 """Decides what dry friction holds where a mode of a body on its ground ends, and finds how the rest begins to move.
 
-For bodies that exact dry resistance may hold, or joints: ``resting``, ``sticking``, and both at once. Everything that
+Everything that
 does not move is held, as far as friction can do it: the most overloaded of the contact, of rolling, of spinning and of
 the joints lets go first. A slip and rolling that begin at the same time each depend on the direction of the other, and
 their windows are computed in turn.
 """
 
+import dataclasses
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
@@ -19,26 +20,29 @@ from ...programs.derivatives.differentiation import without_derivatives
 from ..body import AbstractBody
 from ..dynamics.footing import in_three
 from ..dynamics.law import release
-from ..dynamics.rest import let_go, needs
-from ..dynamics.sticking import loosen, overloads, with_directions
+from ..dynamics.rest import candidates, let_go, needs
+from ..dynamics.sticking import change_joint, loosen, overloads, with_directions
 from ..forces.resistance import TurningMode
+from ..hybrid import START
 from . import friction, slip as slips, window as windows
-from .modes import Mode, SwitchCause
-from .released import ReleasedState, Response, rates, response, slip_velocity, with_rise, with_slip
-from .slip import Heading
-from .transition import Progress, along_course, follow_slip
+from .guards import FIRST_OF_JOINTS, rounding_of_force
+from .modes import ContactState, Mode, SwitchCause
+from .progress import Progress
+from .released import (
+    ReleasedState,
+    Response,
+    in_space,
+    rates,
+    response,
+    rolling_contact,
+    slip_velocity,
+    with_rise,
+    with_slip,
+)
 from .window import Beginning, Course
 
 if TYPE_CHECKING:
-    from .resting import RestingOnPlane, RestingState
-
-
-class Headings(NamedTuple):
-    """The headings of a slip and of rolling as a step begins."""
-
-    slip: Heading
-    rolling: Heading
-
+    from .body_on_plane import BodyOnPlane
 
 TURNS_TAKEN = 6  # by the windows of a slip and of rolling that begin together
 
@@ -49,7 +53,7 @@ TURNS_TAKEN = 6  # by the windows of a slip and of rolling that begin together
 class _Rolling(NamedTuple):
     """A body that rolls: how it is ``pulled`` and its response depend on a mode of turning."""
 
-    plane: "RestingOnPlane"
+    plane: "BodyOnPlane"
     at: Any
     mode: TurningMode
     contact: friction.SolvedContact
@@ -57,9 +61,9 @@ class _Rolling(NamedTuple):
     sigma: Float[Array, "2"]
 
     @classmethod
-    def of(cls, plane: "RestingOnPlane", t: Float[Array, ""], state: "RestingState", mode: TurningMode) -> "_Rolling":
+    def of(cls, plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState, mode: TurningMode) -> "_Rolling":
         """Describes the rolling of a body at a state, in a mode of turning."""
-        slip, response = slip_velocity(plane.body, t, state.released), plane.response_in(t, state, mode)
+        slip, response = slip_velocity(plane.body, t, state.released), plane.response(t, state, mode)
         contact = friction.SolvedContact.of(response, state.is_in(Mode.SLIDING), jnp.asarray(False))
         return cls(plane, state, mode, contact, plane.coefficient(slip), state.direction(t, slip))
 
@@ -73,12 +77,12 @@ class _Rolling(NamedTuple):
         acting = self.act(sigma)
         return slips.Pull(acting.rate[:2], -jnp.sum(sigma * acting.torque[:2]), acting.normal)
 
-    def rates(self, state: "RestingState", sigma: Float[Array, "2"]) -> ReleasedState:
+    def rates(self, state: ContactState, sigma: Float[Array, "2"]) -> ReleasedState:
         """Computes ẋ where it rolls in a direction, or is braked."""
         return rates(self.plane.body, state.released, self.contact.response, self.act(sigma).amounts)
 
 
-def end_rolling(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array, ""]) -> Progress:
+def end_rolling(plane: "BodyOnPlane", done: Progress, tolerance: Float[Array, ""]) -> Progress:
     """Moves the state to the end of rolling, if it has one soon, with what acts halfway."""
     state: Any = done.state
     if plane.body.planar:
@@ -105,7 +109,7 @@ def end_rolling(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array,
     axes = plane.contact_axes(t + second.time, stopped)
     spin = axes.over_ground(stopped.body.Omega)[2]
     at_rest = stopped.body.with_Omega(axes.in_body(jnp.stack([0 * spin, 0 * spin, spin])))
-    stopped = eqx.tree_at(lambda x: x.body, stopped, at_rest)
+    stopped = dataclasses.replace(stopped, body=at_rest)
     after = done._replace(t=t + second.time, before=stopped, state=stopped, stands=jnp.asarray(True))
     return select_tree(ends, after, done._replace(decides=jnp.asarray(False)))
 
@@ -169,7 +173,7 @@ class Deciding(NamedTuple):
         """Computes the loads of all that may be held, with the choice, and the torque and friction that hold it."""
         responds = self.respond(choice)
         choice = choice._replace(sigma=self.first_slip(choice, responds))
-        slides, slack = ~choice.sticks & ~choice.flies, self.plane.rounding_of_force(self.at, responds)
+        slides, slack = ~choice.sticks & ~choice.flies, rounding_of_force(self.plane, self.at, responds)
         acting = friction.SolvedContact.of(responds, slides, choice.flies).interaction(self.mu, choice.sigma)
         of_friction = friction.overload(acting.R, self.plane.contact.static_friction, slack, choice.sticks)
         # A body that nothing presses on its ground leaves it before anything else lets go.
@@ -208,13 +212,13 @@ class Deciding(NamedTuple):
         turned = choice.mode.rests & ~last.mode.rests
         return last._replace(mode=last.mode._replace(sigma=jnp.where(turned, last.mode.sigma, choice.mode.sigma)))
 
-    def direct(self, choice: Choice, turns: Bool[Array, ""] | None) -> Choice:
+    def direct(self, choice: Choice, turns: Bool[Array, ""]) -> Choice:
         """Returns the choice with the directions in which a slip and rolling that begin grow."""
 
         def next_choice(choice: Choice, _: None) -> tuple[Choice, None]:
             # The direction of each depends on that of the other, so they are found in turn until neither changes.
             choice = choice._replace(sigma=self.first_slip(choice, self.respond(choice)))
-            if choice.mode is None or turns is None or self.plane.body.planar:
+            if choice.mode is None or self.plane.body.planar:
                 return choice, None
             sigma = choice.mode.sigma
             rolling = jax.lax.cond(turns, lambda: self.first_rolling(choice), lambda: sigma)
@@ -230,34 +234,77 @@ def _pull(rolling: _Rolling, sigma: Float[Array, "2"]) -> tuple[Float[Array, "2"
     return acting.rate[:2], acting.normal
 
 
-def decide_held(plane: Any, done: Progress, event: Int[Array, ""]) -> Progress:
+def decide(plane: "BodyOnPlane", done: Progress, event: Int[Array, ""]) -> Progress:
     """Decides the mode that follows: everything is held as far as friction can do it."""
     t, body = done.t, plane.body
-    before, moving, loose = plane.all_held(done, event)
-    # A body that lands still has the mode of flight here; any mode on the ground says that it touches.
-    touching: Any = eqx.tree_at(lambda x: x.mode, before, jnp.full_like(before.mode, int(Mode.SLIDING)))
-    slip, responds = slip_velocity(body, t, before.released), plane.response(t, touching)
+    before, moving, loose = _all_held(plane, done, event)
+    slip, responds = slip_velocity(body, t, before.released), plane.response_on_ground(t, before)
     still = done.still | plane.is_still(slip, before)
     deciding = Deciding(plane, t, before.released, responds, still, plane.coefficient(jnp.where(still, 0.0, slip)))
+    # Without static friction a body never rolls, not even one that would need no friction to. Friction that has just
+    # given way is at its limit, so by rounding it may seem to be enough.
     sticks = still & (plane.contact.static_friction > 0) & (event != int(SwitchCause.GIVES_WAY)) & ~done.flies
     sigma = friction.slip_direction(slip, jnp.zeros_like(slip[:2]))
-    choice = Choice(sticks, done.flies, sigma, moving, getattr(before, "slips", None))
-    choice = deciding.choose(choice, jnp.concatenate([jnp.zeros(1, bool), loose]))
-    turns = None
+    choice = deciding.choose(Choice(sticks, done.flies, sigma, moving, before.slips), loose)
+    turns = done.turns
     if moving is not None and choice.mode is not None:
         turns = moving.rests & ~choice.mode.rests & ~choice.flies
     choice = deciding.direct(choice, turns)
     # The rest of a slip that ends is dissipated by friction; one without an end continues.
     stopped = with_slip(body, before.released, deciding.respond(choice), slip, jnp.zeros_like(slip))
     state: Any = select_tree(still & ~choice.flies & (choice.sticks | plane.slips_end), before.move(stopped), before)
+    # Where the normal force falls to zero, a body leaves with no speed: what there is of it is rounding.
     rise = slip_velocity(body, t, state.released)[2]
     rise = jnp.where(choice.flies & (event != int(SwitchCause.LIFTS)), rise, 0.0)
     V = with_rise(body, t, state.released, rise)
     mode = jnp.where(choice.flies, int(Mode.FLIGHT), jnp.where(choice.sticks, int(Mode.ROLLING), int(Mode.SLIDING)))
+    # Takes σ to ``begin``, which puts the window in its place, or none.
     begun = Beginning.along(t, choice.sigma)
-    after = eqx.tree_at(lambda x: (x.V, x.mode, x.begun), state, (V, mode.astype(V.dtype), begun))
+    after = dataclasses.replace(state, V=V, mode=mode.astype(V.dtype), begun=begun, slips=choice.slips)
     begins = still & ~choice.sticks & ~choice.flies
-    return done._replace(state=plane.as_chosen(after, choice, t), begins=begins, turns=turns)
+    return done._replace(state=_turning_as_chosen(plane, t, after, choice), begins=begins, turns=turns)
+
+
+def _all_held(
+    plane: "BodyOnPlane", done: Progress, event: Int[Array, ""]
+) -> tuple[Any, TurningMode | None, Bool[Array, " loads"]]:
+    """Returns the state and the mode of turning where all is held that stands, and which loads the event has loosened:
+    of the contact, of rolling and spinning, and of joints.
+    """
+    state, moving, loose = done.state, None, [jnp.zeros(1, bool)]
+    if state.slips is not None:
+        slips, thetadot = change_joint(plane.body, state.slips, state.body.thetadot, event - FIRST_OF_JOINTS)
+        state = eqx.tree_at(lambda x: (x.body.thetadot, x.slips), state, (thetadot, slips))
+    if state.rolls is not None:
+        # A body that lands still has the mode of flight here; any mode on the ground says that it touches.
+        axes = plane.contact_axes(done.t, dataclasses.replace(state, mode=jnp.full_like(state.mode, int(Mode.SLIDING))))
+        omega = plane.unless_held(state, axes.over_ground(state.body.Omega))
+        # At the end of its rolling or spinning, the rate is 0, not nearly.
+        spin_ends = event == int(SwitchCause.SPINNING_ENDS)
+        omega = jnp.where(jnp.stack([done.stands, done.stands, spin_ends]), 0.0, omega)
+        moving = candidates(plane.resistance, omega, plane.body.planar)
+        # A body that rolls comes to rest by an event that says so, and not because its rate is rounding, as just after
+        # it broke loose. In flight the ground holds nothing.
+        may_rest = (event == START) | done.stands | done.lands | (state.rolls == 0)
+        moving = moving._replace(rests=moving.rests & may_rest & ~done.flies, still=moving.still & ~done.flies)
+        breaks, spins = event == int(SwitchCause.BREAKS_LOOSE), event == int(SwitchCause.BEGINS_TO_SPIN)
+        loose.append(jnp.stack([moving.rests & breaks, moving.still & spins]))
+        state = dataclasses.replace(state, body=state.body.with_Omega(axes.in_body(omega)))
+    if state.slips is not None:
+        loose.append(jnp.zeros(state.slips.size, bool))
+    return state, moving, jnp.concatenate(loose)
+
+
+def _turning_as_chosen(plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState, choice: Choice) -> ContactState:
+    """Returns the state in the mode of turning of a choice."""
+    mode, dtype = choice.mode, state.V.dtype
+    if mode is None:
+        return state
+    spin = mode.spin if plane.resists_spinning else jnp.zeros_like(mode.spin)
+    # In flight the ground holds nothing, and 0 would say that it does.
+    spin = jnp.where(choice.flies & (spin == 0), 1.0, spin).astype(dtype)
+    rolls, rolling = jnp.where(mode.rests, 0.0, 1.0).astype(dtype), Beginning.along(t, mode.sigma[:2])
+    return dataclasses.replace(state, rolls=rolls, spin=spin, rolling=rolling)
 
 
 # The windows in which directions are known beforehand.
@@ -287,6 +334,24 @@ class _Slipping(NamedTuple):
         return acting.slip_acceleration[:2], rates(self.plane.body, state, contact.response, acting.amounts)
 
 
+def follow_slip(plane: "BodyOnPlane", done: "Progress", tolerance: Float[Array, ""]) -> tuple[Course, Bool[Array, ""]]:
+    """Returns how a slip moves, and whether it goes on although its direction is not known beforehand."""
+    t, state = done.t, done.state
+    slip = slip_velocity(plane.body, t, state.released)
+    # At the end of a window σ is still that of the window.
+    sigma = done.before.direction(t, slip)
+    course = Course(sigma, jnp.sum(sigma * slip[:2]), done.before.begun.next_span(t))
+    slides = state.is_in(Mode.SLIDING) & ~done.begins & plane.slips_end & (state.begun.until <= t)
+    return course, slides & course.is_that_of(slip[:2], plane.speed_of(state), tolerance)
+
+
+def along_course(plane: "BodyOnPlane", t: Float[Array, ""], state: Any, course: Course) -> Any:
+    """Returns the state with a slip exactly along its direction, without the errors of the solve across it."""
+    slip = slip_velocity(plane.body, t, state.released).at[:2].set(course.slip)
+    rolling, axes = rolling_contact(plane.body, t, state.body)
+    return eqx.tree_at(lambda x: x.V, state, rolling + in_space(axes, slip))
+
+
 class _Turning(NamedTuple):
     """A ball that begins to roll, in the modes of ``begins``."""
 
@@ -310,48 +375,55 @@ class _Turning(NamedTuple):
         return acting.rate[:2], rates(self.plane.body, state, prepare.contact.response, acting.amounts)
 
 
-def begin(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array, ""]) -> "RestingState":
+def begin(plane: "BodyOnPlane", done: Progress, tolerance: Float[Array, ""]) -> ContactState:
     """Returns the state with the directions of a slip and of rolling that begin or stay slow, for as long as they are
     computed in advance.
     """
-    t, state = done.t, done.state
-    assert done.turns is not None
+    t, state, begins = done.t, done.state, done.begins & plane.slips_end
     longest = windows.longest_window(t, plane.driving_kinks(), slips.unit_of_time(plane.body))
-    begins, turns, none = done.begins & plane.slips_end, done.turns, Beginning.none(t)
-    start: Any = state
-    sigma, rolling = start.begun.sigma, start.rolling.sigma
+    sigma, none = state.begun.sigma, Beginning.none(t)
+    # A disk slips, and rolls, along a line, so its directions need no search.
     if plane.body.planar:
-        begun = select_tree(done.decides, select_tree(begins, Beginning.along(t + longest, sigma), none), start.begun)
-        ever = Beginning.along(jnp.full_like(t, float(jnp.finfo(t.dtype).max)), rolling)
-        return eqx.tree_at(lambda x: (x.begun, x.rolling), state, (begun, ever))
+        begun = select_tree(begins, Beginning.along(t + longest, sigma), none)
+        begun, rolling = select_tree(done.decides, begun, state.begun), state.rolling
+        if rolling is not None:
+            rolling = Beginning.along(jnp.full_like(t, float(jnp.finfo(t.dtype).max)), rolling.sigma)
+        return dataclasses.replace(state, begun=begun, rolling=rolling)
     # What goes on, but so slowly that its direction has to be known beforehand as if it began.
-    slip, slips_on = follow_slip(plane, done, tolerance)
+    course, slips_on = follow_slip(plane, done, tolerance)
+    course, begins = select_tree(slips_on, course, Course.of(sigma)), begins | slips_on
+
+    def window(state: ContactState, needed: Bool[Array, ""], otherwise: Beginning) -> Beginning:
+        return jax.lax.cond(
+            needed,
+            lambda: windows.beginning(_Slipping(plane, state), t, done.state.released, course, longest),
+            lambda: otherwise,
+        )
+
+    if state.rolling is None:
+        begun = window(state, begins, none)
+        state = select_tree(slips_on & (begun.until > t), along_course(plane, t, state, course), state)
+        return dataclasses.replace(state, begun=begun)
     turn, turns_on = plane.follow_rolling(t, done.before, state, tolerance)
-    turns_on &= ~turns
-    slip, begins = select_tree(slips_on, slip, Course.of(sigma)), begins | slips_on
-    turn, turns = select_tree(turns_on, turn, Course.of(rolling)), turns | turns_on
+    turns_on &= ~done.turns
+    turn, turns = select_tree(turns_on, turn, Course.of(state.rolling.sigma)), done.turns | turns_on
 
     def next_windows(start: Any, first: Bool[Array, ""]) -> tuple[Any, None]:
         # One window alone is final after the first pass; only two that depend on each other are computed again.
         needed = first | begins & turns & (start.begun.until > t) & (start.rolling.until > t)
-        begun = jax.lax.cond(
-            needed & begins,
-            lambda: windows.beginning(_Slipping(plane, start), t, state.released, slip, longest),
-            lambda: start.begun,
-        )
-        start = eqx.tree_at(lambda x: x.begun, start, begun)
+        start = dataclasses.replace(start, begun=window(start, needed & begins, start.begun))
         turning = jax.lax.cond(
             needed & turns,
             lambda: windows.beginning(_Turning(plane, start), t, state.released, turn, longest),
             lambda: start.rolling,
         )
-        return eqx.tree_at(lambda x: x.rolling, start, turning), None
+        return dataclasses.replace(start, rolling=turning), None
 
     # The first guess of a direction that is found in turn with the other: the one in which it begins.
-    ahead = Beginning.along(t + longest, slip.sigma), Beginning.along(t + longest, turn.sigma)
-    previous = select_tree(done.decides, none, start.begun), select_tree(done.decides, none, start.rolling)
-    first = select_tree(begins, ahead[0], previous[0]), select_tree(turns, ahead[1], previous[1])
-    start = eqx.tree_at(lambda x: (x.begun, x.rolling), start, first)
+    ahead = Beginning.along(t + longest, course.sigma), Beginning.along(t + longest, turn.sigma)
+    previous = select_tree(done.decides, none, state.begun), select_tree(done.decides, none, state.rolling)
+    begun, rolling = select_tree(begins, ahead[0], previous[0]), select_tree(turns, ahead[1], previous[1])
+    start: Any = dataclasses.replace(state, begun=begun, rolling=rolling)
     start = jax.lax.scan(next_windows, start, jnp.arange(TURNS_TAKEN) == 0)[0]
-    start = select_tree(slips_on & (start.begun.until > t), along_course(plane, t, start, slip), start)
+    start = select_tree(slips_on & (start.begun.until > t), along_course(plane, t, start, course), start)
     return select_tree(turns_on & (start.rolling.until > t), plane.along_course(t, start, turn), start)

@@ -1,15 +1,14 @@
 """The modes of a body on or above its ground, why they end, and the state of a body that may switch between them."""
 
+import dataclasses
 import enum
 from collections.abc import Iterator
 
-import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..conditions import Condition
-from ..hybrid import NONE, Switches
+from ..hybrid import NONE
 from ..state import PlacedState
 from ..system import AbstractState
 from .friction import slip_direction
@@ -109,6 +108,16 @@ class ContactState(AbstractState):
     - ``mode``: a :class:`Mode`, as a number.
     - ``begun``: the direction of a slip that has just begun, which cannot be computed from its velocity.
     - ``near``: coordinates of a piece of a surface that was the nearest to the body in flight; none on a plane.
+
+    Under exact dry resistance, and else None,
+
+    - ``rolls``, ``spin``, ``rolling``: how it turns, as in :class:`AbstractTurning`. A solve then advances ω relative
+      to the ground, in contact axes (in flight, and on a plane, those of space), instead of Ω, so that it is exactly 0
+      at rest.
+
+    With joints that dry friction may hold, and else None,
+
+    - ``slips``: for each of them, 1 or −1 where it slips in that direction, 0 where it sticks.
     """
 
     body: PlacedState
@@ -119,9 +128,13 @@ class ContactState(AbstractState):
     mode: Float[Array, "*batch"]
     begun: Beginning
     near: Float[Array, "*batch coordinates"]
+    rolls: Float[Array, "*batch"] | None = None
+    spin: Float[Array, "*batch"] | None = None
+    rolling: Beginning | None = None
+    slips: Float[Array, "*batch sticking"] | None = None
 
     def projected(self) -> "ContactState":
-        return eqx.tree_at(lambda x: x.body, self, self.body.projected())
+        return dataclasses.replace(self, body=self.body.projected())
 
     def conditions(self) -> Iterator[Condition]:
         yield from self.body.conditions()
@@ -137,7 +150,7 @@ class ContactState(AbstractState):
 
     def move(self, to: ReleasedState) -> "ContactState":
         """Returns the state with another place and motion of the body."""
-        return eqx.tree_at(lambda x: (x.body, x.V, x.height), self, (to.body, to.V, to.height))
+        return dataclasses.replace(self, body=to.body, V=to.V, height=to.height)
 
     def direction(self, t: Float[Array, ""], slip: Float[Array, "3"]) -> Float[Array, "2"]:
         """Returns σ of a body that slips with v_s; 0 without slip."""
@@ -148,30 +161,3 @@ class ContactState(AbstractState):
     def is_in(self, mode: Mode) -> Bool[Array, ""]:
         """Returns whether the state is in this mode."""
         return self.mode == int(mode)
-
-
-class ContactSwitches(Switches):
-    """The switches of a body from one mode to another; ``event`` is the ``jaxball.SwitchCause`` of each.
-
-    - ``source``, ``target``: the :class:`~jaxball.Mode` before and after it, shape (capacity,).
-    - ``before``, ``after``: the :class:`~jaxball.ReleasedState` before and after it, with a leading axis.
-    - ``lost``: the energy lost in an impact, mass length²/time², shape (capacity,).
-    """
-
-    source: Int[Array, "*batch capacity"]
-    target: Int[Array, "*batch capacity"]
-    lost: Float[Array, "*batch capacity"]
-
-    @property
-    def cause(self) -> Int[Array, "*batch capacity"]:
-        """The ``jaxball.SwitchCause`` of each, shape (capacity,); −1 where there are fewer."""
-        return self.event
-
-    def words(self, k: int) -> str:
-        source, target, cause = (int(np.asarray(column)[k]) for column in (self.source, self.target, self.event))
-        modes = " to ".join(Mode(mode).name.lower() for mode in (source, target))
-        return f"from {modes}, as {SwitchCause(cause).sentence}"
-
-    @property
-    def remedy(self) -> str:
-        return "which a larger `capacity` of the Contact would keep"

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from ...numerics.directions import unit
 from ...numerics.vectors import root
 from ..body import AbstractBodyWithModes
 from ..dynamics.footing import ContactAxes, in_three
@@ -39,17 +40,20 @@ class AbstractTurning(AbstractBodyWithModes[Any]):
     - ``rolling``: the direction in which a ball has just begun to roll; that in which a disk rolls.
     """
 
-    @abstractmethod
     def over_ground(self, t: Float[Array, ""], state: Any) -> Float[Array, "3"]:
-        """Computes ω of the body relative to the ground."""
+        """Computes ω of the body relative to the ground, along the axes of the contact."""
+        return self.contact_axes(t, state).over_ground(state.body.Omega)
 
     @abstractmethod
     def contact_axes(self, t: Float[Array, ""], state: Any) -> ContactAxes:
         """Returns the axes of the contact at a state."""
 
-    @abstractmethod
     def direction(self, t: Float[Array, ""], state: Any) -> Float[Array, "2"]:
-        """Computes the direction of ω_h of a body that rolls."""
+        """Computes the direction of ω_h of a body that rolls, contact axes."""
+        if self.body.planar:
+            return state.rolling.sigma
+        omega = self.over_ground(t, state)
+        return jnp.where(t <= state.rolling.until, state.rolling.direction(t), unit(omega[:2]))
 
     @property
     def resistance(self) -> Resistance:

@@ -135,19 +135,8 @@ class HeldBody(AbstractTurning):
         rate = self.unless_held(state, rate_over_ground(self.body, t, state.body, moved.body.Omega))
         return dataclasses.replace(moved, body=moved.body.with_Omega(rate))
 
-    def over_ground(self, t: Float[Array, ""], state: HeldState) -> Float[Array, "3"]:
-        """Computes ω of the body relative to the ground, along the axes of the contact."""
-        return self.contact_axes(t, state).over_ground(state.body.Omega)
-
     def contact_axes(self, t: Float[Array, ""], state: HeldState) -> ContactAxes:
         return ContactAxes.of(self.body, t, state.body)
-
-    def direction(self, t: Float[Array, ""], state: Any) -> Float[Array, "2"]:
-        """Returns the direction of ω_h of a body that rolls, space axes."""
-        if self.body.planar:
-            return state.rolling.sigma
-        omega = self.over_ground(t, state)
-        return jnp.where(t <= state.rolling.until, state.rolling.direction(t), unit(omega[:2]))
 
     def field(self, t: Float[Array, ""], state: HeldState) -> HeldState:
         moved = rates(self.moving(state), t, state.body, self.mode_at(t, state))
