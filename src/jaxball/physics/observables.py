@@ -15,7 +15,7 @@ from ..numerics.arrays import to_array
 from ..numerics.kinks import just_before
 from ..numerics.vectors import apply, cross, dot
 from .body import AbstractBody
-from .contact.body_on_plane import BodyOnPlane
+from .contact.body_on_plane import BodyOnPlane, in_mode
 from .contact.modes import Mode
 from .contact.released import in_space, load_of_released
 from .dynamics.energy import (
@@ -191,6 +191,8 @@ def _of_rolling(system: AbstractBody, t: Float[Array, ""], state: Any) -> Moveme
 
 @movement.register
 def _of_hybrid(plane: BodyOnPlane, t: Float[Array, ""], state: Any) -> Movement:
+    if plane.contact is None:
+        return _of_rolling(in_mode(plane.moving(state), plane.mode(t, state)), t, state.body)
     response = plane.response(t, state)
     force = plane.interaction(t, state, response)
     system, body = plane.moving(state), state.body

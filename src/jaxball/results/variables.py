@@ -346,12 +346,11 @@ def _read_contact(
         for name, variable in HISTORY.items()
     }
     switches = _read_switches(arrays, attribute("contact_switches", int), law.capacity, arrays_of(states), type(states))
-    for names in (HISTORY_OF_REST, HISTORY_OF_JOINTS):
-        if all(name in arrays for name in names):
-            over_time |= {name: to_array(arrays[name]) for name in names}
-    if "rests" in over_time:
-        over_time["rests"] = over_time["rests"] != 0
-    return ContactHistory(law=law, **over_time, switches=switches)
+    held: dict[str, Any] = dict.fromkeys(HISTORY_OF_REST | HISTORY_OF_JOINTS)
+    held |= {name: to_array(arrays[name]) for name in held if name in arrays}
+    if held["rests"] is not None:
+        held["rests"] = held["rests"] != 0
+    return ContactHistory(law=law, **over_time, **held, switches=switches)
 
 
 def _read_switches(
@@ -373,6 +372,10 @@ def _read_switches(
         before=before,
         after=after,
         lost=filled("lost"),
+        **dict.fromkeys(("rolls_before", "rolls_after", "spin_before", "spin_after")),
+        directions_before=None,
+        directions_after=None,
+        joints=(),
         grazing=filled("grazing", nothing=False),
     )
 

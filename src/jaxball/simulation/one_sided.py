@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .. import programs
 from ..physics.contact import friction
 from ..physics.contact.body_on_plane import BodyOnPlane
-from ..physics.contact.history import ContactHistory
+from ..physics.contact.history import ContactHistory, slips_of
 from ..physics.contact.modes import ContactState, Mode
 from ..physics.contact.over_surface import near_to
 from ..physics.contact.released import ReleasedState
@@ -219,7 +219,7 @@ def _contact_states(system: BodyOnPlane, states: ReleasedState, modes: Array, si
 
 @programs.filter_jit
 def _slips(system: BodyOnPlane, times: Array, states: ContactState) -> tuple[Array, Array]:
-    return system.prepare().slips(times, states)
+    return slips_of(system.prepare(), times, states)
 
 
 @programs.filter_jit
@@ -228,6 +228,6 @@ def _first_slips(system: BodyOnPlane, times: Array, states: ContactState) -> Arr
     prepared = system.prepare()
 
     def first(sample: tuple[Array, ContactState]) -> Array:
-        return friction.first_slip(prepared.response(*sample), prepared.contact.friction).sigma
+        return friction.first_slip(prepared.response(*sample), prepared.law.friction).sigma
 
     return jax.lax.map(first, (times, states))

@@ -191,7 +191,7 @@ def history_variables(system: AbstractSystem) -> tuple[dict[str, Variable], dict
 
 @history_variables.register
 def _of_plane(system: BodyOnPlane) -> tuple[dict[str, Variable], dict[str, Variable]]:
-    return HISTORY, RUN_SWITCHES
+    return ({}, {}) if system.contact is None else (HISTORY, RUN_SWITCHES)
 
 
 @functools.singledispatch

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from .. import programs
 from ..numerics.vectors import apply, cross, dot, hat
 from ..physics.body import AbstractBody
-from ..physics.contact.body_on_plane import BodyOnPlane
+from ..physics.contact.body_on_plane import BodyOnPlane, has_contact
 from ..physics.contact.modes import ContactState
 from ..physics.contact.released import rolling_contact
 from ..physics.dynamics.energy import velocities
@@ -63,7 +63,7 @@ class Quantities(NamedTuple):
 
 def quantities(system: Any, t: Float[Array, ""], state: Any) -> Quantities:
     """Computes the balances of any system in one state; for a body with joints that stick, the balances of the body."""
-    if isinstance(system, BodyOnPlane):
+    if has_contact(system):
         return _of_contact(system, t, state)
     if not isinstance(system.shown, AbstractBody):
         laws, rates = system.laws(t, state)._asdict(), system.law_rates(t, state)

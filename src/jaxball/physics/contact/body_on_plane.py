@@ -32,28 +32,30 @@ their components (``released``), and how the height in flight follows from the p
 
 import dataclasses
 from collections.abc import Iterator
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple, TypeGuard
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ...numerics.directions import unit
 from ...numerics.vectors import apply, root
-from ..body import AbstractBody
+from ..body import AbstractBody, AbstractBodyWithModes
 from ..conditions import Condition, ExplainedCondition
-from ..dynamics.footing import ContactAxes, footing_of_released, rate_of_carrier
+from ..dynamics.equations import holding_friction, turning
+from ..dynamics.footing import ContactAxes, footing_of_released, in_three, rate_of_carrier
 from ..dynamics.load import Load
-from ..dynamics.rest import TurningLaw
+from ..dynamics.rest import Turning, TurningLaw
 from ..dynamics.sticking import sticking_slots, with_directions
-from ..forces.resistance import TurningMode
+from ..forces.resistance import Resistance, TurningMode
 from ..grounds import AbstractSurface, Footing
 from ..hybrid import Accuracy, Assessment, GuardedStep, Transition
 from ..rolling import Reaction
-from ..state import PlacedState, ReducedState
+from ..state import ReducedState
 from . import friction, over_surface as over
-from .guards import Headings, assess, guards, headings
-from .history import NOWHERE, ContactHistory, ContactSwitches
+from .guards import Headings, assess, guards, headings, headings_at_rest
+from .history import HeldHistory, history_of
 from .law import Contact
 from .modes import ContactState, Mode
 from .released import (
@@ -67,38 +69,63 @@ from .released import (
     rolling_contact,
     slip_velocity,
 )
-from .slip import Heading
 from .transition import transition
-from .turning import AbstractTurning
 from .window import Beginning
 
 ROUNDING_OF_VELOCITY = 8  # in units of rounding: velocities and accelerations that are smaller count as zero
 
 
-class BodyOnPlane(AbstractTurning):
-    """A ball or a disk with a law of contact, on a plane or a surface."""
+def has_contact(system: Any) -> TypeGuard["BodyOnPlane"]:
+    """Returns whether a system is a body with a law of contact."""
+    return isinstance(system, BodyOnPlane) and system.contact is not None
+
+
+class Forces(NamedTuple):
+    """What acts at a contact: its ``response`` and what comes with it, and the friction in joints that stick.
+
+    ``response`` is None without a law of contact, ``acting`` without that and without exact dry resistance, and
+    ``holding`` without joints that stick.
+    """
+
+    response: Response | None
+    acting: Any
+    holding: Any
+
+
+class BodyOnPlane(AbstractBodyWithModes[ContactState]):
+    """A ball or a disk whose motion has modes, on a plane or a surface: with a law of contact, exact dry resistance,
+    joints that dry friction may hold, or any of these.
+
+    Without a law of contact it rolls without slipping, whatever friction that needs.
+    """
 
     body: AbstractBody
-    contact: Contact
+    contact: Contact | None
 
-    title: ClassVar[str] = "body with a law of contact"
+    title: ClassVar[str] = "body with modes"
     state_type: ClassVar[Any] = ContactState
 
     def require_state(self, state: Any) -> None:
-        if isinstance(state, ReducedState):
+        if isinstance(state, ReducedState) and self.contact is not None:
             raise TypeError(
                 "Argument `state` must be a BallState, a RotationState, a DiskState or a ReleasedState with `contact`, "
                 "because a body that may slip has a velocity and a position, but it is a ReducedState."
+            )
+        if isinstance(state, ReducedState) and self.body.is_held:
+            raise TypeError(
+                "Argument `state` must be a BallState or a RotationState where resistance is `exact`, because what "
+                "comes to rest has a place and a direction in space, but it is a ReducedState."
             )
         type(self.body).require_state(self.body, state.body if isinstance(state, ReleasedState) else state)
 
     def conditions(self) -> Iterator[Condition]:
         yield from self.body.conditions()
-        yield from self.contact.conditions()
+        if self.contact is not None:
+            yield from self.contact.conditions()
 
     def start_conditions(self, t: Float[Array, ""], state: ContactState) -> Iterator[Condition | ExplainedCondition]:
         yield from self.body.start_conditions(t, state.body)
-        if self.body.planar:
+        if self.body.planar and state.V is not None:
             holds = state.V[1] == 0
             yield Condition(holds, "state.V", state.V, "in the plane of the disk, with 0 for its second entry")
 
@@ -109,15 +136,18 @@ class BodyOnPlane(AbstractTurning):
     # far, and where a mode ends, the forces in it and in the next one must be those of the same attitude.
 
     def to_packed(self, t: Float[Array, ""], state: ContactState) -> ContactState:
+        packed = state
+        if state.rolls is not None:
+            omega = self.unless_held(state, self.over_ground(t, state))
+            packed = dataclasses.replace(packed, body=packed.body.with_Omega(omega))
+        if self.contact is None:
+            return packed
         slip = slip_velocity(self.body, t, state.released)
         # A slip that is rounding has no direction worth following, and where the body rolls it must stay exactly zero.
         stopped = self.slips_end & self.is_still(slip, state)
         slip = slip.at[:2].set(jnp.where(stopped, 0.0, slip[:2]))
         slip = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip)
-        packed = dataclasses.replace(state, V=jnp.where(state.is_in(Mode.FLIGHT), state.V, slip))
-        if state.rolls is not None:
-            omega = self.unless_held(state, self.over_ground(t, state))
-            packed = dataclasses.replace(packed, body=packed.body.with_Omega(omega))
+        packed = dataclasses.replace(packed, V=jnp.where(state.is_in(Mode.FLIGHT), state.V, slip))
         return over.with_place(self.body, t, state, packed)
 
     def from_packed(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
@@ -125,6 +155,8 @@ class BodyOnPlane(AbstractTurning):
         if packed.rolls is not None:
             Omega = self.contact_axes(t, packed).in_body(packed.body.Omega)
             packed = dataclasses.replace(packed, body=packed.body.with_Omega(Omega))
+        if self.contact is None:
+            return packed
         packed = over.with_nearest_piece(self.body, t, packed)
         rolling, axes = rolling_contact(self.body, t, packed.body)
         V = in_space(axes, packed.V) + rolling
@@ -132,6 +164,14 @@ class BodyOnPlane(AbstractTurning):
 
     def field_of_packed(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
         state = self.from_packed(t, packed)
+        moved = self.field(t, state) if self.contact is None else self._field_of_slip(t, state)
+        if state.rolls is None:
+            return moved
+        rate = self.unless_held(packed, self.rate_over_ground(t, state, moved.body.Omega))
+        return dataclasses.replace(moved, body=moved.body.with_Omega(rate))
+
+    def _field_of_slip(self, t: Float[Array, ""], state: ContactState) -> ContactState:
+        """Computes the rates with that of the slip velocity in place of V̇, which is zero where the body rolls."""
         response, rolls = self.response(t, state), state.is_in(Mode.ROLLING)
         acting = self.interaction(t, state, response)
         body, moved = state.body, self._move(t, state, response, acting)
@@ -146,14 +186,12 @@ class BodyOnPlane(AbstractTurning):
         moved = jax.tree.map(lambda x: x - jnp.where(rests, jax.lax.stop_gradient(x), 0.0), moved)
         # The rate of the slip velocity, without the rounding of a difference.
         slipping = jnp.where(rolls, 0.0, acting.slip_acceleration)
-        V = jnp.where(packed.is_in(Mode.FLIGHT), moved.V, slipping)
-        moved = over.with_rates_of_place(self.body, state, dataclasses.replace(moved, V=V))
-        if state.rolls is None:
-            return moved
-        rate = self.unless_held(packed, self._rate_over_ground(t, state, moved.body.Omega))
-        return dataclasses.replace(moved, body=moved.body.with_Omega(rate))
+        V = jnp.where(state.is_in(Mode.FLIGHT), moved.V, slipping)
+        return over.with_rates_of_place(self.body, state, dataclasses.replace(moved, V=V))
 
     def field(self, t: Float[Array, ""], state: ContactState) -> ContactState:
+        if self.contact is None:
+            return jax.tree.map(jnp.zeros_like, state).move(self.rates_of_rolling(t, state, self.mode(t, state)))
         response = self.response(t, state)
         return self._move(t, state, response, self.interaction(t, state, response))
 
@@ -176,13 +214,71 @@ class BodyOnPlane(AbstractTurning):
         ground = self.body.ground
         return isinstance(ground, AbstractSurface) and ground.follows_foot
 
-    # The contact.
+    @property
+    def law(self) -> Contact:
+        """The law of contact."""
+        assert self.contact is not None
+        return self.contact
+
+    # How it turns, and rolls where nothing slips.
+
+    @property
+    def resistance(self) -> Resistance:
+        """The exact resistance."""
+        resistance = self.body.resistance
+        assert isinstance(resistance, Resistance)
+        return resistance
+
+    @property
+    def resists_rolling(self) -> bool:
+        return self.body.is_held and self.resistance.dry is not None
+
+    @property
+    def resists_spinning(self) -> bool:
+        return self.resistance.dry_spinning is not None and not self.body.planar
+
+    @property
+    def turns_aside(self) -> bool:
+        """Whether its direction of rolling may turn, so that it is followed to its rest: that of a ball."""
+        return self.resists_rolling and not self.body.planar
+
+    def is_held_still(self, state: Any) -> Bool[Array, ""]:
+        """Returns whether friction holds the body against spinning."""
+        return (state.spin == 0) & self.resists_spinning
+
+    def unless_held(self, state: Any, omega: Float[Array, "3"]) -> Float[Array, "3"]:
+        """Returns ω over the ground, or its rate, with 0 for what friction holds."""
+        rests = state.rolls == 0
+        return jnp.where(jnp.stack([rests, rests, self.is_held_still(state)]), 0.0, omega)
+
+    def mode(self, t: Float[Array, ""], state: Any, sigma: Float[Array, "2"] | None = None) -> Any:
+        """Returns the mode of turning of a body that rolls in the direction ``sigma``, if that is known; None without
+        exact dry resistance.
+        """
+        if state.rolls is None:
+            return None
+        direction = self.direction(t, state) if sigma is None else sigma
+        rests = state.rolls == 0
+        sigma3 = jnp.where(rests, 0.0, in_three(direction))
+        spin = state.spin if self.resists_spinning else jnp.zeros_like(state.spin)
+        return TurningMode(sigma3, spin, rests, self.is_held_still(state), jnp.zeros_like(sigma3))
+
+    def direction(self, t: Float[Array, ""], state: Any) -> Float[Array, "2"]:
+        """Computes the direction of ω_h of a body that rolls, contact axes."""
+        if self.body.planar:
+            return state.rolling.sigma
+        omega = self.over_ground(t, state)
+        return jnp.where(t <= state.rolling.until, state.rolling.direction(t), unit(omega[:2]))
+
+    def over_ground(self, t: Float[Array, ""], state: Any) -> Float[Array, "3"]:
+        """Computes ω of the body relative to the ground, along the axes of the contact."""
+        return self.contact_axes(t, state).over_ground(state.body.Omega)
 
     def contact_axes(self, t: Float[Array, ""], state: Any) -> ContactAxes:
         """Returns the axes of the contact at a state, packed or not; in flight the axes of space, which are at rest."""
         body = state.body
-        if not over.has_surface(self.body):
-            return ContactAxes(body.Lambda, None)
+        if self.contact is None or not over.has_surface(self.body):
+            return ContactAxes.of(self.body, t, body)
         flies = state.is_in(Mode.FLIGHT)
         # In flight, the place of a packed state has no coordinates.
         u = jnp.where(flies, jnp.reshape(state.near, body.z.shape), body.z)
@@ -190,7 +286,7 @@ class BodyOnPlane(AbstractTurning):
         assert touching.spin is not None
         return ContactAxes(jnp.where(flies, body.Lambda, touching.rows), jnp.where(flies, 0.0, touching.spin))
 
-    def _rate_over_ground(self, t: Float[Array, ""], state: Any, Omegadot: Float[Array, "3"]) -> Float[Array, "3"]:
+    def rate_over_ground(self, t: Float[Array, ""], state: Any, Omegadot: Float[Array, "3"]) -> Float[Array, "3"]:
         """Computes the rate of ω relative to the ground, in contact axes, from Ω̇."""
         rate, carried = apply(self.contact_axes(t, state).rows, Omegadot), self._carried_rate(t, state)
         return rate if carried is None else rate + carried
@@ -200,11 +296,38 @@ class BodyOnPlane(AbstractTurning):
         if not over.has_surface(self.body):
             return None
         touching = ~state.is_in(Mode.FLIGHT)
-        if under is None:
+        if under is None and self.contact is not None:
             under = footing_of_released(self.body, t, state.body, state.V, state.height, touching)
         carried = rate_of_carrier(self.body, t, state.body, under)
         assert carried is not None
         return jnp.where(touching, apply(self.contact_axes(t, state).rows, carried), 0.0)
+
+    def turning(self, t: Float[Array, ""], state: Any) -> Turning:
+        """Computes how a body that does not slip turns without dry friction, and how torques change that."""
+        return turning(self.moving(state), t, state.body)
+
+    def rates_of_rolling(self, t: Float[Array, ""], state: Any, mode: TurningMode | None) -> Any:
+        """Computes ẋ of a body that does not slip, in a mode of turning."""
+        return field_in_mode(in_mode(self.moving(state), mode), t, state.body)
+
+    def holding_in_rolling(
+        self, t: Float[Array, ""], state: Any, mode: TurningMode | None
+    ) -> Float[Array, " sticking"]:
+        """Computes the friction in joints that stick, of a body that does not slip, in a mode of turning."""
+        return holding_friction(in_mode(self.moving(state), mode), t, state.body)
+
+    def forces(self, t: Float[Array, ""], state: ContactState) -> Forces:
+        """Computes what acts in the modes of a state."""
+        if self.contact is not None:
+            response = self.response(t, state)
+            acting = self.interaction(t, state, response)
+            return Forces(response, acting, None if state.slips is None else response.part("holding", acting.amounts))
+        mode, acting = self.mode(t, state), None
+        if mode is not None:
+            acting = friction.resisted(self.resistance, self.turning(t, state), mode)
+        return Forces(None, acting, None if state.slips is None else self.holding_in_rolling(t, state, mode))
+
+    # The contact.
 
     def response(self, t: Float[Array, ""], state: Any, mode: TurningMode | None = None) -> Response:
         """Computes how the body moves under each reaction, in the ``mode`` of turning of the state if it is not
@@ -227,25 +350,19 @@ class BodyOnPlane(AbstractTurning):
         """Returns the body in the modes of its joints."""
         return self.body if state.slips is None else with_directions(self.body, state.slips)
 
+    def on_ground(self, state: ContactState) -> ContactState:
+        """Returns the state of a body that touches the ground: one that lands still has the mode of flight."""
+        # Any mode on the ground says that it touches.
+        mode = None if state.mode is None else jnp.full_like(state.mode, int(Mode.SLIDING))
+        return dataclasses.replace(state, mode=mode)
+
     def response_on_ground(self, t: Float[Array, ""], state: ContactState) -> Response:
         """Computes the response of a body that touches the ground."""
-        # A body that lands still has the mode of flight; any mode on the ground says that it touches.
-        return self.response(t, dataclasses.replace(state, mode=jnp.full_like(state.mode, int(Mode.SLIDING))))
-
-    def with_fixed_speeds(self, reference: Headings) -> Headings:
-        """Returns the headings for which the guards of a slip and of rolling that end are exactly zero: the speed
-        counts as fixed.
-        """
-        slip, rolling = reference
-        if rolling is not None:
-            # A ball's rolling is given to ``end_rolling`` while it still has this speed. That of a disk does not turn,
-            # and is followed to exactly zero.
-            rolling = rolling._replace(least=jnp.zeros_like(rolling.speed) if self.body.planar else rolling.speed)
-        return Headings(slip._replace(least=slip.speed), rolling)
+        return self.response(t, self.on_ground(state))
 
     def coefficient(self, slip: Float[Array, "3"], share: float = 1.0) -> Float[Array, ""]:
         """Returns the kinetic friction coefficient at a share of the speed of a slip."""
-        return self.contact.coefficient(share * root(jnp.sum(slip[:2] ** 2)))
+        return self.law.coefficient(share * root(jnp.sum(slip[:2] ** 2)))
 
     def coefficient_and_direction(
         self, t: Float[Array, ""], state: ContactState, slip: Float[Array, "3"]
@@ -254,18 +371,18 @@ class BodyOnPlane(AbstractTurning):
         product.
         """
         mu, sigma = self.coefficient(slip), state.direction(t, slip)
-        if self.contact.friction_law is None:
+        if self.law.friction_law is None:
             return mu, sigma
         # Without slip σ is not defined, and μ = 0. Friction is −N μ(v) v_s/v, which near v = 0 is −N μ′(0) v_s: a
         # product of two factors that has the right value, 0, and the right derivative.
         has_faded = ~self.slips_end & (jnp.sum(slip[:2] ** 2) == 0)
-        slope = jax.jvp(self.contact.coefficient, (jnp.zeros_like(mu),), (jnp.ones_like(mu),))[1]
+        slope = jax.jvp(self.law.coefficient, (jnp.zeros_like(mu),), (jnp.ones_like(mu),))[1]
         return jnp.where(has_faded, slope, mu), jnp.where(has_faded, slip[:2], sigma)
 
     @property
     def slips_end(self) -> Bool[Array, ""]:
         """Whether a slip ends in a finite time: not on a smooth plane, nor by friction that fades with the slip."""
-        return self.contact.friction > 0
+        return self.law.friction > 0
 
     def interaction(self, t: Float[Array, ""], state: ContactState, response: Response) -> friction.Interaction:
         """Computes the reaction of the plane in the mode that the state is in."""
@@ -298,9 +415,7 @@ class BodyOnPlane(AbstractTurning):
 
     def guards(self, t: Float[Array, ""], state: ContactState) -> Float[Array, " guards"]:
         """Computes the guards without a solve, in which a slip and rolling end where their velocities vanish."""
-        sigma, zero = state.direction(t, slip_velocity(self.body, t, state.released)), jnp.zeros_like(state.height)
-        rolling = None if state.rolls is None else Heading(self.direction(t, state), zero, zero)
-        return guards(self, t, state, Headings(Heading(sigma, zero, zero), rolling))
+        return guards(self, t, state, headings_at_rest(self, t, state))
 
     def guards_in_step(self, t: Float[Array, ""], state: ContactState, reference: Any) -> Float[Array, " guards"]:
         """Computes the guards of ``guards``, along the headings of a step."""
@@ -310,8 +425,10 @@ class BodyOnPlane(AbstractTurning):
         """Returns the next end of a window in which the direction of a slip or of rolling is known beforehand, or of a
         step in flight.
         """
-        until = jnp.where(state.is_in(Mode.SLIDING), state.begun.until, jnp.inf)
-        until = jnp.minimum(until, t + over.longest_flight(self.body, t, state))
+        until = jnp.full_like(t, jnp.inf)
+        if state.begun is not None:
+            until = jnp.where(state.is_in(Mode.SLIDING), state.begun.until, jnp.inf)
+            until = jnp.minimum(until, t + over.longest_flight(self.body, t, state))
         if self.body.planar or state.rolling is None:
             return until
         rolling = state.rolling.until
@@ -324,21 +441,11 @@ class BodyOnPlane(AbstractTurning):
 
     def is_still(self, slip: Float[Array, "3"], state: ContactState | ReleasedState) -> Bool[Array, ""]:
         """Returns whether the slip velocity is zero up to rounding."""
-        least = ROUNDING_OF_VELOCITY * float(jnp.finfo(slip.dtype).eps) * self.speed_of(state)
-        return root(jnp.sum(slip[:2] ** 2)) <= least
+        return root(jnp.sum(slip[:2] ** 2)) <= self.rounding_of_velocity(state)
 
-    def rise(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
-        """Computes the rate at which a body leaves its ground; 0 if it is rounding, but not for a ball on a plane."""
-        rate = slip_velocity(self.body, t, state.released)[2]
-        if not over.has_surface(self.body) and self.body.shape is None:
-            return rate
-        least = ROUNDING_OF_VELOCITY * float(jnp.finfo(rate.dtype).eps) * self.speed_of(state)
-        return jnp.where(jnp.abs(rate) > least, rate, 0.0)
-
-    def unit_of_speed(self, response: Response) -> Float[Array, ""]:
-        """Computes √(g r); without gravity, the acceleration by which the body would fall takes the place of g."""
-        g = jnp.abs(self.body.gravity)
-        return root(jnp.where(g > 0, g, jnp.abs(response.free[2])) * self.body.radius)
+    def rounding_of_velocity(self, state: ReleasedState | ContactState) -> Float[Array, ""]:
+        """Computes the velocity below which one counts as zero."""
+        return ROUNDING_OF_VELOCITY * float(jnp.finfo(state.V.dtype).eps) * self.speed_of(state)
 
     def speed_of(self, state: ReleasedState | ContactState) -> Float[Array, ""]:
         """Computes a reference speed for errors of velocities."""
@@ -346,19 +453,21 @@ class BodyOnPlane(AbstractTurning):
 
     # How modes begin.
 
-    def start(self, t: Float[Array, ""], state: ReleasedState | PlacedState) -> ContactState:
+    def start(self, t: Float[Array, ""], state: Any) -> ContactState:
         """Returns the state with which a solve starts; its mode is decided by the first transition.
 
         A rolling state is one without slip. A body that does not slip counts as rolling.
         """
-        rolls = not isinstance(state, ReleasedState)
-        start_state = release(self.body.prepare(), t, state) if rolls else state
-        zero = jnp.zeros_like(start_state.height)
-        # In the mode of flight packing leaves V as it is, also for a body on the ground: in that of rolling it makes
-        # the slip exactly zero.
-        mode, begun = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT), Beginning.none(zero)
-        near = over.near_to(self.body, start_state.body.z, zero)
-        start = ContactState(start_state.body, start_state.V, start_state.height, zero, zero, mode, begun, near)
+        start, zero = ContactState(state), jnp.zeros_like(self.body.radius)
+        if self.contact is not None:
+            rolls = not isinstance(state, ReleasedState)
+            at = release(self.body.prepare(), t, state) if rolls else state
+            zero = jnp.zeros_like(at.height)
+            # In the mode of flight packing leaves V as it is, also for a body on the ground: in that of rolling it
+            # makes the slip exactly zero.
+            mode, begun = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT), Beginning.none(zero)
+            near = over.near_to(self.body, at.body.z, zero)
+            start = ContactState(at.body, at.V, at.height, zero, zero, mode, begun, near)
         if self.body.is_held:
             unit = jnp.ones_like(zero)  # nothing is held before the first transition
             start = dataclasses.replace(start, rolls=unit, spin=unit, rolling=Beginning.none(unit))
@@ -376,45 +485,20 @@ class BodyOnPlane(AbstractTurning):
     @property
     def max_switches(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
         """How many switches are kept."""
-        return self.contact.capacity
+        return AbstractBodyWithModes.max_switches if self.contact is None else self.law.capacity
 
-    def history(self, times: Float[Array, " T"], states: ContactState, record: Any) -> ContactHistory:
-        plane, before, after = self.prepare(), record.before, record.after
-        slip, sigma = plane.slips(times, states)
-        switches = ContactSwitches.of(
-            record,
-            source=_seen(before),
-            target=_seen(after),
-            before=before.released,
-            after=after.released,
-            lost=after.impact_loss - before.impact_loss,
-            directions_before=before.slips,
-            directions_after=after.slips,
-            joints=self.body.sticking,
-        )
-        saved = {name: getattr(states, name) for name in ("V", "height", "friction_loss", "impact_loss", "spin")}
-        if states.rolls is not None:
-            saved["rests"] = states.rolls == 0
-            rolling = jax.lax.map(lambda arguments: plane.direction(*arguments), (times, states))
-            saved["rolling"] = jnp.where(saved["rests"][..., None], 0.0, rolling)
-        shown = {"mode": _seen(states), "slip": slip, "sigma": sigma, "directions": states.slips}
-        return ContactHistory(law=self.contact, switches=switches, **shown, **saved)
-
-    def slips(self, times: Float[Array, " T"], states: ContactState) -> tuple[Float[Array, "T 3"], Float[Array, "T 2"]]:
-        """Computes the slip velocities, exactly 0 for a body that rolls, and their directions, 0 unless it slides;
-        ``self`` is prepared.
-        """
-
-        def slip(t: Float[Array, ""], state: ContactState) -> tuple[Float[Array, "3"], Float[Array, "2"]]:
-            velocity = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip_velocity(self.body, t, state.released))
-            return velocity, jnp.where(state.is_in(Mode.SLIDING), state.direction(t, velocity), 0.0)
-
-        return jax.lax.map(lambda arguments: slip(*arguments), (times, states))
+    def history(self, times: Float[Array, " T"], states: ContactState, record: Any) -> HeldHistory:
+        return history_of(self.prepare(), times, states, record)
 
 
-def _seen(states: ContactState) -> Int[Array, "*rows"]:
-    """Returns the modes, with rest in place of rolling where dry resistance holds the body."""
-    mode = jnp.where(jnp.isfinite(states.mode), states.mode, NOWHERE).astype(int)
-    if states.rolls is None:
-        return mode
-    return jnp.where((mode == int(Mode.ROLLING)) & (states.rolls == 0), int(Mode.REST), mode)
+@jax.jit
+def field_in_mode(body: AbstractBody, t: Float[Array, ""], state: Any) -> Any:
+    """Computes ẋ of a body in a mode."""
+    return body.field(t, state)
+
+
+def in_mode(body: AbstractBody, mode: TurningMode | None) -> AbstractBody:
+    """Returns the body in a mode of turning, if it has one."""
+    if mode is None:
+        return body
+    return eqx.tree_at(lambda body: body.resistance.mode, body, mode, is_leaf=lambda x: x is None)

@@ -20,12 +20,12 @@ from . import friction, over_surface as over, slip as slips
 from .modes import CAUSES, ContactState, Mode, SwitchCause, cause_of
 from .released import ReleasedState, Response, slip_velocity
 from .slip import Heading
+from .turning import approach_rest, guards_of_turning, heading_of_rolling
 
 if TYPE_CHECKING:
     from .body_on_plane import BodyOnPlane
 
-OF_CONTACT = 3  # guards of the contact, before those of rolling and of spinning
-ROLLING, SPINNING = OF_CONTACT, OF_CONTACT + 1
+OF_CONTACT, OF_TURNING = 3, 2  # guards of the contact, and of rolling and of spinning
 FIRST_OF_JOINTS = 16  # among the events of a step: that of the first guard of the joints, more than any cause
 FORCES = 32  # in units of rounding of the forces whose sum a reaction is: one that is smaller counts as zero
 RISEN = 1e-6  # of √(r/g): a body that rises counts as being as high as after this time, at least
@@ -34,37 +34,59 @@ NOTHING = 1e-9  # a normal force below this part of its size in a step counts as
 
 
 class Headings(NamedTuple):
-    """The headings of a slip and of rolling as a step begins; that of rolling is None without exact dry resistance."""
+    """The headings of a slip and of rolling as a step begins; None without a law of contact or exact dry resistance."""
 
-    slip: Heading
+    slip: Heading | None
     rolling: Heading | None
 
 
 def headings(plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState, accuracy: Accuracy) -> Headings:
     """Returns the headings as a step begins."""
-    slip = slip_velocity(plane.body, t, state.released)
-    sigma = state.direction(t, slip)
-    size = plane.speed_of(state.released)
-    power = SLOW_DISK if plane.body.planar else slips.SLOW
-    of_slip = Heading.of(sigma, slip[:2], size, accuracy.atol + accuracy.rtol * size, power)
-    return Headings(of_slip, None if state.rolls is None else plane.heading_of_rolling(t, state, accuracy))
+    of_slip = None
+    if plane.contact is not None:
+        slip = slip_velocity(plane.body, t, state.released)
+        sigma = state.direction(t, slip)
+        size = plane.speed_of(state.released)
+        power = SLOW_DISK if plane.body.planar else slips.SLOW
+        of_slip = Heading.of(sigma, slip[:2], size, accuracy.atol + accuracy.rtol * size, power)
+    return Headings(of_slip, None if state.rolls is None else heading_of_rolling(plane, t, state, accuracy))
+
+
+def headings_at_rest(plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState) -> Headings:
+    """Returns the headings without a solve, along which a slip and rolling end where their velocities vanish."""
+    zero, of_slip = jnp.zeros_like(plane.body.radius), None
+    if plane.contact is not None:
+        sigma = state.direction(t, slip_velocity(plane.body, t, state.released))
+        of_slip = Heading(sigma, zero, zero)
+    return Headings(of_slip, None if state.rolls is None else Heading(plane.direction(t, state), zero, zero))
+
+
+def with_fixed_speeds(plane: "BodyOnPlane", reference: Headings) -> Headings:
+    """Returns the headings for which the guards of a slip and of rolling that end are exactly zero: the speed counts as
+    fixed.
+    """
+    slip, rolling = reference
+    if rolling is not None:
+        # A ball's rolling is given to ``end_rolling`` while it still has this speed. That of a disk does not turn, and
+        # is followed to exactly zero.
+        rolling = rolling._replace(least=jnp.zeros_like(rolling.speed) if plane.body.planar else rolling.speed)
+    return Headings(None if slip is None else slip._replace(least=slip.speed), rolling)
 
 
 def guards(
     plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState, reference: Headings
 ) -> Float[Array, " guards"]:
     """Computes the guards. A slip, and rolling, last while they go along their headings."""
-    response = plane.response(t, state)
-    acting = plane.interaction(t, state, response)
-    values = [guards_of_contact(plane, t, state, reference.slip, response, acting)]
+    values, forces = [], plane.forces(t, state)
+    if reference.slip is not None and forces.response is not None:
+        values.append(guards_of_contact(plane, t, state, reference.slip, forces.response, forces.acting))
     if reference.rolling is not None:
         height = plane.body.height_of_centre(state.body.Gamma)
-        spare = needs(plane.resistance, height, acting.torque, acting.normal)
-        of_turning = plane.guards_of_turning(t, state, spare, reference.rolling)
+        spare = needs(plane.resistance, height, forces.acting.torque, forces.acting.normal)
+        of_turning = guards_of_turning(plane, t, state, spare, reference.rolling)
         values.append(jnp.where(state.is_in(Mode.FLIGHT), 1.0, of_turning))
     if state.slips is not None:
-        holding = response.part("holding", acting.amounts)
-        values.append(sticking_guards(plane.body, state.slips, state.body.thetadot, holding))
+        values.append(sticking_guards(plane.body, state.slips, state.body.thetadot, forces.holding))
     return jnp.concatenate(values)
 
 
@@ -78,7 +100,7 @@ def guards_of_contact(
 ) -> Float[Array, "3"]:
     slack = rounding_of_force(plane, state, response)
     slip, unit = slip_velocity(plane.body, t, state.released), jnp.ones_like(state.height)
-    spare = friction.margin(acting.R, plane.contact.static_friction) + slack
+    spare = friction.margin(acting.R, plane.law.static_friction) + slack
     # A slip on a smooth ground, or against friction that fades, never ends: its guard must not fall.
     forward = jnp.where(plane.slips_end, jnp.sum(slip[:2] * heading.sigma) - heading.least, unit)
     # A body that rises does not land, where rounding takes its height below zero as it lifts.
@@ -116,16 +138,29 @@ def rounding_of_force(
 # What the end of a step means.
 
 
+def first_of_turning(state: ContactState) -> int:
+    """Returns the index of the guard of rolling, before that of spinning."""
+    return 0 if state.mode is None else OF_CONTACT
+
+
+def first_of_joints(state: ContactState) -> int:
+    """Returns the index of the first guard of the joints."""
+    return first_of_turning(state) + (0 if state.rolls is None else OF_TURNING)
+
+
 def assess(plane: "BodyOnPlane", step: GuardedStep, accuracy: Accuracy) -> Assessment:
     """Finds the cause that the guard which is zero stands for, from ``FIRST_OF_JOINTS`` on for those of joints, or that
     a slip or rolling has ended although no guard is zero; and the longest next step.
     """
-    of_contact = step._replace(zero=jnp.where(step.zero >= OF_CONTACT, NONE, step.zero))
-    assessed, first = _assess_contact(plane, of_contact, accuracy), OF_CONTACT
+    assessed = Assessment(jnp.full_like(step.zero, NONE), jnp.full_like(step.end, jnp.inf))
+    if plane.contact is not None:
+        of_contact = step._replace(zero=jnp.where(step.zero >= OF_CONTACT, NONE, step.zero))
+        assessed = _assess_contact(plane, of_contact, accuracy)
     if step.state.rolls is not None:
-        assessed, first = _assess_turning(plane, step, accuracy, assessed), SPINNING + 1
+        assessed = _assess_turning(plane, step, accuracy, assessed)
     if step.state.slips is None:
         return assessed
+    first = first_of_joints(step.state)
     ends = (step.zero >= first) & step.has_fallen
     return assessed._replace(event=jnp.where(ends, FIRST_OF_JOINTS + step.zero - first, assessed.event))
 
@@ -160,19 +195,21 @@ def _assess_contact(plane: "BodyOnPlane", step: GuardedStep, accuracy: Accuracy)
 def _assess_turning(plane: "BodyOnPlane", step: GuardedStep, accuracy: Accuracy, of_contact: Assessment) -> Assessment:
     """Assesses the guards of rolling and spinning, besides what is known of the contact."""
     state: Any = step.state
-    turns = (step.zero == ROLLING) | (step.zero == SPINNING)
+    guard = first_of_turning(state)
+    spins = step.zero == guard + 1
+    turns = (step.zero == guard) | spins
     rolls = (state.rolls != 0) & ~state.is_in(Mode.FLIGHT) & plane.resists_rolling
-    stops, ends = rolls & (step.zero == ROLLING), turns & step.has_fallen
+    stops, ends = rolls & (step.zero == guard), turns & step.has_fallen
     nears, longest = jnp.zeros_like(turns), of_contact.longest
-    if not plane.body.planar:
+    if not plane.body.planar and plane.resists_rolling:
         # The rate along the heading also falls to zero where a ball turns aside at speed: only a slow one may be at its
         # end.
-        slow, nears, braked = plane.approach_rest(step, step.reference.rolling, ROLLING, accuracy)
+        slow, nears, braked = approach_rest(plane, step, step.reference.rolling, guard, accuracy)
         ends, nears = turns & jnp.where(stops, slow, step.has_fallen), rolls & nears
         longest = jnp.minimum(longest, jnp.where(rolls & ~ends, braked, jnp.inf))
     rolling = jnp.where(state.rolls == 0, int(SwitchCause.BREAKS_LOOSE), int(SwitchCause.ROLLING_ENDS))
     spinning = jnp.where(state.spin == 0, int(SwitchCause.BEGINS_TO_SPIN), int(SwitchCause.SPINNING_ENDS))
-    cause, event = jnp.where(step.zero == SPINNING, spinning, rolling), of_contact.event
+    cause, event = jnp.where(spins, spinning, rolling), of_contact.event
     event = jnp.where((event == NONE) & step.timed & rolls, WINDOW, event)
     event = jnp.where((event < 0) & nears, int(SwitchCause.ROLLING_ENDS), event)
     return Assessment(jnp.where(ends, cause, event), longest)
@@ -180,14 +217,16 @@ def _assess_turning(plane: "BodyOnPlane", step: GuardedStep, accuracy: Accuracy,
 
 def guard_of(state: ContactState, event: Int[Array, ""]) -> Int[Array, ""]:
     """Returns the guard of an event; 0 where no guard has it."""
-    guard = jnp.argmax(jnp.asarray(CAUSES)[state.mode.astype(int)] == event)
+    guard = jnp.zeros_like(event)
+    if state.mode is not None:
+        guard = jnp.argmax(jnp.asarray(CAUSES)[state.mode.astype(int)] == event)
     if state.rolls is not None:
         turns, spins = (is_one_of(event, *causes) for causes in (_OF_ROLLING, _OF_SPINNING))
-        guard = jnp.where(turns, ROLLING, jnp.where(spins, SPINNING, guard))
+        first = first_of_turning(state)
+        guard = jnp.where(turns, first, jnp.where(spins, first + 1, guard))
     if state.slips is None:
         return guard
-    first = OF_CONTACT if state.rolls is None else SPINNING + 1
-    return jnp.where(event >= FIRST_OF_JOINTS, first + event - FIRST_OF_JOINTS, guard)
+    return jnp.where(event >= FIRST_OF_JOINTS, first_of_joints(state) + event - FIRST_OF_JOINTS, guard)
 
 
 def cause_of_event(state: ContactState, event: Int[Array, ""]) -> Int[Array, ""]:

@@ -11,6 +11,8 @@ from ...numerics.arrays import select_tree
 from ..hybrid import START, WINDOW, Transition
 from .guards import FIRST_OF_JOINTS
 from .modes import ContactState, Mode, SwitchCause
+from .over_surface import has_surface
+from .released import slip_velocity
 from .window import Beginning
 
 if TYPE_CHECKING:
@@ -39,10 +41,14 @@ class Progress(NamedTuple):
     @classmethod
     def of(cls, plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState, event: Int[Array, ""]) -> "Progress":
         """Begins a transition."""
-        starts, rise, no = event == START, plane.rise(t, state), jnp.asarray(False)
+        starts, no = event == START, jnp.asarray(False)
+        decides = starts | (event >= 0)
+        if state.mode is None:
+            state_in_mode = _without_windows(plane, t, state, decides, no)
+            return cls(t, state, state_in_mode, no, no, no, decides, no, no, no)
+        rise = _rise(plane, t, state)
         # What has happened to a joint does not concern a body in flight.
         goes_on = (event >= FIRST_OF_JOINTS) & state.is_in(Mode.FLIGHT)
-        decides = starts | (event >= 0)
         return cls(
             t=t,
             before=state,
@@ -86,11 +92,20 @@ def _without_windows(
 ) -> ContactState:
     """Returns the state on the ground, or at its height, with the directions that are still known beforehand."""
     # All other events happen on the ground, where a landing is met only up to rounding.
-    height, none = jnp.where(keeps_height, state.height, 0.0), Beginning.none(state.height)
-    begun, rolling = none, state.rolling
-    if rolling is not None:
-        # The end of one window leaves the other in force; a new mode leaves neither.
-        begun = select_tree(decides | (state.begun.until <= t), none, state.begun)
-        if not plane.body.planar:  # the direction of a disk's rolling does not turn
-            rolling = select_tree(decides | (rolling.until <= t), none, rolling)
+    height, begun, rolling, none = state.height, state.begun, state.rolling, Beginning.none(t)
+    if height is not None:
+        height = jnp.where(keeps_height, height, 0.0)
+    # The end of one window leaves the other in force; a new mode leaves neither.
+    if begun is not None:
+        begun = none if rolling is None else select_tree(decides | (begun.until <= t), none, begun)
+    if rolling is not None and not plane.body.planar:  # the direction of a disk's rolling does not turn
+        rolling = select_tree(decides | (rolling.until <= t), none, rolling)
     return dataclasses.replace(state, height=height, begun=begun, rolling=rolling)
+
+
+def _rise(plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
+    """Computes the rate at which a body leaves its ground; 0 if it is rounding, but not for a ball on a plane."""
+    rate = slip_velocity(plane.body, t, state.released)[2]
+    if not has_surface(plane.body) and plane.body.shape is None:
+        return rate
+    return jnp.where(jnp.abs(rate) > plane.rounding_of_velocity(state), rate, 0.0)

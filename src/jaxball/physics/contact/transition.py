@@ -13,12 +13,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ...numerics.arrays import select_tree
+from ...numerics.vectors import root
 from ...programs.derivatives.differentiation import without_derivatives
 from ..dynamics.sticking import sticking_slots
 from ..hybrid import Accuracy, Transition, at_zero
 from . import friction, slip as slips
-from .guards import cause_of_event, guard_of
-from .holding import begin, decide, end_rolling
+from .beginnings import begin
+from .guards import cause_of_event, guard_of, with_fixed_speeds
+from .holding import decide, end_rolling
 from .impact import impact
 from .modes import ContactState, SwitchCause
 from .progress import Progress
@@ -40,15 +42,17 @@ def transition(
     none, and the mode continues, with the direction of its velocity.
     """
     heading = without_derivatives(plane).step_reference(*without_derivatives((t, state, accuracy)))
-    reference, which = plane.with_fixed_speeds(heading), guard_of(state, event)
+    reference, which = with_fixed_speeds(plane, heading), guard_of(state, event)
     t, before, slope = at_zero(type(plane).guards_in_step, plane, t, state, which, event >= 0, (reference,))
     done, rolling_ends = Progress.of(plane, t, before, event), event == int(SwitchCause.ROLLING_ENDS)
     # A disk is not followed to its rest, in ever shorter steps.
     slows = (event == int(SwitchCause.STOPS)) | rolling_ends & (not plane.body.planar)
-    done = _only_if(event == int(SwitchCause.STOPS), end_slip, plane, done, accuracy.tolerance)
+    if state.mode is not None:
+        done = _only_if(event == int(SwitchCause.STOPS), end_slip, plane, done, accuracy.tolerance)
     if state.rolls is not None:
         done = _only_if(rolling_ends, end_rolling, plane, done, accuracy.tolerance)
-    done = _only_if(done.lands, strike, plane, done)
+    if state.mode is not None:
+        done = _only_if(done.lands, strike, plane, done)
     done = _only_if(done.decides, decide, plane, done, event)
     done = done._replace(state=begin(plane, done, accuracy.tolerance))
     return done.finish(cause_of_event(state, event), slope, pauses=slows)
@@ -99,11 +103,11 @@ def _move(state: ContactState, time: Float[Array, ""], moved: ReleasedState) -> 
 
 def strike(plane: "BodyOnPlane", done: "Progress") -> "Progress":
     """Applies an impact, in which no joint is held. A rebound that is too slow is treated as none."""
-    t, state, contact = done.t, done.state, plane.contact
+    t, state, contact = done.t, done.state, plane.law
     # Any direction says that a joint is not held.
     loose = state if state.slips is None else dataclasses.replace(state, slips=jnp.ones_like(state.slips))
     response, slip = plane.response_on_ground(t, loose), slip_velocity(plane.body, t, state.released)
-    rebounds = contact.restitution * -slip[2] > contact.slowest * plane.unit_of_speed(response)
+    rebounds = contact.restitution * -slip[2] > contact.slowest * _unit_of_speed(plane, response)
     e = jnp.where(rebounds, contact.restitution, 0.0)
     after = impact(plane.body, t, state.released, response, plane.coefficient(slip), e)
     # Without a rebound exactly zero: the rounding that is left would make the body fly, or sink.
@@ -115,6 +119,12 @@ def strike(plane: "BodyOnPlane", done: "Progress") -> "Progress":
         bounced = dataclasses.replace(bounced, slips=_struck_joints(plane, t, state, bounced, response))
     flies = done.flies | (rise > 0)
     return done._replace(state=bounced, still=done.still | after.collision.sticks, flies=flies)
+
+
+def _unit_of_speed(plane: "BodyOnPlane", response: Response) -> Float[Array, ""]:
+    """Computes √(g r); without gravity, the acceleration by which the body would fall takes the place of g."""
+    g = jnp.abs(plane.body.gravity)
+    return root(jnp.where(g > 0, g, jnp.abs(response.free[2])) * plane.body.radius)
 
 
 def _struck_joints(

@@ -1,6 +1,6 @@
 """Exact dry friction against the turning of a body over its plane: the torque that brakes it, or holds it at rest.
 
-``equations`` adds the torque; ``modes.held`` and the contact ask whether it can hold the body.
+``equations`` adds the torque; ``contact.holding`` asks whether it can hold the body.
 
 Without it, ω has some rate and the plane presses with some normal force, and a torque T at the contact adds to both in
 proportion: these are the rows of ``law``. Where the body rolls and spins, T is −N r times the coefficients and the

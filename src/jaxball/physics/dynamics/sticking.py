@@ -1,7 +1,7 @@
 """Which joints of a body dry friction holds at rest, and which way the others slip.
 
 A joint with :class:`~jaxball.JointFriction` slips in the direction 1 or −1, or sticks, 0. A solve knows these
-directions (``modes.held``). From a state alone they follow: a joint that moves slips, and one at rest sticks unless
+directions (``contact.guards``). From a state alone they follow: a joint that moves slips, and one at rest sticks unless
 friction would have to exceed its largest level for that. Directions are in the order of :func:`sticking_slots`.
 """
 

@@ -1,1 +1,0 @@
-"""Bodies whose equations switch without a law of contact: dry friction holds a body, or its joints."""
