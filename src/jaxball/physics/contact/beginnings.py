@@ -125,12 +125,9 @@ def begin(plane: "BodyOnPlane", done: Progress, tolerance: Float[Array, ""]) -> 
     elif turn is not None:
         state = dataclasses.replace(state, rolling=turn.window(state, True, turn.before))
     if slip is not None:
-        follows = slip.goes_on & (state.begun.until > t)
-        state = select_tree(follows, along_course(plane, t, state, slip.course), state)
+        state = select_tree(slip.follows(state.begun), along_course(plane, t, state, slip.course), state)
     if turn is not None:
-        rolling: Any = state.rolling
-        follows = turn.goes_on & (rolling.until > t)
-        state = select_tree(follows, along_rolling(plane, t, state, turn.course), state)
+        state = select_tree(turn.follows(state.rolling), along_rolling(plane, t, state, turn.course), state)
     return state
 
 
@@ -154,6 +151,10 @@ class _Ahead(NamedTuple):
     def ahead(self) -> Beginning:
         """The direction that does not turn."""
         return select_tree(self.needed, Beginning.along(self.done.t + self.longest, self.course.sigma), self.before)
+
+    def follows(self, found: Any) -> Bool[Array, ""]:
+        """Returns whether what goes on follows the direction that was found."""
+        return self.goes_on & (found.until > self.done.t)
 
     def window(self, start: ContactState, needed: Bool[Array, ""] | bool, otherwise: Beginning) -> Beginning:
         """Computes the direction from the state on, if it is needed."""

@@ -1,30 +1,24 @@
-"""A body on its ground that rolls, slides or flies, as one hybrid system with a mode for each.
+"""A body on its ground whose motion has modes, as one hybrid system.
 
-``simulate`` solves it in place of a body that is given a law of contact.
+``simulate`` solves it in place of a body that has a law of contact, or that dry friction may hold. Within a mode, the
+motion follows a smooth field, and guard functions are positive. Where one of them falls to zero, the mode ends, and the
+next one is decided there: everything that does not move is held, as far as friction can do it. ``guards`` says what
+ends a mode, ``transition`` what follows, and ``holding`` what is then held.
 
-Within a mode, the motion follows a smooth field, and guard functions are positive. Where one of them falls to zero, the
-mode ends, and the next one is decided there:
+It has three parts, of which each is there or not. That is known before anything is computed:
 
-- rolling ends where it would need more friction than μ_s N, or where the normal force falls to zero;
-- sliding ends where the slip velocity vanishes, or where the normal force falls to zero;
-- flight ends where the body lands, with an impact.
+- **A law of contact.** Rolling ends where it would need more friction than μ_s N, sliding where the slip velocity
+  vanishes, both where the normal force falls to zero, and flight where the body lands, with an impact. On the ground, a
+  body that does not slip rolls if friction can hold it, and else begins to slip as ``friction.first_slip`` determines.
+- **Exact dry resistance.** In each mode but flight the body rolls until ω_h falls to zero, and is then held, at rest if
+  it does not slip, until the torque that holds it exceeds the largest one; spinning, ω₃, has a mode of rest of its own.
+  In flight the ground resists nothing, and impacts have no impulse of dry resistance.
+- **Joints that dry friction may hold.** Each slips until θ̇ falls to zero, and sticks until the friction that holds it
+  reaches its static level. Those that stick are held in the matrix of the equations. In an impact no joint is held: the
+  friction that holds one is finite, and gives no impulse. Those that it has set in motion slip afterwards.
 
-On the ground, a body that does not slip rolls if friction can hold it, and otherwise begins to slip as
-``friction.first_slip`` determines.
-
-Two parts are there or not, which is known before anything is computed:
-
-- **Exact dry resistance.** In each mode but flight the body turns, or is held against rolling or against spinning. A
-  body that does not slip and is held against rolling is at rest. One that slips may be held, too: it slides without
-  turning where sliding friction is less than dry resistance. In flight the ground resists nothing, and impacts have no
-  impulse of dry resistance.
-- **Joints that dry friction may hold.** In each mode each of them sticks or slips. Those that stick are held in the
-  matrix of the equations, so that the response of the body to the ground is that of one in which they are locked, and
-  so is the friction that holds them: linear in the slip acceleration. In an impact no joint is held: the friction that
-  holds one is finite, and gives no impulse. Those that it has set in motion slip afterwards.
-
-``guards`` says what ends a mode, ``transition`` what follows, and ``holding`` what is then held: everything that does
-not move, as far as friction can do it.
+Without a law of contact a body does not slip, and its equations are those of rolling (``equations``); with one they are
+those of the released body (``released``).
 
 The ground is a plane or a surface. What differs is in few places: the contact axes, in which slip and reaction have
 their components (``released``), and how the height in flight follows from the place of the body (``over_surface``).
