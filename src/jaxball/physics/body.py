@@ -22,6 +22,7 @@ from .dynamics.locked import field_of_locked, from_locked, to_locked
 from .dynamics.moments import kinematics
 from .dynamics.parameters import BodyParameters, PointMass
 from .dynamics.reaction import reaction
+from .dynamics.rest import TurningMode
 from .dynamics.sticking import sticking_slots
 from .feedback import AbstractLaw, FollowSchedules
 from .forces.force import shapes_of_motion
@@ -205,8 +206,12 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
 
         Of a disk ``eq_rdisk_dynamics``: φ̈ is −Ω̇₂ of the ball's equation.
         """
+        return self.field_in_mode(t, state, None)
+
+    def field_in_mode(self, t: Float[Array, ""], state: Any, mode: TurningMode | None) -> Any:
+        """Evaluates these where exact dry resistance has a mode, which follows from the state if it is None."""
         acting = load(self, t, state)
-        moves = accelerations(self, t, state, acting)
+        moves = accelerations(self, t, state, acting, mode)
         return rates(self, t, state, moves.Omegadot, moves.angles, acting.footing)
 
     def field_of_packed(self, t: Float[Array, ""], packed: Any) -> Any:

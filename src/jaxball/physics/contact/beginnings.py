@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float
 from ...numerics.arrays import select_tree
 from ..body import AbstractBody
 from ..dynamics.footing import in_three
-from ..forces.resistance import TurningMode
+from ..dynamics.rest import TurningMode
 from . import friction, slip as slips, window as windows
 from .holding import TURNS_TAKEN, Rolling
 from .modes import ContactState, Mode

@@ -40,9 +40,9 @@ from ..conditions import Condition, ExplainedCondition
 from ..dynamics.equations import holding_friction, turning
 from ..dynamics.footing import ContactAxes, footing_of_released, in_three, rate_of_carrier
 from ..dynamics.load import Load
-from ..dynamics.rest import Turning, TurningLaw
+from ..dynamics.rest import Turning, TurningLaw, TurningMode
 from ..dynamics.sticking import sticking_slots, with_directions
-from ..forces.resistance import Resistance, TurningMode
+from ..forces.resistance import Resistance
 from ..grounds import AbstractSurface, Footing
 from ..hybrid import Accuracy, Assessment, GuardedStep, Transition
 from ..rolling import Reaction
@@ -302,13 +302,13 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
 
     def rates_of_rolling(self, t: Float[Array, ""], state: Any, mode: TurningMode | None) -> Any:
         """Computes ẋ of a body that does not slip, in a mode of turning."""
-        return field_in_mode(in_mode(self.moving(state), mode), t, state.body)
+        return field_in_mode(self.moving(state), t, state.body, mode)
 
     def holding_in_rolling(
         self, t: Float[Array, ""], state: Any, mode: TurningMode | None
     ) -> Float[Array, " sticking"]:
         """Computes the friction in joints that stick, of a body that does not slip, in a mode of turning."""
-        return holding_friction(in_mode(self.moving(state), mode), t, state.body)
+        return holding_friction(self.moving(state), t, state.body, mode=mode)
 
     def forces(self, t: Float[Array, ""], state: ContactState) -> Forces:
         """Computes what acts in the modes of a state."""
@@ -486,13 +486,6 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
 
 
 @jax.jit
-def field_in_mode(body: AbstractBody, t: Float[Array, ""], state: Any) -> Any:
-    """Computes ẋ of a body in a mode."""
-    return body.field(t, state)
-
-
-def in_mode(body: AbstractBody, mode: TurningMode | None) -> AbstractBody:
-    """Returns the body in a mode of turning, if it has one."""
-    if mode is None:
-        return body
-    return eqx.tree_at(lambda body: body.resistance.mode, body, mode, is_leaf=lambda x: x is None)
+def field_in_mode(body: AbstractBody, t: Float[Array, ""], state: Any, mode: TurningMode | None) -> Any:
+    """Computes ẋ of a body in a mode of turning, if it has one."""
+    return body.field_in_mode(t, state, mode)

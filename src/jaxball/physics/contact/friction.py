@@ -14,8 +14,8 @@ from jaxtyping import Array, Bool, Float
 from ...numerics.directions import Direction, diverging
 from ...numerics.vectors import root
 from ..dynamics.law import Law, load
-from ..dynamics.rest import Turning, TurningLaw, resist
-from ..forces.resistance import Resistance, TurningMode
+from ..dynamics.rest import Turning, TurningLaw, TurningMode, resist
+from ..forces.resistance import Resistance
 from .released import Response
 
 

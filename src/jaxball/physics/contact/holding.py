@@ -18,9 +18,8 @@ from ...numerics.directions import diverging, unit
 from ...programs.derivatives.differentiation import without_derivatives
 from ..dynamics.footing import in_three
 from ..dynamics.law import release
-from ..dynamics.rest import Turning, candidates, let_go, needs
+from ..dynamics.rest import Turning, TurningMode, candidates, let_go, needs
 from ..dynamics.sticking import change_joint, loosen, overloads, with_directions
-from ..forces.resistance import TurningMode
 from ..hybrid import START
 from . import friction, slip as slips
 from .guards import FIRST_OF_JOINTS, rounding_of_force

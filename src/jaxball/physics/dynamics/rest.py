@@ -18,12 +18,28 @@ from jaxtyping import Array, Bool, Float
 from ...numerics.directions import diverging, unit
 from ...numerics.vectors import root
 from ...programs.derivatives.differentiation import without_derivatives
-from ..forces.resistance import Resistance, TurningMode
+from ..forces.resistance import Resistance
 from .footing import in_three
 from .law import Acting, Law, Rows, load, release
 
 ROUNDING_OF_RATE = 64  # of a rate, in units of rounding: what is smaller is none
 TORQUES = 32  # of a torque, in units of rounding of the torque that it is compared with: a smaller one is none
+
+
+class TurningMode(NamedTuple):
+    """How a body turns over its ground where dry friction is exact, as a solve knows it, along the axes of the contact.
+
+    - ``sigma``: the direction of ω_h, shape (3,); 0 where the body rests.
+    - ``spin``: 1 or −1, the sign of ω₃; 0 where the body does not spin.
+    - ``rests``: whether friction holds ω_h. ``still``: whether friction holds ω₃.
+    - ``braking``: the rate that ω_h has where friction holds it, shape (3,): 0 but at the end of rolling.
+    """
+
+    sigma: Float[Array, "3"]
+    spin: Float[Array, ""]
+    rests: Bool[Array, ""]
+    still: Bool[Array, ""]
+    braking: Float[Array, "3"]
 
 
 class Turning(NamedTuple):
@@ -96,9 +112,7 @@ def needs(resistance: Resistance, r: Float[Array, ""], torque: Float[Array, "3"]
 
 
 def mode_of(resistance: Resistance, turning: Turning, omega: Float[Array, "3"], planar: bool) -> TurningMode:
-    """Returns the mode that a solve knows, or else the one that follows from ω: held at rest if friction can do it."""
-    if resistance.mode is not None:
-        return resistance.mode
+    """Returns the mode that follows from ω: held at rest if friction can do it."""
     candidate = candidates(resistance, omega, planar)
     still = without_derivatives((resistance, turning, candidate))
     mode = begin(*still, planar)
