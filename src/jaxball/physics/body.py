@@ -200,16 +200,13 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
     def from_packed(self, t: Float[Array, ""], packed: Any) -> Any:
         return from_locked(self, t, packed)
 
-    def field(self, t: Float[Array, ""], state: Any) -> Any:
+    def field(self, t: Float[Array, ""], state: Any, mode: TurningMode | None = None) -> Any:
         """Evaluates ``rolling_ball_ode_f``, ``uncon_ball_eqns_explicit_full`` or ``uncon_ball_eqns_explicit``, by the
         state.
 
-        Of a disk ``eq_rdisk_dynamics``: φ̈ is −Ω̇₂ of the ball's equation.
+        Of a disk ``eq_rdisk_dynamics``: φ̈ is −Ω̇₂ of the ball's equation. The ``mode`` of exact dry resistance follows
+        from the state if it is None.
         """
-        return self.field_in_mode(t, state, None)
-
-    def field_in_mode(self, t: Float[Array, ""], state: Any, mode: TurningMode | None) -> Any:
-        """Evaluates these where exact dry resistance has a mode, which follows from the state if it is None."""
         acting = load(self, t, state)
         moves = accelerations(self, t, state, acting, mode)
         return rates(self, t, state, moves.Omegadot, moves.angles, acting.footing)

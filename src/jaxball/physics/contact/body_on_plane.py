@@ -96,7 +96,7 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
     body: AbstractBody
     contact: Contact | None
 
-    title: ClassVar[str] = "body with modes"
+    title: ClassVar[str] = "body with a law of contact or dry friction"
     state_type: ClassVar[Any] = ContactState
 
     def require_state(self, state: Any) -> None:
@@ -282,10 +282,12 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
 
     def rate_over_ground(self, t: Float[Array, ""], state: Any, Omegadot: Float[Array, "3"]) -> Float[Array, "3"]:
         """Computes the rate of ω relative to the ground, in contact axes, from Ω̇."""
-        rate, carried = apply(self.contact_axes(t, state).rows, Omegadot), self._carried_rate(t, state)
+        rate, carried = apply(self.contact_axes(t, state).rows, Omegadot), self._compute_carried_rate(t, state)
         return rate if carried is None else rate + carried
 
-    def _carried_rate(self, t: Float[Array, ""], state: Any, under: Footing | None = None) -> Float[Array, "3"] | None:
+    def _compute_carried_rate(
+        self, t: Float[Array, ""], state: Any, under: Footing | None = None
+    ) -> Float[Array, "3"] | None:
         """Computes that rate while ω is constant, contact axes; None on a plane. ``under`` is the footing, if known."""
         if not over.has_surface(self.body):
             return None
@@ -318,7 +320,7 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
             return Forces(response, acting, None if state.slips is None else response.part("holding", acting.amounts))
         mode, acting = self.mode(t, state), None
         if mode is not None:
-            acting = friction.resisted(self.resistance, self.turning(t, state), mode)
+            acting = friction.resist_rolling(self.resistance, self.turning(t, state), mode)
         return Forces(None, acting, None if state.slips is None else self.holding_in_rolling(t, state, mode))
 
     # The contact.
@@ -330,7 +332,7 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         moved = response(self.moving(state), t, state.released, touching=~state.is_in(Mode.FLIGHT))
         if state.rolls is None:
             return moved
-        carried = self._carried_rate(t, state, moved.footing)
+        carried = self._compute_carried_rate(t, state, moved.footing)
         law = self.law_of_turning(state, self.mode(t, state) if mode is None else mode)
         return moved._replace(turned=Turned(self.contact_axes(t, state).rows, carried, law))
 
@@ -455,13 +457,13 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         start, zero = ContactState(state), jnp.zeros_like(self.body.radius)
         if self.contact is not None:
             rolls = not isinstance(state, ReleasedState)
-            at = release(self.body.prepare(), t, state) if rolls else state
-            zero = jnp.zeros_like(at.height)
+            released = release(self.body.prepare(), t, state) if rolls else state
+            zero = jnp.zeros_like(released.height)
             # In the mode of flight packing leaves V as it is, also for a body on the ground: in that of rolling it
             # makes the slip exactly zero.
             mode, begun = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT), Beginning.none(zero)
-            near = over.near_to(self.body, at.body.z, zero)
-            start = ContactState(at.body, at.V, at.height, zero, zero, mode, begun, near)
+            near = over.near_to(self.body, released.body.z, zero)
+            start = ContactState(released.body, released.V, released.height, zero, zero, mode, begun, near)
         if self.body.is_held:
             unit = jnp.ones_like(zero)  # nothing is held before the first transition
             start = dataclasses.replace(start, rolls=unit, spin=unit, rolling=Beginning.none(unit))
@@ -488,4 +490,4 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
 @jax.jit
 def field_in_mode(body: AbstractBody, t: Float[Array, ""], state: Any, mode: TurningMode | None) -> Any:
     """Computes ẋ of a body in a mode of turning, if it has one."""
-    return body.field_in_mode(t, state, mode)
+    return body.field(t, state, mode)

@@ -91,7 +91,7 @@ def _solve(response: Response, slides: Bool[Array, ""], flies: Bool[Array, ""]) 
     return law._replace(rows=law.rows._replace(normal=normal, lift=lift))
 
 
-def resisted(resistance: Resistance, turning: Turning, mode: TurningMode) -> Interaction:
+def resist_rolling(resistance: Resistance, turning: Turning, mode: TurningMode) -> Interaction:
     """Computes what exact dry resistance does to a body that rolls without slipping, whatever friction that needs."""
     acting = resist(resistance, turning, mode)
     return Interaction(acting.amounts, acting.w, acting.normal, acting.solvability)

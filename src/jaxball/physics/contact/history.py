@@ -168,7 +168,11 @@ class ContactHistory(HeldHistory):
     - ``friction_loss``, ``impact_loss``: the energy dissipated so far by sliding friction and by impacts,
       mass length²/time², shape (T,) each.
 
-    Besides these it has what :class:`HeldHistory` has.
+    - ``rests``, ``spin``, ``rolling``: as exact dry resistance has them: whether it held the body against rolling, also
+      one that slips, shape (T,); the sign of ω₃, 0 where that is held or not resisted, shape (T,); the direction of ω_h
+      of a body that rolls, also where that begins, else 0, shape (T, 2). None without such resistance.
+    - ``directions``: in which each joint with dry friction slips, 1 or −1, and 0 where it sticks, shape (T, joints);
+      None without such joints.
     """
 
     switches: ContactSwitches  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -264,10 +268,12 @@ def history_of(plane: "BodyOnPlane", times: Float[Array, " T"], states: ContactS
     if plane.contact is None:
         return HeldHistory(switches=HeldSwitches.of(record, **switches), **saved)
     lost = after.impact_loss - before.impact_loss
-    of_contact = ContactSwitches.of(record, **switches, source=_seen(before), target=_seen(after), lost=lost)
+    of_contact = ContactSwitches.of(record, **switches, source=_modes_of(before), target=_modes_of(after), lost=lost)
     saved |= {name: getattr(states, name) for name in ("V", "height", "friction_loss", "impact_loss")}
     slip, sigma = slips_of(plane, times, states)
-    return ContactHistory(switches=of_contact, law=plane.contact, mode=_seen(states), slip=slip, sigma=sigma, **saved)
+    return ContactHistory(
+        switches=of_contact, law=plane.contact, mode=_modes_of(states), slip=slip, sigma=sigma, **saved
+    )
 
 
 def slips_of(
@@ -282,7 +288,7 @@ def slips_of(
     return jax.lax.map(lambda row: slip(*row), (times, states))
 
 
-def _seen(states: ContactState) -> Int[Array, "*rows"]:
+def _modes_of(states: ContactState) -> Int[Array, "*rows"]:
     """Returns the modes, with rest in place of rolling where dry resistance holds the body."""
     assert states.mode is not None
     mode = jnp.where(jnp.isfinite(states.mode), states.mode, NOWHERE).astype(int)

@@ -73,7 +73,7 @@ class Rolling(NamedTuple):
         """Computes what acts where it rolls in a direction."""
         mode = self.mode._replace(sigma=in_three(sigma))
         if self.rows is not None:
-            return friction.resisted(self.plane.resistance, self.rows, mode)
+            return friction.resist_rolling(self.plane.resistance, self.rows, mode)
         assert self.contact is not None
         law = self.plane.law_of_turning(self.at, mode)
         return self.contact.with_turning(law).interaction(self.mu, self.sigma)

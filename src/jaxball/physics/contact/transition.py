@@ -116,7 +116,7 @@ def strike(plane: "BodyOnPlane", done: "Progress") -> "Progress":
     bounced = state.move(ReleasedState(after.state.body, V, state.height))
     bounced = dataclasses.replace(bounced, impact_loss=state.impact_loss - after.work)
     if state.slips is not None:
-        bounced = dataclasses.replace(bounced, slips=_struck_joints(plane, t, state, bounced, response))
+        bounced = dataclasses.replace(bounced, slips=_find_struck_joints(plane, t, state, bounced, response))
     flies = done.flies | (rise > 0)
     return done._replace(state=bounced, still=done.still | after.collision.sticks, flies=flies)
 
@@ -127,7 +127,7 @@ def _unit_of_speed(plane: "BodyOnPlane", response: Response) -> Float[Array, ""]
     return root(jnp.where(g > 0, g, jnp.abs(response.free[2])) * plane.body.radius)
 
 
-def _struck_joints(
+def _find_struck_joints(
     plane: "BodyOnPlane", t: Float[Array, ""], before: ContactState, after: ContactState, of_impulse: Response
 ) -> Float[Array, " sticking"]:
     """Returns the directions of joints after an impact: each slips as it then moves."""
