@@ -76,7 +76,7 @@ CHAPTERS = {
     ),
     "contact": (
         "Slip, flight and impact",
-        ["physics.contact.law", "physics.contact.modes", "physics.contact.released", "physics.contact.body_on_plane"],
+        ["physics.contact.law", "physics.contact.modes", "physics.contact.released", "physics.contact.history"],
     ),
     "systems": ("Systems of your own", ["physics.system", "physics.hybrid", "physics.rolling"]),
 }

@@ -63,7 +63,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         with_integrated_angles as with_integrated_angles,
         with_masses as with_masses,
     )
-    from .physics.contact.body_on_plane import ContactHistory as ContactHistory
+    from .physics.contact.history import ContactHistory as ContactHistory
     from .physics.contact.law import (
         AbstractFriction as AbstractFriction,
         Contact as Contact,

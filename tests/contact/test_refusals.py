@@ -77,8 +77,8 @@ SENTENCES = {
     ),
     "a differential-algebraic form": (
         lambda: simulate(BALL, TIMES, BallState(), contact=LAW, dae=True, solver=jaxball.solvers.RadauIIA()),
-        "Argument `dae` must be False for a body with a law of contact, whose modes are differential equations, but it "
-        "is True.",
+        "Argument `dae` must be False for a body with a law of contact or dry friction, whose modes are differential "
+        "equations, but it is True.",
     ),
     "a rotor": (
         lambda: simulate(

@@ -11,7 +11,18 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import Contact, Disk, DiskState, FunctionJointForce, JointFriction, ReleasedState, Resistance, simulate
+from jaxball import (
+    Ball,
+    BallState,
+    Contact,
+    Disk,
+    DiskState,
+    FunctionJointForce,
+    JointFriction,
+    ReleasedState,
+    Resistance,
+    simulate,
+)
 
 TIMES = jnp.array([0.0, 2.0, 4.0, 6.0])
 # x, forward turn a, θ and their rates.
@@ -44,12 +55,14 @@ def push(t, theta, thetadot, state, torque):
     return torque * jnp.sin(1.7 * t)
 
 
-def run(times=TIMES, **settings):
+def run(times=TIMES, kind=Disk, **settings):
     drive = JointFriction(0.8) + FunctionJointForce(push, 2.2)
     resistance = Resistance(dry=0.03, exact=True)
     pendulum = jaxball.planar_pendulum(0.6, 0.7, drive=drive)
-    wheel = Disk(mass=1.0, inertia=0.5, gravity=9.81, resistance=resistance, mechanisms=[pendulum])
-    start = DiskState(phi=0.0, phidot=0.5, theta=[0.4], thetadot=[0.9])
+    inertia = 0.5 if kind is Disk else (0.5, 0.5, 0.5)
+    wheel = kind(mass=1.0, inertia=inertia, gravity=9.81, resistance=resistance, mechanisms=[pendulum])
+    turns: Any = DiskState(phidot=0.5) if kind is Disk else BallState(Omega=(0.0, -0.5, 0.0))
+    start = type(turns)(**vars(turns) | {"theta": [0.4], "thetadot": [0.9]})
     return simulate(wheel, times, ReleasedState(start, V=(1.2, 0.0, 0.0)), contact=Contact(0.12), **settings)
 
 
@@ -69,3 +82,17 @@ def test_a_wheel_that_slips_rests_and_has_a_joint_that_sticks():
     np.testing.assert_array_equal(switches.directions_after[:count, 0], [change[3] for change in CHANGES])
     slides = np.asarray(switches.target[:count]) == jaxball.Mode.SLIDING
     np.testing.assert_array_equal(slides, [change[1] != 0 for change in CHANGES])
+
+
+@pytest.mark.thorough
+def test_a_ball_in_the_plane_of_the_wheel_does_the_same():
+    done, count = run(jnp.array([0.0, 1.2]), Ball, rtol=1e-9, atol=1e-9), 7
+    history = cast(Any, done.history)
+    assert done.ok
+    assert int(history.switches.count) == count
+    np.testing.assert_allclose(history.switches.times[:count], [change[0] for change in CHANGES[:count]], atol=1e-7)
+    np.testing.assert_array_equal(
+        history.switches.directions_after[:count, 0], [change[3] for change in CHANGES[:count]]
+    )
+    slides = np.asarray(history.switches.target[:count]) == jaxball.Mode.SLIDING
+    np.testing.assert_array_equal(slides, [change[1] != 0 for change in CHANGES[:count]])

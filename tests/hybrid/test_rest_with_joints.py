@@ -136,6 +136,17 @@ def test_a_robot_with_a_damped_pendulum_comes_to_rest_entirely_and_stays(kind):
     assert run.switches.lines[-1].endswith("the body comes to rest")
 
 
+@pytest.mark.thorough
+def test_a_ball_rests_and_its_joint_sticks_as_those_of_a_disk_do():
+    run = jaxball.simulate(robot(Ball), (0.0, 0.8), start(Ball, 1.2, 0.0), throw=True)
+    switches, x = reference(start_of_reference(1.2, 0.0), 0.8)
+    count = len(switches)
+    assert int(run.switches.count) == count > 0
+    np.testing.assert_allclose(run.switches.times[:count], [t for t, _ in switches], rtol=1e-8)
+    np.testing.assert_array_equal(run.switches.directions_after[:count, 0], [mode[1] for _, mode in switches])
+    np.testing.assert_allclose(run.state.z[-1, 0], x[0], atol=1e-8)
+
+
 CASES = [(1.01, 1.01), (0.99, 1.01), (1.01, 0.99), (0.4, 0.9), (0.9, 0.4), (0.3, 0.3), (0.0, 1.2)]
 
 

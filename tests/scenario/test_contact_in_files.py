@@ -127,8 +127,8 @@ SENTENCES = {
     ),
     "differential-algebraic": (
         [LAW, 'solve = { dae = true, solver = "radau5" }'],
-        "Key `solve.dae` must be false for a body with a law of contact, whose modes are differential equations, but "
-        "it is true.",
+        "Key `solve.dae` must be false for a body with a law of contact or dry friction, whose modes are differential "
+        "equations, but it is true.",
     ),
 }
 

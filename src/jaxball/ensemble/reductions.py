@@ -12,7 +12,7 @@ from ..interface.arguments import traceable
 from ..interface.printing import Printed
 from ..numerics.vectors import cross, root
 from ..physics.body import AbstractBody, System
-from ..physics.contact.body_on_plane import BodyOnPlane
+from ..physics.contact.body_on_plane import BodyOnPlane, has_contact
 from ..physics.contact.modes import ContactState, Mode
 from ..physics.contact.over_surface import has_surface
 from ..physics.contact.released import energy_of_released, slip_velocity
@@ -215,7 +215,7 @@ def values(
     """
     body = system.shown, system.state_to_show(state)
     # A user's quantity is written for a body, whatever the contact; those of ON_PLANE need the mode.
-    whole = (system, state) if isinstance(system, BodyOnPlane) else body
+    whole = (system, state) if has_contact(system) else body
 
     def value(quantity: Callable[..., Any]) -> Float[Array, ""]:
         with traceable("quantity", quantity):

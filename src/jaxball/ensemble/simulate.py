@@ -16,7 +16,7 @@ from ..interface.printing import Printed, format_value
 from ..interface.status import SUCCESSES
 from ..interface.wording import no_attribute
 from ..numerics.arrays import Numbers, to_numpy
-from ..physics.contact.body_on_plane import ContactHistory
+from ..physics.contact.history import ContactHistory
 from ..physics.contact.law import Contact
 from ..physics.contact.released import ReleasedState
 from ..physics.limits.confinement import may_swing_out

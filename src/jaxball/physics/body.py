@@ -22,6 +22,7 @@ from .dynamics.locked import field_of_locked, from_locked, to_locked
 from .dynamics.moments import kinematics
 from .dynamics.parameters import BodyParameters, PointMass
 from .dynamics.reaction import reaction
+from .dynamics.rest import TurningMode
 from .dynamics.sticking import sticking_slots
 from .feedback import AbstractLaw, FollowSchedules
 from .forces.force import shapes_of_motion
@@ -199,14 +200,15 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
     def from_packed(self, t: Float[Array, ""], packed: Any) -> Any:
         return from_locked(self, t, packed)
 
-    def field(self, t: Float[Array, ""], state: Any) -> Any:
+    def field(self, t: Float[Array, ""], state: Any, mode: TurningMode | None = None) -> Any:
         """Evaluates ``rolling_ball_ode_f``, ``uncon_ball_eqns_explicit_full`` or ``uncon_ball_eqns_explicit``, by the
         state.
 
-        Of a disk ``eq_rdisk_dynamics``: φ̈ is −Ω̇₂ of the ball's equation.
+        Of a disk ``eq_rdisk_dynamics``: φ̈ is −Ω̇₂ of the ball's equation. The ``mode`` of exact dry resistance follows
+        from the state if it is None.
         """
         acting = load(self, t, state)
-        moves = accelerations(self, t, state, acting)
+        moves = accelerations(self, t, state, acting, mode)
         return rates(self, t, state, moves.Omegadot, moves.angles, acting.footing)
 
     def field_of_packed(self, t: Float[Array, ""], packed: Any) -> Any:

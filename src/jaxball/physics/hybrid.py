@@ -252,10 +252,6 @@ class AbstractHistory(Printed):
         """Returns the history at some of the saved times, with all switches."""
         return self
 
-    def as_solved(self, system: Any, states: Any) -> tuple[Any, Any]:
-        """Returns the system that was solved, and its states, where a trajectory shows a part of them: ``states``."""
-        return system, states
-
 
 class Switches(Printed):
     """The events of a run at which the mode of a system changed, in the order of time.

@@ -33,6 +33,7 @@ from .dynamics.moments import AbstractMoments, joint_motion, kinematics, point_m
 from .dynamics.momentum import contact_momentum, linear_momentum
 from .dynamics.rails import along_rails
 from .dynamics.reaction import ContactForce, reaction_in_body
+from .dynamics.rest import TurningMode
 from .grounds.ground import Ground
 from .prescribed.motion import Kinematics
 from .state import BallState, DiskState, Rates, ReducedState, RotationState, State
@@ -179,10 +180,10 @@ def movement(system: Any, t: Float[Array, ""], state: Any) -> Movement:
 
 
 @movement.register
-def _of_rolling(system: AbstractBody, t: Float[Array, ""], state: Any) -> Movement:
+def _of_rolling(system: AbstractBody, t: Float[Array, ""], state: Any, mode: TurningMode | None = None) -> Movement:
     state = state.in_space() if isinstance(state, RotationState) else state
     acting = load(system, t, state)
-    solution = accelerations(system, t, state, acting)
+    solution = accelerations(system, t, state, acting, mode)
     in_space = state.in_space()
     reaction = reaction_in_body(solution.body_moments, system.radius, acting, in_space.Omega, solution.Omegadot)
     R = apply(in_space.Lambda, reaction)
@@ -191,6 +192,8 @@ def _of_rolling(system: AbstractBody, t: Float[Array, ""], state: Any) -> Moveme
 
 @movement.register
 def _of_hybrid(plane: BodyOnPlane, t: Float[Array, ""], state: Any) -> Movement:
+    if plane.contact is None:
+        return _of_rolling(plane.moving(state), t, state.body, plane.mode(t, state))
     response = plane.response(t, state)
     force = plane.interaction(t, state, response)
     system, body = plane.moving(state), state.body

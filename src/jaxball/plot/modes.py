@@ -12,7 +12,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..physics.contact.body_on_plane import ContactHistory
+from ..physics.contact.history import ContactHistory
 from ..physics.contact.modes import Mode
 from ..simulation.trajectory import Trajectory
 from .palette import DASHED, DOTTED, MODES, on_white

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..interface.output import replacing
 from ..interface.status import Status
-from ..physics.contact.body_on_plane import ContactHistory
+from ..physics.contact.history import ContactHistory
 from ..physics.contact.released import ReleasedState
 from ..physics.state import ReducedState, RotationState
 from ..scenario import Scenario, ScenarioError, read_scenario, write_scenario

@@ -11,13 +11,10 @@ from jaxtyping import Array
 from ..classical import LagrangianState
 from ..numerics.arrays import arrays_of, to_array
 from ..physics.body import AbstractBody
-from ..physics.contact.body_on_plane import NOWHERE, ContactHistory
+from ..physics.contact.history import NOWHERE, ContactHistory, ContactSwitches
 from ..physics.contact.law import COEFFICIENTS, AbstractFriction, Contact
-from ..physics.contact.modes import ContactSwitches, Mode, SwitchCause
+from ..physics.contact.modes import Mode, SwitchCause
 from ..physics.contact.released import ReleasedState
-from ..physics.contact.resting import RestingHistory
-from ..physics.contact.resting_and_sticking import HeldHistory
-from ..physics.contact.sticking import StickingHistory
 from ..physics.grounds import AbstractSurface
 from ..physics.hybrid import NO_HISTORY, AbstractHistory, History, Switches
 from ..physics.state import AbstractBodyState, DiskState, ReducedState
@@ -349,19 +346,11 @@ def _read_contact(
         for name, variable in HISTORY.items()
     }
     switches = _read_switches(arrays, attribute("contact_switches", int), law.capacity, arrays_of(states), type(states))
-    rests, sticks = (all(name in arrays for name in names) for names in (HISTORY_OF_REST, HISTORY_OF_JOINTS))
-    kinds: dict[tuple[bool, bool], Any] = {
-        (False, False): ContactHistory,
-        (True, False): RestingHistory,
-        (False, True): StickingHistory,
-        (True, True): HeldHistory,
-    }
-    if rests:
-        over_time |= {name: to_array(arrays[name]) for name in HISTORY_OF_REST}
-        over_time["rests"] = over_time["rests"] != 0
-    if sticks:
-        over_time["directions"] = to_array(arrays["directions"])
-    return kinds[rests, sticks](law=law, **over_time, switches=switches)
+    held: dict[str, Any] = dict.fromkeys(HISTORY_OF_REST | HISTORY_OF_JOINTS)
+    held |= {name: to_array(arrays[name]) for name in held if name in arrays}
+    if held["rests"] is not None:
+        held["rests"] = held["rests"] != 0
+    return ContactHistory(law=law, **over_time, **held, switches=switches)
 
 
 def _read_switches(
@@ -383,6 +372,10 @@ def _read_switches(
         before=before,
         after=after,
         lost=filled("lost"),
+        **dict.fromkeys(("rolls_before", "rolls_after", "spin_before", "spin_after")),
+        directions_before=None,
+        directions_after=None,
+        joints=(),
         grazing=filled("grazing", nothing=False),
     )
 

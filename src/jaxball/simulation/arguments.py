@@ -20,17 +20,11 @@ from ..interface.arguments import describe, refusal, require, whole_number
 from ..interface.wording import UserError
 from ..numerics.arrays import Numbers, default_dtype, has_shape, require_numbers, shapes_of_fields, to_array
 from ..physics.body import AbstractBody
-from ..physics.contact.body_on_plane import BodyOnPlane
+from ..physics.contact.body_on_plane import BodyOnPlane, has_contact
 from ..physics.contact.law import COEFFICIENTS, Contact
 from ..physics.contact.released import ReleasedState
-from ..physics.contact.resting import RestingOnPlane
-from ..physics.contact.resting_and_sticking import HeldOnPlane
-from ..physics.contact.sticking import StickingOnPlane
 from ..physics.dae import WITH_UNIT
 from ..physics.dynamics.parameters import shapes_of_body
-from ..physics.modes.dry_rolling import DryRolling
-from ..physics.modes.dry_stick_slip import DryStickSlip
-from ..physics.modes.stick_slip import StickSlip
 from ..physics.system import AbstractState, AbstractSystem, require_one, require_state, shapes_of_state
 from ..programs import traces
 from ..programs.derivatives.differentiation import is_differentiated_forward
@@ -226,7 +220,7 @@ def check_progress(progress: diffrax.AbstractProgressMeter | None) -> diffrax.Ab
 
 def require_kind_of_state(system: AbstractSystem, state: AbstractState | ReleasedState) -> None:
     """Raises ``TypeError`` for a state that needs a law of contact without one, or is not of the system to solve."""
-    if isinstance(state, ReleasedState) and not isinstance(system, BodyOnPlane):
+    if isinstance(state, ReleasedState) and not has_contact(system):
         raise TypeError(
             "Argument `contact` must be given where `state` is a ReleasedState, because a body that may slip or fly "
             "needs a law of friction and impact, such as Contact(friction=0.3), but it is None."
@@ -237,7 +231,7 @@ def require_kind_of_state(system: AbstractSystem, state: AbstractState | Release
 def require_single(system: AbstractSystem, state: AbstractState | ReleasedState) -> None:
     """Raises ``TypeError`` or ``ValueError`` for anything but one system to solve, and one state of it."""
     require_kind_of_state(system, state)
-    if isinstance(system, BodyOnPlane):
+    if has_contact(system):
         require_one("contact", "law", system.contact, dict.fromkeys(COEFFICIENTS, ()))
     if isinstance(state, ReleasedState):
         require_one("state", "state", state, {"V": (3,), "height": ()})
@@ -384,15 +378,11 @@ def system_to_solve(system: AbstractSystem, contact: Contact | None) -> Abstract
     if contact is None:
         if not isinstance(system, AbstractBody):
             return system.with_modes
-        if system.is_held:
-            return DryStickSlip(system) if system.sticking else DryRolling(system)
-        return StickSlip(system) if system.sticking else system
+        return BodyOnPlane(system, None) if system.is_hybrid else system
     require("contact", contact, Contact, "a Contact, such as Contact(friction=0.3)")
     if not isinstance(system, AbstractBody):
         raise TypeError(
             f"Argument `contact` must be None for a {type(system).__name__}, which is neither a Ball nor a Disk, but "
             f"it is {describe(contact)}."
         )
-    if system.is_held:
-        return HeldOnPlane(system, contact) if system.sticking else RestingOnPlane(system, contact)
-    return StickingOnPlane(system, contact) if system.sticking else BodyOnPlane(system, contact)
+    return BodyOnPlane(system, contact)

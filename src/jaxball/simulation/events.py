@@ -18,7 +18,7 @@ from ..interface.arguments import require, require_callable, require_flags, trac
 from ..interface.printing import Printed, format_value, is_single
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, numbers
-from ..physics.contact.body_on_plane import BodyOnPlane
+from ..physics.contact.body_on_plane import has_contact
 from ..physics.contact.modes import ContactState, Mode
 from ..physics.dynamics.footing import room_on_ground
 from ..physics.limits.confinement import clearance_of_all
@@ -218,7 +218,7 @@ class Detachment(AbstractEvent):
         return system.plane_reaction(t, state).normal
 
     def value_in_solve(self, system, t, state):
-        if not isinstance(system, BodyOnPlane):
+        if not has_contact(system):
             return super().value_in_solve(system, t, state)
         # N is below 0 by the error of the time at which a mode ends: the event is to be the switch to flight itself.
         N = jnp.maximum(system.plane_reaction(t, state).normal, 0.0)
@@ -267,9 +267,9 @@ class Slip(AbstractEvent):
         return self._spare(system.plane_reaction(t, state))
 
     def value_in_solve(self, system, t, state):
-        if not isinstance(system, BodyOnPlane):
+        if not has_contact(system):
             return super().value_in_solve(system, t, state)
-        spare, static = self._spare(system.plane_reaction(t, state)), system.contact.static_friction
+        spare, static = self._spare(system.plane_reaction(t, state)), system.law.static_friction
         # Likewise it is below 0 by the error of the time at which rolling ends.
         held = jnp.where(self.friction < static, spare, jnp.maximum(spare, 0.0))
         slides, flies = state.is_in(Mode.SLIDING), state.is_in(Mode.FLIGHT)

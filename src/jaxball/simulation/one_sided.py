@@ -11,12 +11,11 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .. import programs
 from ..physics.contact import friction
-from ..physics.contact.body_on_plane import BodyOnPlane, ContactHistory
+from ..physics.contact.body_on_plane import BodyOnPlane
+from ..physics.contact.history import ContactHistory, slips_of
 from ..physics.contact.modes import ContactState, Mode
 from ..physics.contact.over_surface import near_to
 from ..physics.contact.released import ReleasedState
-from ..physics.contact.resting import RestingHistory
-from ..physics.contact.sticking import StickingHistory
 from ..physics.contact.window import Beginning
 from ..physics.hybrid import AbstractHistory
 from .trajectory import Trajectory
@@ -45,14 +44,10 @@ def _with_one_sided_limits(history: AbstractHistory, trajectory: Trajectory[Any,
     return trajectory
 
 
-@_with_one_sided_limits.register(RestingHistory)
-@_with_one_sided_limits.register(StickingHistory)
-def _of_held(history: Any, trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
-    return trajectory  # the switches of a file do not tell what dry friction holds on either side
-
-
 @_with_one_sided_limits.register
 def _of_contact(history: ContactHistory, trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
+    if history.holds_more:
+        return trajectory  # the switches of a file do not tell what else dry friction holds on either side
     times, state = np.asarray(trajectory.times), trajectory.state
     sides = _sides(trajectory, history)
     size = len(times) + 2 * history.law.capacity
@@ -224,7 +219,7 @@ def _contact_states(system: BodyOnPlane, states: ReleasedState, modes: Array, si
 
 @programs.filter_jit
 def _slips(system: BodyOnPlane, times: Array, states: ContactState) -> tuple[Array, Array]:
-    return system.prepare().slips(times, states)
+    return slips_of(system.prepare(), times, states)
 
 
 @programs.filter_jit
@@ -233,6 +228,6 @@ def _first_slips(system: BodyOnPlane, times: Array, states: ContactState) -> Arr
     prepared = system.prepare()
 
     def first(sample: tuple[Array, ContactState]) -> Array:
-        return friction.first_slip(prepared.response(*sample), prepared.contact.friction).sigma
+        return friction.first_slip(prepared.response(*sample), prepared.law.friction).sigma
 
     return jax.lax.map(first, (times, states))

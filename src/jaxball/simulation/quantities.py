@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from ..interface.wording import did_you_mean
 from ..numerics.arrays import arrays_of
 from ..physics.body import AbstractBody
-from ..physics.contact.modes import ContactState
+from ..physics.contact.body_on_plane import has_contact
 from ..physics.observables import Observables, compute_observables, movement
 from ..physics.rolling import AbstractRollingSystem
 from ..physics.state import ReducedState
@@ -67,7 +67,7 @@ def _readers(system: Any, t: Float[Array, ""], state: Any) -> dict[str, Callable
     """Returns functions without arguments, by the names of the numbers that they compute."""
     shown, seen = system.shown, system.state_to_show(state)
     readers: dict[str, Callable[[], Any]] = {name: lambda leaf=leaf: leaf for name, leaf in arrays_of(seen).items()}
-    if isinstance(state, ContactState):
+    if has_contact(system):
         readers |= {name: lambda name=name: getattr(state, name) for name in _RELEASED}
     if isinstance(shown, AbstractBody) and not isinstance(state, ReducedState):
         names = (*Observables.__dataclass_fields__, "energy")

@@ -24,7 +24,8 @@ from ..numerics.arrays import Numbers, to_array
 from ..numerics.kinks import just_before
 from ..physics.body import AbstractBody, System
 from ..physics.conditions import Problem
-from ..physics.contact.body_on_plane import ContactHistory
+from ..physics.contact.body_on_plane import BodyOnPlane
+from ..physics.contact.history import ContactHistory
 from ..physics.hybrid import NO_HISTORY, AbstractHistory, Switches
 from ..physics.observables import Observables, compute_observables, movement
 from ..physics.packing import Packing
@@ -158,6 +159,13 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         """The history of a run with a law of contact, with its modes and switches; None without such a law."""
         return self.history if isinstance(self.history, ContactHistory) else None
 
+    def _as_solved(self, system: Any) -> tuple[Any, Any]:
+        """Returns the system that was solved, and its states: with a law of contact, this shows a part of them."""
+        contact = self.contact
+        if contact is None:
+            return system, self.state
+        return BodyOnPlane(system, contact.law), contact.states_of(system, self.state)
+
     @property
     def ok(self) -> bool:
         """Whether the solve reached its end, or a terminal event. For one trajectory, not for a batch."""
@@ -179,7 +187,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
             return list(not_numbers(self.system))
         if status not in (Status.IMPOSSIBLE, Status.LEFT_SHELL, Status.NOT_FINITE):
             return []
-        system, states = self.history.as_solved(self.system, self.state)
+        system, states = self._as_solved(self.system)
         start = system.start(to_array(times[0]), self.start)
         return find_problems(system, start, times, states if status == Status.LEFT_SHELL else None)
 
@@ -222,7 +230,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         one of another system, which may have ``laws``.
         """
         body = self._body("The observables")
-        return self._evaluate(_observe_all, *self.history.as_solved(body, self.state))
+        return self._evaluate(_observe_all, *self._as_solved(body))
 
     def measured(self, sensors: "Mapping[str, AbstractSensor]", key: Any = None) -> dict[str, Array]:
         """Computes the readings of sensors at every saved time, by name; NaN at times that the solve did not reach.
@@ -244,7 +252,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
 
         body = self._body("The sensors")
         require_sensors(sensors, body)
-        system, states = self.history.as_solved(body, self.state)
+        system, states = self._as_solved(body)
         readings = self._evaluate(functools.partial(_measure_all, dict(sensors)), system, states)
         exact = {name: readings[name] for name in sensors}  # in their order, which JAX does not keep
         errors = {name: sensor.errors for name, sensor in sensors.items()}

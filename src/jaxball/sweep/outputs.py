@@ -14,7 +14,8 @@ from jaxtyping import Array, Float, Int
 from ..classical import LagrangianState
 from ..interface.status import Status
 from ..numerics.arrays import arrays_of
-from ..physics.contact.body_on_plane import BodyOnPlane, ContactHistory
+from ..physics.contact.body_on_plane import BodyOnPlane
+from ..physics.contact.history import ContactHistory
 from ..physics.contact.modes import Mode
 from ..physics.contact.released import ReleasedState
 from ..physics.hybrid import AbstractHistory
@@ -190,7 +191,7 @@ def history_variables(system: AbstractSystem) -> tuple[dict[str, Variable], dict
 
 @history_variables.register
 def _of_plane(system: BodyOnPlane) -> tuple[dict[str, Variable], dict[str, Variable]]:
-    return HISTORY, RUN_SWITCHES
+    return ({}, {}) if system.contact is None else (HISTORY, RUN_SWITCHES)
 
 
 @functools.singledispatch

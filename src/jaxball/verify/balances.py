@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from ..classical import HeavyTop
 from ..physics.body import AbstractBody
-from ..physics.contact.body_on_plane import ContactHistory
+from ..physics.contact.history import ContactHistory
 from ..physics.contact.modes import Mode
 from ..physics.dynamics.moments import Moments
 from ..physics.grounds import AbstractSurface

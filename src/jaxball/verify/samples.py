@@ -3,7 +3,6 @@
 import dataclasses
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,7 +11,7 @@ from jaxtyping import Array, Float
 from .. import programs
 from ..numerics.vectors import apply, cross, dot, hat
 from ..physics.body import AbstractBody
-from ..physics.contact.body_on_plane import BodyOnPlane
+from ..physics.contact.body_on_plane import BodyOnPlane, has_contact
 from ..physics.contact.modes import ContactState
 from ..physics.contact.released import rolling_contact
 from ..physics.dynamics.energy import velocities
@@ -64,7 +63,7 @@ class Quantities(NamedTuple):
 
 def quantities(system: Any, t: Float[Array, ""], state: Any) -> Quantities:
     """Computes the balances of any system in one state; for a body with joints that stick, the balances of the body."""
-    if isinstance(system, BodyOnPlane):
+    if has_contact(system):
         return _of_contact(system, t, state)
     if not isinstance(system.shown, AbstractBody):
         laws, rates = system.laws(t, state)._asdict(), system.law_rates(t, state)
@@ -354,11 +353,9 @@ def _varies(packing: Packing[Any, Any], x: Float[Array, " size"]) -> Float[Array
     """
     state = jax.tree.map(jnp.ones_like, packing.unravel(x))
     if isinstance(state, ContactState):
-        of_mode = [name for name in ("mode", "begun", "near", "rolls", "spin", "rolling") if hasattr(state, name)]
-        labels = [getattr(state, name) for name in of_mode]
-        state = eqx.tree_at(
-            lambda x: [getattr(x, name) for name in of_mode], state, jax.tree.map(jnp.zeros_like, labels)
-        )
+        of_mode = ("mode", "begun", "near", "rolls", "spin", "rolling", "slips")
+        labels = {name: jax.tree.map(jnp.zeros_like, getattr(state, name)) for name in of_mode}
+        state = dataclasses.replace(state, **labels)
     return ravel_state(state)[0]
 
 

@@ -1,16 +1,24 @@
-"""A body on its ground that rolls, slides or flies, as one hybrid system with a mode for each.
+"""A body on its ground whose motion has modes, as one hybrid system.
 
-``simulate`` solves it in place of a body that is given a law of contact.
+``simulate`` solves it in place of a body that has a law of contact, or that dry friction may hold. Within a mode, the
+motion follows a smooth field, and guard functions are positive. Where one of them falls to zero, the mode ends, and the
+next one is decided there: everything that does not move is held, as far as friction can do it. ``guards`` says what
+ends a mode, ``transition`` what follows, and ``holding`` what is then held.
 
-Within a mode, the motion follows a smooth field, and guard functions are positive. Where one of them falls to zero, the
-mode ends, and the next one is decided there:
+It has three parts, of which each is there or not. That is known before anything is computed:
 
-- rolling ends where it would need more friction than μ_s N, or where the normal force falls to zero;
-- sliding ends where the slip velocity vanishes, or where the normal force falls to zero;
-- flight ends where the body lands, with an impact.
+- **A law of contact.** Rolling ends where it would need more friction than μ_s N, sliding where the slip velocity
+  vanishes, both where the normal force falls to zero, and flight where the body lands, with an impact. On the ground, a
+  body that does not slip rolls if friction can hold it, and else begins to slip as ``friction.first_slip`` determines.
+- **Exact dry resistance.** In each mode but flight the body rolls until ω_h falls to zero, and is then held, at rest if
+  it does not slip, until the torque that holds it exceeds the largest one; spinning, ω₃, has a mode of rest of its own.
+  In flight the ground resists nothing, and impacts have no impulse of dry resistance.
+- **Joints that dry friction may hold.** Each slips until θ̇ falls to zero, and sticks until the friction that holds it
+  reaches its static level. Those that stick are held in the matrix of the equations. In an impact no joint is held: the
+  friction that holds one is finite, and gives no impulse. Those that it has set in motion slip afterwards.
 
-On the ground, a body that does not slip rolls if friction can hold it, and otherwise begins to slip as
-``friction.first_slip`` determines.
+Without a law of contact a body does not slip, and its equations are those of rolling (``equations``); with one they are
+those of the released body (``released``).
 
 The ground is a plane or a surface. What differs is in few places: the contact axes, in which slip and reaction have
 their components (``released``), and how the height in flight follows from the place of the body (``over_surface``).
@@ -18,30 +26,36 @@ their components (``released``), and how the height in flight follows from the p
 
 import dataclasses
 from collections.abc import Iterator
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple, TypeGuard
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ...interface.printing import format_value, is_single
-from ...numerics.vectors import root
+from ...numerics.directions import unit
+from ...numerics.vectors import apply, root
 from ..body import AbstractBody, AbstractBodyWithModes
 from ..conditions import Condition, ExplainedCondition
+from ..dynamics.equations import holding_friction, turning
+from ..dynamics.footing import ContactAxes, footing_of_released, in_three, rate_of_carrier
 from ..dynamics.load import Load
-from ..forces.resistance import TurningMode
-from ..grounds import AbstractSurface
-from ..hybrid import NONE, STIFF, WINDOW, AbstractHistory, Accuracy, Assessment, GuardedStep, Transition
+from ..dynamics.rest import Turning, TurningLaw, TurningMode
+from ..dynamics.sticking import sticking_slots, with_directions
+from ..forces.resistance import Resistance
+from ..grounds import AbstractSurface, Footing
+from ..hybrid import Accuracy, Assessment, GuardedStep, Transition
 from ..rolling import Reaction
-from ..state import PlacedState, ReducedState
-from . import friction, over_surface as over, slip as slips
+from ..state import ReducedState
+from . import friction, over_surface as over
+from .guards import Headings, assess, guards, headings, headings_at_rest
+from .history import HeldHistory, history_of
 from .law import Contact
-from .modes import CAUSES, ContactState, ContactSwitches, Mode, SwitchCause, cause_of
+from .modes import ContactState, Mode
 from .released import (
     ReleasedState,
     Response,
+    Turned,
     in_space,
     rates,
     release,
@@ -49,67 +63,109 @@ from .released import (
     rolling_contact,
     slip_velocity,
 )
-from .transition import Progress, begin_slip, decide, response_on_plane, strike, transition
+from .transition import transition
 from .window import Beginning
 
 ROUNDING_OF_VELOCITY = 8  # in units of rounding: velocities and accelerations that are smaller count as zero
-FORCES = 32  # in units of rounding of the forces whose sum a reaction is: one that is smaller counts as zero
-RISEN = 1e-6  # of √(r/g): a body that rises counts as being as high as after this time, at least
-SLOW_DISK = 0.55  # as slip.SLOW, for a disk: its slip does not turn, but must exceed the error of a mode's end
-NOWHERE = -1  # the mode at times to which a solve did not come
-NOTHING = 1e-9  # a normal force below this part of its size in a step counts as zero
+
+
+def has_contact(system: Any) -> TypeGuard["BodyOnPlane"]:
+    """Returns whether a system is a body with a law of contact."""
+    return isinstance(system, BodyOnPlane) and system.contact is not None
+
+
+class Forces(NamedTuple):
+    """What acts at a contact: its ``response`` and what comes with it, and the friction in joints that stick.
+
+    ``response`` is None without a law of contact, ``acting`` without that and without exact dry resistance, and
+    ``holding`` without joints that stick.
+    """
+
+    response: Response | None
+    acting: Any
+    holding: Any
 
 
 class BodyOnPlane(AbstractBodyWithModes[ContactState]):
-    """A ball or a disk with a law of contact, on a plane or a surface."""
+    """A ball or a disk whose motion has modes, on a plane or a surface: with a law of contact, exact dry resistance,
+    joints that dry friction may hold, or any of these.
+
+    Without a law of contact it rolls without slipping, whatever friction that needs.
+    """
 
     body: AbstractBody
-    contact: Contact
+    contact: Contact | None
 
-    title: ClassVar[str] = "body with a law of contact"
+    title: ClassVar[str] = "body with a law of contact or dry friction"
     state_type: ClassVar[Any] = ContactState
 
     def require_state(self, state: Any) -> None:
-        if isinstance(state, ReducedState):
+        if isinstance(state, ReducedState) and self.contact is not None:
             raise TypeError(
                 "Argument `state` must be a BallState, a RotationState, a DiskState or a ReleasedState with `contact`, "
                 "because a body that may slip has a velocity and a position, but it is a ReducedState."
+            )
+        if isinstance(state, ReducedState) and self.body.is_held:
+            raise TypeError(
+                "Argument `state` must be a BallState or a RotationState where resistance is `exact`, because what "
+                "comes to rest has a place and a direction in space, but it is a ReducedState."
             )
         type(self.body).require_state(self.body, state.body if isinstance(state, ReleasedState) else state)
 
     def conditions(self) -> Iterator[Condition]:
         yield from self.body.conditions()
-        yield from self.contact.conditions()
+        if self.contact is not None:
+            yield from self.contact.conditions()
 
     def start_conditions(self, t: Float[Array, ""], state: ContactState) -> Iterator[Condition | ExplainedCondition]:
         yield from self.body.start_conditions(t, state.body)
-        if self.body.planar:
+        if self.body.planar and state.V is not None:
             holds = state.V[1] == 0
             yield Condition(holds, "state.V", state.V, "in the plane of the disk, with 0 for its second entry")
 
-    def prepare(self) -> Any:
-        return type(self)(self.body.prepare(), self.contact)
+    def prepare(self) -> "BodyOnPlane":
+        return BodyOnPlane(self.body.prepare(), self.contact)
 
     # What a solve advances. A body is evaluated with a versor of length 1: near the end of a slip small errors turn it
     # far, and where a mode ends, the forces in it and in the next one must be those of the same attitude.
 
     def to_packed(self, t: Float[Array, ""], state: ContactState) -> ContactState:
+        packed = state
+        if state.rolls is not None:
+            omega = self.unless_held(state, self.over_ground(t, state))
+            packed = dataclasses.replace(packed, body=packed.body.with_Omega(omega))
+        if self.contact is None:
+            return packed
         slip = slip_velocity(self.body, t, state.released)
         # A slip that is rounding has no direction worth following, and where the body rolls it must stay exactly zero.
         stopped = self.slips_end & self.is_still(slip, state)
         slip = slip.at[:2].set(jnp.where(stopped, 0.0, slip[:2]))
         slip = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip)
-        packed = eqx.tree_at(lambda x: x.V, state, jnp.where(state.is_in(Mode.FLIGHT), state.V, slip))
+        packed = dataclasses.replace(packed, V=jnp.where(state.is_in(Mode.FLIGHT), state.V, slip))
         return over.with_place(self.body, t, state, packed)
 
     def from_packed(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
-        packed = over.with_nearest_piece(self.body, t, packed.projected())
+        packed = packed.projected()
+        if packed.rolls is not None:
+            Omega = self.contact_axes(t, packed).in_body(packed.body.Omega)
+            packed = dataclasses.replace(packed, body=packed.body.with_Omega(Omega))
+        if self.contact is None:
+            return packed
+        packed = over.with_nearest_piece(self.body, t, packed)
         rolling, axes = rolling_contact(self.body, t, packed.body)
         V = in_space(axes, packed.V) + rolling
-        return eqx.tree_at(lambda x: x.V, packed, jnp.where(packed.is_in(Mode.FLIGHT), packed.V, V))
+        return dataclasses.replace(packed, V=jnp.where(packed.is_in(Mode.FLIGHT), packed.V, V))
 
     def field_of_packed(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
         state = self.from_packed(t, packed)
+        moved = self.field(t, state) if self.contact is None else self._field_of_slip(t, state)
+        if state.rolls is None:
+            return moved
+        rate = self.unless_held(packed, self.rate_over_ground(t, state, moved.body.Omega))
+        return dataclasses.replace(moved, body=moved.body.with_Omega(rate))
+
+    def _field_of_slip(self, t: Float[Array, ""], state: ContactState) -> ContactState:
+        """Computes the rates with that of the slip velocity in place of V̇, which is zero where the body rolls."""
         response, rolls = self.response(t, state), state.is_in(Mode.ROLLING)
         acting = self.interaction(t, state, response)
         body, moved = state.body, self._move(t, state, response, acting)
@@ -124,10 +180,12 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         moved = jax.tree.map(lambda x: x - jnp.where(rests, jax.lax.stop_gradient(x), 0.0), moved)
         # The rate of the slip velocity, without the rounding of a difference.
         slipping = jnp.where(rolls, 0.0, acting.slip_acceleration)
-        V = jnp.where(packed.is_in(Mode.FLIGHT), moved.V, slipping)
-        return over.with_rates_of_place(self.body, state, eqx.tree_at(lambda x: x.V, moved, V))
+        V = jnp.where(state.is_in(Mode.FLIGHT), moved.V, slipping)
+        return over.with_rates_of_place(self.body, state, dataclasses.replace(moved, V=V))
 
     def field(self, t: Float[Array, ""], state: ContactState) -> ContactState:
+        if self.contact is None:
+            return jax.tree.map(jnp.zeros_like, state).move(self.rates_of_rolling(t, state, self.mode(t, state)))
         response = self.response(t, state)
         return self._move(t, state, response, self.interaction(t, state, response))
 
@@ -138,7 +196,7 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         slip = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip_velocity(self.body, t, state.released))
         moved = rates(self.body, state.released, response, acting.amounts)
         rates_of_all = jax.tree.map(jnp.zeros_like, state).move(moved)
-        return eqx.tree_at(lambda x: x.friction_loss, rates_of_all, -jnp.sum(acting.R[:2] * slip[:2]))
+        return dataclasses.replace(rates_of_all, friction_loss=-jnp.sum(acting.R[:2] * slip[:2]))
 
     def projected(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
         packed = packed.projected()
@@ -150,23 +208,157 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         ground = self.body.ground
         return isinstance(ground, AbstractSurface) and ground.follows_foot
 
+    @property
+    def law(self) -> Contact:
+        """The law of contact."""
+        assert self.contact is not None
+        return self.contact
+
+    # How it turns, and rolls where nothing slips.
+
+    @property
+    def resistance(self) -> Resistance:
+        """The exact resistance."""
+        resistance = self.body.resistance
+        assert isinstance(resistance, Resistance)
+        return resistance
+
+    @property
+    def resists_rolling(self) -> bool:
+        return self.body.is_held and self.resistance.dry is not None
+
+    @property
+    def resists_spinning(self) -> bool:
+        return self.resistance.dry_spinning is not None and not self.body.planar
+
+    @property
+    def turns_aside(self) -> bool:
+        """Whether its direction of rolling may turn, so that it is followed to its rest: that of a ball."""
+        return self.resists_rolling and not self.body.planar
+
+    def is_held_still(self, state: Any) -> Bool[Array, ""]:
+        """Returns whether friction holds the body against spinning."""
+        return (state.spin == 0) & self.resists_spinning
+
+    def unless_held(self, state: Any, omega: Float[Array, "3"]) -> Float[Array, "3"]:
+        """Returns ω over the ground, or its rate, with 0 for what friction holds."""
+        rests = state.rolls == 0
+        return jnp.where(jnp.stack([rests, rests, self.is_held_still(state)]), 0.0, omega)
+
+    def mode(self, t: Float[Array, ""], state: Any, sigma: Float[Array, "2"] | None = None) -> Any:
+        """Returns the mode of turning of a body that rolls in the direction ``sigma``, if that is known; None without
+        exact dry resistance.
+        """
+        if state.rolls is None:
+            return None
+        direction = self.direction(t, state) if sigma is None else sigma
+        rests = state.rolls == 0
+        sigma3 = jnp.where(rests, 0.0, in_three(direction))
+        spin = state.spin if self.resists_spinning else jnp.zeros_like(state.spin)
+        return TurningMode(sigma3, spin, rests, self.is_held_still(state), jnp.zeros_like(sigma3))
+
+    def direction(self, t: Float[Array, ""], state: Any) -> Float[Array, "2"]:
+        """Computes the direction of ω_h of a body that rolls, contact axes."""
+        if self.body.planar:
+            return state.rolling.sigma
+        omega = self.over_ground(t, state)
+        return jnp.where(t <= state.rolling.until, state.rolling.direction(t), unit(omega[:2]))
+
+    def over_ground(self, t: Float[Array, ""], state: Any) -> Float[Array, "3"]:
+        """Computes ω of the body relative to the ground, along the axes of the contact."""
+        return self.contact_axes(t, state).over_ground(state.body.Omega)
+
+    def contact_axes(self, t: Float[Array, ""], state: Any) -> ContactAxes:
+        """Returns the axes of the contact at a state, packed or not; in flight the axes of space, which are at rest."""
+        body = state.body
+        if self.contact is None or not over.has_surface(self.body):
+            return ContactAxes.of(self.body, t, body)
+        flies = state.is_in(Mode.FLIGHT)
+        # In flight, the place of a packed state has no coordinates.
+        u = jnp.where(flies, jnp.reshape(state.near, body.z.shape), body.z)
+        touching = ContactAxes.of(self.body, t, eqx.tree_at(lambda x: x.z, body, u))
+        assert touching.spin is not None
+        return ContactAxes(jnp.where(flies, body.Lambda, touching.rows), jnp.where(flies, 0.0, touching.spin))
+
+    def rate_over_ground(self, t: Float[Array, ""], state: Any, Omegadot: Float[Array, "3"]) -> Float[Array, "3"]:
+        """Computes the rate of ω relative to the ground, in contact axes, from Ω̇."""
+        rate, carried = apply(self.contact_axes(t, state).rows, Omegadot), self._compute_carried_rate(t, state)
+        return rate if carried is None else rate + carried
+
+    def _compute_carried_rate(
+        self, t: Float[Array, ""], state: Any, under: Footing | None = None
+    ) -> Float[Array, "3"] | None:
+        """Computes that rate while ω is constant, contact axes; None on a plane. ``under`` is the footing, if known."""
+        if not over.has_surface(self.body):
+            return None
+        touching = ~state.is_in(Mode.FLIGHT)
+        if under is None and self.contact is not None:
+            under = footing_of_released(self.body, t, state.body, state.V, state.height, touching)
+        carried = rate_of_carrier(self.body, t, state.body, under)
+        assert carried is not None
+        return jnp.where(touching, apply(self.contact_axes(t, state).rows, carried), 0.0)
+
+    def turning(self, t: Float[Array, ""], state: Any) -> Turning:
+        """Computes how a body that does not slip turns without dry friction, and how torques change that."""
+        return turning(self.moving(state), t, state.body)
+
+    def rates_of_rolling(self, t: Float[Array, ""], state: Any, mode: TurningMode | None) -> Any:
+        """Computes ẋ of a body that does not slip, in a mode of turning."""
+        return field_in_mode(self.moving(state), t, state.body, mode)
+
+    def holding_in_rolling(
+        self, t: Float[Array, ""], state: Any, mode: TurningMode | None
+    ) -> Float[Array, " sticking"]:
+        """Computes the friction in joints that stick, of a body that does not slip, in a mode of turning."""
+        return holding_friction(self.moving(state), t, state.body, mode=mode)
+
+    def forces(self, t: Float[Array, ""], state: ContactState) -> Forces:
+        """Computes what acts in the modes of a state."""
+        if self.contact is not None:
+            response = self.response(t, state)
+            acting = self.interaction(t, state, response)
+            return Forces(response, acting, None if state.slips is None else response.part("holding", acting.amounts))
+        mode, acting = self.mode(t, state), None
+        if mode is not None:
+            acting = friction.resist_rolling(self.resistance, self.turning(t, state), mode)
+        return Forces(None, acting, None if state.slips is None else self.holding_in_rolling(t, state, mode))
+
     # The contact.
 
-    def response(self, t: Float[Array, ""], state: ContactState) -> Response:
-        """Computes how the body moves under each reaction."""
-        return response(self.moving(state), t, state.released, touching=~state.is_in(Mode.FLIGHT))
+    def response(self, t: Float[Array, ""], state: Any, mode: TurningMode | None = None) -> Response:
+        """Computes how the body moves under each reaction, in the ``mode`` of turning of the state if it is not
+        given.
+        """
+        moved = response(self.moving(state), t, state.released, touching=~state.is_in(Mode.FLIGHT))
+        if state.rolls is None:
+            return moved
+        carried = self._compute_carried_rate(t, state, moved.footing)
+        law = self.law_of_turning(state, self.mode(t, state) if mode is None else mode)
+        return moved._replace(turned=Turned(self.contact_axes(t, state).rows, carried, law))
+
+    def law_of_turning(self, state: Any, mode: TurningMode) -> TurningLaw:
+        """Returns what exact dry resistance gives in a mode of turning."""
+        law = TurningLaw.of(self.resistance, self.body.height_of_centre(state.body.Gamma), mode)
+        # A disk is held upright by other forces than friction.
+        return law._replace(solved=law.solved.at[0].set(False)) if self.body.planar else law
 
     def moving(self, state: ContactState) -> AbstractBody:
-        """Returns the body in the mode of its joints."""
-        return self.body
+        """Returns the body in the modes of its joints."""
+        return self.body if state.slips is None else with_directions(self.body, state.slips)
 
-    def response_to_impulse(self, t: Float[Array, ""], state: ContactState) -> Response:
-        """Computes how the body moves under each impulse of the ground, by the rates of its response."""
-        return response_on_plane(self, t, state)
+    def on_ground(self, state: ContactState) -> ContactState:
+        """Returns the state of a body that touches the ground: one that lands still has the mode of flight."""
+        # Any mode on the ground says that it touches.
+        mode = None if state.mode is None else jnp.full_like(state.mode, int(Mode.SLIDING))
+        return dataclasses.replace(state, mode=mode)
+
+    def response_on_ground(self, t: Float[Array, ""], state: ContactState) -> Response:
+        """Computes the response of a body that touches the ground."""
+        return self.response(t, self.on_ground(state))
 
     def coefficient(self, slip: Float[Array, "3"], share: float = 1.0) -> Float[Array, ""]:
         """Returns the kinetic friction coefficient at a share of the speed of a slip."""
-        return self.contact.coefficient(share * root(jnp.sum(slip[:2] ** 2)))
+        return self.law.coefficient(share * root(jnp.sum(slip[:2] ** 2)))
 
     def coefficient_and_direction(
         self, t: Float[Array, ""], state: ContactState, slip: Float[Array, "3"]
@@ -175,18 +367,18 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         product.
         """
         mu, sigma = self.coefficient(slip), state.direction(t, slip)
-        if self.contact.friction_law is None:
+        if self.law.friction_law is None:
             return mu, sigma
         # Without slip σ is not defined, and μ = 0. Friction is −N μ(v) v_s/v, which near v = 0 is −N μ′(0) v_s: a
         # product of two factors that has the right value, 0, and the right derivative.
         has_faded = ~self.slips_end & (jnp.sum(slip[:2] ** 2) == 0)
-        slope = jax.jvp(self.contact.coefficient, (jnp.zeros_like(mu),), (jnp.ones_like(mu),))[1]
+        slope = jax.jvp(self.law.coefficient, (jnp.zeros_like(mu),), (jnp.ones_like(mu),))[1]
         return jnp.where(has_faded, slope, mu), jnp.where(has_faded, slip[:2], sigma)
 
     @property
     def slips_end(self) -> Bool[Array, ""]:
         """Whether a slip ends in a finite time: not on a smooth plane, nor by friction that fades with the slip."""
-        return self.contact.friction > 0
+        return self.law.friction > 0
 
     def interaction(self, t: Float[Array, ""], state: ContactState, response: Response) -> friction.Interaction:
         """Computes the reaction of the plane in the mode that the state is in."""
@@ -205,120 +397,51 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         """Computes the torque of dry friction against rolling and spinning, body axes; None without."""
         if self.body.resistance is None:
             return None
+        if state.rolls is not None:
+            return apply(self.contact_axes(t, state).rows.T, interaction.torque)
         height = self.body.height_of_centre(acting.Gamma)
         unit = self.body.resistance.dry_torque(height, acting.resisted, acting.Gamma)
         return None if unit is None else interaction.normal * unit
 
-    def step_reference(self, t: Float[Array, ""], state: ContactState, accuracy: Accuracy) -> slips.Heading:
-        """Returns the heading of a slip as a step begins."""
-        slip = slip_velocity(self.body, t, state.released)
-        sigma = state.direction(t, slip)
-        size = self.speed_of(state.released)
-        power = SLOW_DISK if self.body.planar else slips.SLOW
-        return slips.Heading.of(sigma, slip[:2], size, accuracy.atol + accuracy.rtol * size, power)
+    # The guards.
 
-    def guards(self, t: Float[Array, ""], state: ContactState) -> Float[Array, "3"]:
-        """Computes the guards without a solve, in which a slip ends where its velocity vanishes."""
-        sigma, zero = state.direction(t, slip_velocity(self.body, t, state.released)), jnp.zeros_like(state.height)
-        return self.guards_in_step(t, state, slips.Heading(sigma, zero, zero))
+    def step_reference(self, t: Float[Array, ""], state: ContactState, accuracy: Accuracy) -> Headings:
+        """Returns the headings of a slip and of rolling as a step begins."""
+        return headings(self, t, state, accuracy)
+
+    def guards(self, t: Float[Array, ""], state: ContactState) -> Float[Array, " guards"]:
+        """Computes the guards without a solve, in which a slip and rolling end where their velocities vanish."""
+        return guards(self, t, state, headings_at_rest(self, t, state))
 
     def guards_in_step(self, t: Float[Array, ""], state: ContactState, reference: Any) -> Float[Array, " guards"]:
-        """Computes the guards, for ``CAUSES``. A slip lasts while it goes along its heading."""
-        response = self.response(t, state)
-        return self.guards_where(t, state, reference, response, self.interaction(t, state, response))
-
-    def guards_where(
-        self,
-        t: Float[Array, ""],
-        state: ContactState,
-        reference: Any,
-        response: Response,
-        acting: friction.Interaction,
-    ) -> Float[Array, " guards"]:
-        """Computes the guards where the response and the reaction are known."""
-        slack = self.rounding_of_force(state, response)
-        slip, unit = slip_velocity(self.body, t, state.released), jnp.ones_like(state.height)
-        spare = friction.margin(acting.R, self.contact.static_friction) + slack
-        # A slip on a smooth ground, or against friction that fades, never ends: its guard must not fall.
-        forward = jnp.where(self.slips_end, jnp.sum(slip[:2] * reference.sigma) - reference.least, unit)
-        # A body that rises does not land, where rounding takes its height below zero as it lifts.
-        above = jnp.maximum(
-            state.height + over.rounding_of_height(self.body, t, state),
-            jnp.where(slip[2] > 0, RISEN * slips.unit_of_time(self.body) * slip[2], -jnp.inf),
-        )
-        above = over.clearance_for_landing(self.body, t, state, above)
-        rolls, slides = state.is_in(Mode.ROLLING), state.is_in(Mode.SLIDING)
-        return jnp.stack(
-            [
-                jnp.where(rolls, spare, jnp.where(slides, forward, above)),
-                jnp.where(rolls | slides, acting.R[2] + slack, unit),
-                jnp.where(slides, acting.solvability, unit),
-            ]
-        )
+        """Computes the guards of ``guards``, along the headings of a step."""
+        return guards(self, t, state, reference)
 
     def time_event(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
-        """Returns the end of the window in which the direction of a slip is known beforehand, or of a step in
-        flight.
+        """Returns the next end of a window in which the direction of a slip or of rolling is known beforehand, or of a
+        step in flight.
         """
-        until = jnp.where(state.is_in(Mode.SLIDING), state.begun.until, jnp.inf)
-        return jnp.minimum(until, t + over.longest_flight(self.body, t, state))
+        until = jnp.full_like(t, jnp.inf)
+        if state.begun is not None:
+            until = jnp.where(state.is_in(Mode.SLIDING), state.begun.until, jnp.inf)
+            until = jnp.minimum(until, t + over.longest_flight(self.body, t, state))
+        if self.body.planar or state.rolling is None:
+            return until
+        rolling = state.rolling.until
+        rolling = jnp.where((state.rolls != 0) & (rolling > t), rolling, jnp.inf)
+        return jnp.minimum(jnp.where(until > t, until, jnp.inf), rolling)
 
     def assess(self, step: GuardedStep, accuracy: Accuracy) -> Assessment:
-        """Finds the cause that the guard which is zero stands for, or that a slip has ended although no guard is zero.
-
-        Where friction gives way because the normal force vanishes, the body lifts off. The longest next step is
-        infinite, except where a slip slows down.
-        """
-        state, least, guards = step.state, step.reference.least, step.guards
-        slip = slip_velocity(self.body, step.end, state.released)
-        errors = slips.ERRORS * (accuracy.atol + accuracy.rtol * self.speed_of(state.released))
-        # A slip that does not continue along its heading may be at its end.
-        slow = root(jnp.sum(slip[:2] ** 2)) <= 2 * least + errors
-        # The friction that can be had vanishes with the normal force, so both guards fall together, in either order.
-        cause = cause_of(state.mode, step.zero)
-        weightless = guards[1, -1] <= NOTHING * step.largest[1]
-        cause = jnp.where((cause == int(SwitchCause.GIVES_WAY)) & weightless, int(SwitchCause.LIFTS), cause)
-        ends = (step.zero != NONE) & jnp.where(cause == int(SwitchCause.STOPS), slow, step.has_fallen)
-        # The guard is the speed along the heading less ``least``, so these are the speeds at both ends of the step.
-        before, after = guards[0, 0] + least, guards[0, -1] + least
-        slides = state.is_in(Mode.SLIDING)
-        slows_down = slides & self.slips_end
-        stops = slows_down & slow & slips.nears_its_end(before, after, least)
-        otherwise = jnp.where(step.timed & slides, WINDOW, jnp.where(stops, int(SwitchCause.STOPS), NONE))
-        longest = slips.longest_step(before, after, least, step.end - step.start, accuracy)
-        longest = jnp.where(slows_down & ~ends, longest, jnp.inf)
-        return Assessment(jnp.where(ends, cause, otherwise), longest)
+        """Finds the event at the end of a step, and the longest next step."""
+        return assess(self, step, accuracy)
 
     def is_still(self, slip: Float[Array, "3"], state: ContactState | ReleasedState) -> Bool[Array, ""]:
         """Returns whether the slip velocity is zero up to rounding."""
-        least = ROUNDING_OF_VELOCITY * float(jnp.finfo(slip.dtype).eps) * self.speed_of(state)
-        return root(jnp.sum(slip[:2] ** 2)) <= least
+        return root(jnp.sum(slip[:2] ** 2)) <= self.rounding_of_velocity(state)
 
-    def rounding_of_force(self, state: ContactState | ReleasedState, response: Response) -> Float[Array, ""]:
-        """Estimates the rounding of N and |f|, with which a body still rolls where friction just holds it.
-
-        Nor does it leave a plane on which nothing presses it. It grows with the weight and with the rotation.
-        """
-        R, Omega = jax.lax.stop_gradient((response.rolling.reaction, state.body.Omega))
-        # The mass that a normal acceleration of the contact has to move, (D⁻¹)₃₃.
-        m = jax.lax.stop_gradient(response.yielding.reaction[2, 2])
-        g, r = jax.lax.stop_gradient((jnp.abs(self.body.gravity), self.body.radius))
-        scale, limits = root(jnp.sum(R**2)) + m * (g + r * jnp.sum(Omega**2)), jnp.finfo(R.dtype)
-        # Positive also where nothing acts at all, so that a guard of 0 there is not an event.
-        return FORCES * float(limits.eps) * scale + float(limits.tiny) ** 0.5
-
-    def rise(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
-        """Computes the rate at which a body leaves its ground; 0 if it is rounding, but not for a ball on a plane."""
-        rate = slip_velocity(self.body, t, state.released)[2]
-        if not over.has_surface(self.body) and self.body.shape is None:
-            return rate
-        least = ROUNDING_OF_VELOCITY * float(jnp.finfo(rate.dtype).eps) * self.speed_of(state)
-        return jnp.where(jnp.abs(rate) > least, rate, 0.0)
-
-    def unit_of_speed(self, response: Response) -> Float[Array, ""]:
-        """Computes √(g r); without gravity, the acceleration by which the body would fall takes the place of g."""
-        g = jnp.abs(self.body.gravity)
-        return root(jnp.where(g > 0, g, jnp.abs(response.free[2])) * self.body.radius)
+    def rounding_of_velocity(self, state: ReleasedState | ContactState) -> Float[Array, ""]:
+        """Computes the velocity below which one counts as zero."""
+        return ROUNDING_OF_VELOCITY * float(jnp.finfo(state.V.dtype).eps) * self.speed_of(state)
 
     def speed_of(self, state: ReleasedState | ContactState) -> Float[Array, ""]:
         """Computes a reference speed for errors of velocities."""
@@ -326,175 +449,45 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
 
     # How modes begin.
 
-    def start(self, t: Float[Array, ""], state: ReleasedState | PlacedState) -> ContactState:
+    def start(self, t: Float[Array, ""], state: Any) -> ContactState:
         """Returns the state with which a solve starts; its mode is decided by the first transition.
 
         A rolling state is one without slip. A body that does not slip counts as rolling.
         """
-        rolls = not isinstance(state, ReleasedState)
-        start_state = release(self.body.prepare(), t, state) if rolls else state
-        zero = jnp.zeros_like(start_state.height)
-        # In the mode of flight packing leaves V as it is, also for a body on the ground: in that of rolling it makes
-        # the slip exactly zero.
-        mode, begun = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT), Beginning.none(zero)
-        near = over.near_to(self.body, start_state.body.z, zero)
-        return ContactState(start_state.body, start_state.V, start_state.height, zero, zero, mode, begun, near)
+        start, zero = ContactState(state), jnp.zeros_like(self.body.radius)
+        if self.contact is not None:
+            rolls = not isinstance(state, ReleasedState)
+            released = release(self.body.prepare(), t, state) if rolls else state
+            zero = jnp.zeros_like(released.height)
+            # In the mode of flight packing leaves V as it is, also for a body on the ground: in that of rolling it
+            # makes the slip exactly zero.
+            mode, begun = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT), Beginning.none(zero)
+            near = over.near_to(self.body, released.body.z, zero)
+            start = ContactState(released.body, released.V, released.height, zero, zero, mode, begun, near)
+        if self.body.is_held:
+            unit = jnp.ones_like(zero)  # nothing is held before the first transition
+            start = dataclasses.replace(start, rolls=unit, spin=unit, rolling=Beginning.none(unit))
+        if not self.body.sticking:
+            return start
+        return dataclasses.replace(start, slips=jnp.sign(start.body.thetadot[sticking_slots(self.body)]))
 
     def transition(
         self, t: Float[Array, ""], state: ContactState, event: Int[Array, ""], accuracy: Accuracy
     ) -> Transition:
         return transition(self, t, state, event, accuracy)
 
-    # The parts of a transition.
-
-    def guard_of(self, state: ContactState, event: Int[Array, ""]) -> Int[Array, ""]:
-        """Returns the guard of an event, a :class:`SwitchCause` here; 0 where no guard has it."""
-        return jnp.argmax(jnp.asarray(CAUSES)[state.mode.astype(int)] == event)
-
-    def with_fixed_speeds(self, heading: Any) -> Any:
-        """Returns the heading for which the guard of a slip that ends is exactly zero: the speed counts as fixed."""
-        return heading._replace(least=heading.speed)
-
-    def progress(self, t: Float[Array, ""], state: Any, event: Int[Array, ""]) -> Progress:
-        """Begins a transition."""
-        return Progress.of(self, t, state, event)
-
-    def end_rolling(self, done: Progress, event: Int[Array, ""], tolerance: Float[Array, ""]) -> Progress:
-        """Moves the state to the end of rolling, if it has one soon."""
-        return done
-
-    strike, decide, begin = strike, decide, begin_slip
-
-    def all_held(self, done: Progress, event: Int[Array, ""]) -> tuple[Any, TurningMode | None, Bool[Array, " loads"]]:
-        """Returns the state and the mode of turning where all is held that stands, and what the event has loosened."""
-        return done.state, None, jnp.zeros(0, bool)
-
-    def as_chosen(self, state: Any, choice: Any, t: Float[Array, ""]) -> Any:
-        """Returns the state in the modes of a ``Choice``, besides that of the contact."""
-        return state
-
-    def cause_of_event(self, state: ContactState, event: Int[Array, ""]) -> Int[Array, ""]:
-        """Returns the :class:`SwitchCause` of an event in a state."""
-        return event
-
-    def slows(self, event: Int[Array, ""]) -> Bool[Array, ""]:
-        """Returns whether an event comes in ever shorter steps."""
-        return event == int(SwitchCause.STOPS)
-
     # What a run shows.
 
     @property
     def max_switches(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
         """How many switches are kept."""
-        return self.contact.capacity
+        return AbstractBodyWithModes.max_switches if self.contact is None else self.law.capacity
 
-    def history(self, times: Float[Array, " T"], states: ContactState, record: Any) -> "ContactHistory":
-        slip, sigma = self.prepare().slips(times, states)
-        before, after = record.before, record.after
-        switches = ContactSwitches.of(
-            record,
-            source=_whole(before.mode),
-            target=_whole(after.mode),
-            before=before.released,
-            after=after.released,
-            lost=after.impact_loss - before.impact_loss,
-        )
-        saved = {name: getattr(states, name) for name in ("V", "height", "friction_loss", "impact_loss")}
-        mode = _whole(states.mode)
-        return ContactHistory(law=self.contact, mode=mode, slip=slip, sigma=sigma, switches=switches, **saved)
-
-    def slips(self, times: Float[Array, " T"], states: ContactState) -> tuple[Float[Array, "T 3"], Float[Array, "T 2"]]:
-        """Computes the slip velocities, exactly 0 for a body that rolls, and their directions, 0 unless it slides;
-        ``self`` is prepared.
-        """
-
-        def slip(t: Float[Array, ""], state: ContactState) -> tuple[Float[Array, "3"], Float[Array, "2"]]:
-            velocity = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip_velocity(self.body, t, state.released))
-            return velocity, jnp.where(state.is_in(Mode.SLIDING), state.direction(t, velocity), 0.0)
-
-        return jax.lax.map(lambda arguments: slip(*arguments), (times, states))
+    def history(self, times: Float[Array, " T"], states: ContactState, record: Any) -> HeldHistory:
+        return history_of(self.prepare(), times, states, record)
 
 
-class ContactHistory(AbstractHistory):
-    """The modes of a run with a law of contact, at its saved times.
-
-    - ``switches``: the ``ContactSwitches``.
-    - ``law``: the :class:`~jaxball.Contact`.
-    - ``mode``: the :class:`~jaxball.Mode` at each time, shape (T,); −1 at times that the solve did not reach.
-    - ``V``: the velocity of the geometric centre, space axes, length/time, shape (T, 3).
-    - ``height``: of the body above the ground, length, shape (T,).
-    - ``slip``: v_s, the velocity of the body's lowest point relative to the ground, length/time, shape (T, 3), in space
-      axes; on a surface p along ∂p/∂u1, across, and along the normal.
-    - ``sigma``: the direction of the slip, a unit vector, shape (T, 2), also where the slip begins; 0 before the first.
-    - ``friction_loss``, ``impact_loss``: the energy dissipated so far by sliding friction and by impacts,
-      mass length²/time², shape (T,) each.
-    """
-
-    described: ClassVar[str] = "a law of contact"
-    changing: ClassVar[str] = "the mode of contact"
-
-    switches: ContactSwitches
-    law: Contact
-    mode: Int[Array, "*batch T"]
-    V: Float[Array, "*batch T 3"]
-    height: Float[Array, "*batch T"]
-    slip: Float[Array, "*batch T 3"]
-    sigma: Float[Array, "*batch T 2"]
-    friction_loss: Float[Array, "*batch T"]
-    impact_loss: Float[Array, "*batch T"]
-
-    def __repr__(self) -> str:
-        single = is_single(self.switches.count)
-        return "\n".join(["ContactHistory", *(f"  {line}" for line in self.lines)]) if single else format_value(self)
-
-    @property
-    def lines(self) -> list[str]:
-        """How the body moved on its plane, and the energy that this dissipated. For one trajectory, not for a batch."""
-        modes = np.asarray(self.mode)
-        indices = np.flatnonzero(modes >= 0)
-        if not indices.size:
-            return []
-        last = indices[-1]
-        when = "is {} at the end" if last == modes.size - 1 else "was {} at the last saved time that was reached"
-        changed = f"changed {self.switches.how_often}" if int(self.switches.count) else "never changed"
-        friction_loss, impact_loss = (
-            float(np.asarray(dissipation)[last]) for dissipation in (self.friction_loss, self.impact_loss)
-        )
-        dissipation = f"sliding friction dissipated the energy {friction_loss:.10g}, and impacts {impact_loss:.10g}"
-        end = when.format(Mode(int(modes[last])).name.lower())
-        return [f"{self.changing} {changed}, and {end}", *self.switches.first_lines, dissipation]
-
-    @property
-    def advice(self) -> str:
-        modes = np.asarray(self.mode)
-        reached = np.flatnonzero(modes >= 0)
-        if not reached.size or modes[reached[-1]] != Mode.SLIDING:
-            return ""
-        slip = float(np.linalg.norm(np.asarray(self.slip)[reached[-1]]))
-        return f"The body slides, at {slip:.3g} at the last saved time that was reached. A slow slip is stiff: {STIFF}"
-
-    @property
-    def over_time(self) -> dict[str, Array]:
-        names = ("mode", "V", "height", "slip", "sigma", "friction_loss", "impact_loss")
-        return {name: getattr(self, name) for name in names}
-
-    @property
-    def coefficients(self) -> dict[str, Array]:
-        return {"friction": self.law.friction, "static_friction": self.law.static_friction}
-
-    def at_rows(self, rows: slice) -> "ContactHistory":
-        return dataclasses.replace(self, **{name: array[rows] for name, array in self.over_time.items()})
-
-    def as_solved(self, system: AbstractBody, states: Any) -> tuple[BodyOnPlane, ContactState]:
-        """Returns the body on its plane and its states, in which the body itself has the ``states``."""
-        # A saved state has its σ beside it, also where the slip begins and v_s has none: it holds at any time.
-        mode, ever = self.mode.astype(self.height.dtype), jnp.full_like(self.height, jnp.finfo(self.height.dtype).max)
-        begun = Beginning.along(ever, self.sigma)
-        near = over.near_to(system, states.z, self.height)
-        return BodyOnPlane(system, self.law), ContactState(
-            states, self.V, self.height, self.friction_loss, self.impact_loss, mode, begun, near
-        )
-
-
-def _whole(mode: Float[Array, "*rows"]) -> Int[Array, "*rows"]:
-    return jnp.where(jnp.isfinite(mode), mode, NOWHERE).astype(int)
+@jax.jit
+def field_in_mode(body: AbstractBody, t: Float[Array, ""], state: Any, mode: TurningMode | None) -> Any:
+    """Computes ẋ of a body in a mode of turning, if it has one."""
+    return body.field(t, state, mode)

@@ -14,12 +14,15 @@ from jaxtyping import Array, Bool, Float
 from ...numerics.directions import Direction, diverging
 from ...numerics.vectors import root
 from ..dynamics.law import Law, load
-from ..dynamics.rest import TurningLaw
+from ..dynamics.rest import Turning, TurningLaw, TurningMode, resist
+from ..forces.resistance import Resistance
 from .released import Response
 
 
 class Interaction(NamedTuple):
     """What acts at a contact: the ``amounts`` of the response, and what comes with them in ``law``, ``w``.
+
+    Without a law of contact these are only those of turning.
 
     ``normal`` is the normal force of dry rolling friction. ``solvability`` is the upward acceleration by a unit of
     normal force with its friction, relative to that without friction: where it is not positive, the normal force has no
@@ -44,12 +47,12 @@ class Interaction(NamedTuple):
     @property
     def torque(self) -> Float[Array, "*batch 3"]:
         """The torque of exact dry resistance, contact axes."""
-        return self.amounts[..., 3:]
+        return self.amounts[..., -3:]
 
     @property
     def rate(self) -> Float[Array, "*batch 3"]:
         """The rate of ω relative to the ground under exact dry resistance, contact axes."""
-        return self.w[..., 3:]
+        return self.w[..., -3:]
 
 
 class SolvedContact(NamedTuple):
@@ -86,6 +89,12 @@ def _solve(response: Response, slides: Bool[Array, ""], flies: Bool[Array, ""]) 
     # In flight N is exactly 0, not nearly.
     normal, lift = (jnp.where(flies, 0.0, x) for x in (law.rows.normal, law.rows.lift))
     return law._replace(rows=law.rows._replace(normal=normal, lift=lift))
+
+
+def resist_rolling(resistance: Resistance, turning: Turning, mode: TurningMode) -> Interaction:
+    """Computes what exact dry resistance does to a body that rolls without slipping, whatever friction that needs."""
+    acting = resist(resistance, turning, mode)
+    return Interaction(acting.amounts, acting.w, acting.normal, acting.solvability)
 
 
 def sliding_contact(response: Response) -> SolvedContact:

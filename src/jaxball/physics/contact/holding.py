@@ -1,11 +1,11 @@
-"""Decides what dry friction holds where a mode of a body on its ground ends, and finds how the rest begins to move.
+"""Finds the end of rolling, and decides what dry friction holds where a mode of a body on its ground ends.
 
-For bodies that exact dry resistance may hold, or joints: ``resting``, ``sticking``, and both at once. Everything that
-does not move is held, as far as friction can do it: the most overloaded of the contact, of rolling, of spinning and of
-the joints lets go first. A slip and rolling that begin at the same time each depend on the direction of the other, and
-their windows are computed in turn.
+Everything that does not move is held, as far as friction can do it: the most overloaded of the contact, of rolling, of
+spinning and of the joints lets go first, and as it goes, the loads of all others jump. ``beginnings`` finds
+how the rest begins to move.
 """
 
+import dataclasses
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
@@ -16,29 +16,28 @@ from jaxtyping import Array, Bool, Float, Int
 from ...numerics.arrays import select_tree
 from ...numerics.directions import diverging, unit
 from ...programs.derivatives.differentiation import without_derivatives
-from ..body import AbstractBody
 from ..dynamics.footing import in_three
 from ..dynamics.law import release
-from ..dynamics.rest import let_go, needs
-from ..dynamics.sticking import loosen, overloads, with_directions
-from ..forces.resistance import TurningMode
-from . import friction, slip as slips, window as windows
-from .modes import Mode, SwitchCause
-from .released import ReleasedState, Response, rates, response, slip_velocity, with_rise, with_slip
-from .slip import Heading
-from .transition import Progress, along_course, follow_slip
-from .window import Beginning, Course
+from ..dynamics.rest import Turning, TurningMode, candidates, let_go, needs
+from ..dynamics.sticking import change_joint, loosen, overloads, with_directions
+from ..hybrid import START
+from . import friction, slip as slips
+from .guards import FIRST_OF_JOINTS, rounding_of_force
+from .modes import ContactState, Mode, SwitchCause
+from .progress import Progress
+from .released import (
+    Response,
+    rates,
+    response,
+    slip_velocity,
+    with_rise,
+    with_slip,
+)
+from .turning import comes_to_rest
+from .window import Beginning
 
 if TYPE_CHECKING:
-    from .resting import RestingOnPlane, RestingState
-
-
-class Headings(NamedTuple):
-    """The headings of a slip and of rolling as a step begins."""
-
-    slip: Heading
-    rolling: Heading
-
+    from .body_on_plane import BodyOnPlane
 
 TURNS_TAKEN = 6  # by the windows of a slip and of rolling that begin together
 
@@ -46,26 +45,37 @@ TURNS_TAKEN = 6  # by the windows of a slip and of rolling that begin together
 # The end of rolling.
 
 
-class _Rolling(NamedTuple):
-    """A body that rolls: how it is ``pulled`` and its response depend on a mode of turning."""
+class Rolling(NamedTuple):
+    """A body that rolls: what acts on it depends on a mode of turning.
 
-    plane: "RestingOnPlane"
+    With a law of contact its ``contact``, else the ``rows`` of its turning.
+    """
+
+    plane: "BodyOnPlane"
+    t: Float[Array, ""]
     at: Any
     mode: TurningMode
-    contact: friction.SolvedContact
-    mu: Float[Array, ""]
-    sigma: Float[Array, "2"]
+    rows: Turning | None
+    contact: friction.SolvedContact | None
+    mu: Float[Array, ""] | None
+    sigma: Float[Array, "2"] | None
 
     @classmethod
-    def of(cls, plane: "RestingOnPlane", t: Float[Array, ""], state: "RestingState", mode: TurningMode) -> "_Rolling":
+    def of(cls, plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState, mode: TurningMode) -> "Rolling":
         """Describes the rolling of a body at a state, in a mode of turning."""
-        slip, response = slip_velocity(plane.body, t, state.released), plane.response_in(t, state, mode)
+        if plane.contact is None:
+            return cls(plane, t, state, mode, plane.turning(t, state), None, None, None)
+        slip, response = slip_velocity(plane.body, t, state.released), plane.response(t, state, mode)
         contact = friction.SolvedContact.of(response, state.is_in(Mode.SLIDING), jnp.asarray(False))
-        return cls(plane, state, mode, contact, plane.coefficient(slip), state.direction(t, slip))
+        return cls(plane, t, state, mode, None, contact, plane.coefficient(slip), state.direction(t, slip))
 
     def act(self, sigma: Float[Array, "2"]) -> friction.Interaction:
         """Computes what acts where it rolls in a direction."""
-        law = self.plane.law_of_turning(self.at, self.mode._replace(sigma=in_three(sigma)))
+        mode = self.mode._replace(sigma=in_three(sigma))
+        if self.rows is not None:
+            return friction.resist_rolling(self.plane.resistance, self.rows, mode)
+        assert self.contact is not None
+        law = self.plane.law_of_turning(self.at, mode)
         return self.contact.with_turning(law).interaction(self.mu, self.sigma)
 
     def pull(self, sigma: Float[Array, "2"], _: Float[Array, ""]) -> slips.Pull:
@@ -73,12 +83,14 @@ class _Rolling(NamedTuple):
         acting = self.act(sigma)
         return slips.Pull(acting.rate[:2], -jnp.sum(sigma * acting.torque[:2]), acting.normal)
 
-    def rates(self, state: "RestingState", sigma: Float[Array, "2"]) -> ReleasedState:
+    def rates(self, sigma: Float[Array, "2"]) -> Any:
         """Computes ẋ where it rolls in a direction, or is braked."""
-        return rates(self.plane.body, state.released, self.contact.response, self.act(sigma).amounts)
+        if self.contact is None:
+            return self.plane.rates_of_rolling(self.t, self.at, self.mode._replace(sigma=in_three(sigma)))
+        return rates(self.plane.body, self.at.released, self.contact.response, self.act(sigma).amounts)
 
 
-def end_rolling(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array, ""]) -> Progress:
+def end_rolling(plane: "BodyOnPlane", done: Progress, tolerance: Float[Array, ""]) -> Progress:
     """Moves the state to the end of rolling, if it has one soon, with what acts halfway."""
     state: Any = done.state
     if plane.body.planar:
@@ -87,25 +99,25 @@ def end_rolling(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array,
     rolling = plane.mode(t, state, unit(omega))
 
     def end(t: Float[Array, ""], where: Any) -> slips.End:
-        return slips.end(_Rolling.pull, slips.Around(_Rolling.of(plane, t, where, rolling)), omega)
+        return slips.end(Rolling.pull, slips.Around(Rolling.of(plane, t, where, rolling)), omega)
 
     def brake(t: Float[Array, ""], where: Any, time: Float[Array, ""], share: float) -> Any:
         rate = -omega / jnp.where(time > 0, time, 1.0)
         # The mean rate until the end, so that ω_h is then zero; the torque is whatever this needs.
         held = rolling._replace(rests=jnp.asarray(True), braking=in_three(rate))
-        moved = _Rolling.of(plane, t, where, held).rates(where, held.sigma[:2])
-        return state.move(jax.tree.map(lambda x, rate: x + share * time * rate, state.released, moved))
+        moved = Rolling.of(plane, t, where, held).rates(held.sigma[:2])
+        return state.move(jax.tree.map(lambda x, rate: x + share * time * rate, state.motion, moved))
 
     first = end(t, state)
     halfway = brake(t, state, first.time, slips.HALFWAY)
     middle = t + slips.HALFWAY * first.time
     second = end(middle, halfway)
-    ends = plane.comes_to_rest(first, second, omega, tolerance)
+    ends = comes_to_rest(plane, first, second, omega, tolerance)
     stopped = brake(middle, halfway, second.time, 1.0).projected()
     axes = plane.contact_axes(t + second.time, stopped)
     spin = axes.over_ground(stopped.body.Omega)[2]
     at_rest = stopped.body.with_Omega(axes.in_body(jnp.stack([0 * spin, 0 * spin, spin])))
-    stopped = eqx.tree_at(lambda x: x.body, stopped, at_rest)
+    stopped = dataclasses.replace(stopped, body=at_rest)
     after = done._replace(t=t + second.time, before=stopped, state=stopped, stands=jnp.asarray(True))
     return select_tree(ends, after, done._replace(decides=jnp.asarray(False)))
 
@@ -130,60 +142,79 @@ class Choice(NamedTuple):
 class Deciding(NamedTuple):
     """A body of which it is decided what is held.
 
-    ``at`` is its state, ``response`` its response where all joints are as they are there. ``still`` says that it does
-    not slip, ``mu`` is the coefficient of sliding friction.
+    ``at`` is its state, ``rows`` the ones of its turning without a law of contact; with such a law, ``response`` is its
+    response, both where all joints are as they are there. ``still`` says that it does not slip, ``mu`` is the
+    coefficient of sliding friction.
     """
 
     plane: Any
     t: Float[Array, ""]
-    at: ReleasedState
-    response: Response
+    at: ContactState
+    rows: Turning | None
+    response: Response | None
     still: Bool[Array, ""]
     mu: Float[Array, ""]
 
     def respond(self, choice: Choice) -> Response:
         """Computes the response where some things are held."""
         responds = self.response
+        assert responds is not None
         if choice.slips is not None:
             # Joints that stick are in the matrix of the equations.
             body = with_directions(self.plane.body, choice.slips)
-            responds = response(body, self.t, self.at, touching=~choice.flies)
-            responds = responds._replace(turned=self.response.turned)
-        return (
-            responds if choice.mode is None else responds.with_turning(self.plane.law_of_turning(self.at, choice.mode))
-        )
+            turned, touching = responds.turned, ~choice.flies
+            responds = response(body, self.t, self.at.released, touching=touching)._replace(turned=turned)
+        if choice.mode is None:
+            return responds
+        return responds.with_turning(self.plane.law_of_turning(self.at, choice.mode))
 
     def first_slip(self, choice: Choice, responds: Response) -> Float[Array, "2"]:
         """Finds the direction in which a slip begins, if one does."""
         begins = self.still & ~choice.sticks & ~choice.flies
         return jax.lax.cond(begins, lambda: friction.first_slip(responds, self.mu).sigma, lambda: choice.sigma)
 
+    def rolling(self, choice: Choice) -> Rolling:
+        """Describes the rolling of the body where some things are held."""
+        assert choice.mode is not None
+        described = Rolling(self.plane, self.t, self.at, choice.mode, None, None, self.mu, choice.sigma)
+        if self.response is not None:
+            slides = ~choice.sticks & ~choice.flies
+            return described._replace(contact=friction.SolvedContact.of(self.respond(choice), slides, choice.flies))
+        # Joints that stick are in the matrix of the equations.
+        now = dataclasses.replace(self.at, slips=choice.slips)
+        return described._replace(rows=self.rows if choice.slips is None else self.plane.turning(self.t, now))
+
     def first_rolling(self, choice: Choice) -> Float[Array, "3"]:
         """Finds the direction in which rolling begins."""
         assert choice.mode is not None
-        contact = friction.SolvedContact.of(self.respond(choice), ~choice.sticks & ~choice.flies, choice.flies)
-        rolling = _Rolling(self.plane, self.at, choice.mode, contact, self.mu, choice.sigma)
-        return in_three(diverging(_pull, rolling, jax.lax.stop_gradient(choice.mode.sigma[:2])).sigma)
+        first = jax.lax.stop_gradient(choice.mode.sigma[:2])
+        return in_three(diverging(_pull, self.rolling(choice), first).sigma)
 
     def weigh(self, choice: Choice) -> tuple[Float[Array, " loads"], tuple[Choice, Any, Any]]:
         """Computes the loads of all that may be held, with the choice, and the torque and friction that hold it."""
-        responds = self.respond(choice)
-        choice = choice._replace(sigma=self.first_slip(choice, responds))
-        slides, slack = ~choice.sticks & ~choice.flies, self.plane.rounding_of_force(self.at, responds)
-        acting = friction.SolvedContact.of(responds, slides, choice.flies).interaction(self.mu, choice.sigma)
-        of_friction = friction.overload(acting.R, self.plane.contact.static_friction, slack, choice.sticks)
-        # A body that nothing presses on its ground leaves it before anything else lets go.
-        loads = [jnp.where(slides & ~(-slack < acting.R[2]), jnp.inf, of_friction)[None]]
-        torque = holding = None
-        if choice.mode is not None:
-            torque = acting.torque
-            need = needs(
-                self.plane.resistance, self.plane.body.height_of_centre(self.at.body.Gamma), torque, acting.normal
-            )
-            loads.append(need.overloads(choice.mode))
+        plane, of_contact, torque, holding = self.plane, jnp.full_like(self.t, -jnp.inf), None, None
+        acting = responds = None
+        if self.response is not None:
+            responds = self.respond(choice)
+            choice = choice._replace(sigma=self.first_slip(choice, responds))
+            slides, slack = ~choice.sticks & ~choice.flies, rounding_of_force(plane, self.at, responds)
+            acting = friction.SolvedContact.of(responds, slides, choice.flies).interaction(self.mu, choice.sigma)
+            of_friction = friction.overload(acting.R, plane.law.static_friction, slack, choice.sticks)
+            # A body that nothing presses on its ground leaves it before anything else lets go.
+            of_contact = jnp.where(slides & ~(-slack < acting.R[2]), jnp.inf, of_friction)
+        elif choice.mode is not None:
+            acting = self.rolling(choice).act(choice.mode.sigma[:2])
+        loads = [of_contact[None]]
+        if choice.mode is not None and acting is not None:
+            torque, height = acting.torque, plane.body.height_of_centre(self.at.body.Gamma)
+            loads.append(needs(plane.resistance, height, torque, acting.normal).overloads(choice.mode))
         if choice.slips is not None:
-            holding = responds.part("holding", acting.amounts)
-            loads.append(overloads(self.plane.body, choice.slips, holding))
+            now = dataclasses.replace(self.at, slips=choice.slips)
+            if responds is None or acting is None:
+                holding = plane.holding_in_rolling(self.t, now, choice.mode)
+            else:
+                holding = responds.part("holding", acting.amounts)
+            loads.append(overloads(plane.body, choice.slips, holding))
         return jnp.concatenate(loads), (choice, torque, holding)
 
     def let_go(self, _: Choice, acting: tuple[Choice, Any, Any], off: Bool[Array, " loads"]) -> Choice:
@@ -208,150 +239,120 @@ class Deciding(NamedTuple):
         turned = choice.mode.rests & ~last.mode.rests
         return last._replace(mode=last.mode._replace(sigma=jnp.where(turned, last.mode.sigma, choice.mode.sigma)))
 
-    def direct(self, choice: Choice, turns: Bool[Array, ""] | None) -> Choice:
+    def direct(self, choice: Choice, turns: Bool[Array, ""]) -> Choice:
         """Returns the choice with the directions in which a slip and rolling that begin grow."""
 
         def next_choice(choice: Choice, _: None) -> tuple[Choice, None]:
             # The direction of each depends on that of the other, so they are found in turn until neither changes.
-            choice = choice._replace(sigma=self.first_slip(choice, self.respond(choice)))
-            if choice.mode is None or turns is None or self.plane.body.planar:
+            if self.response is not None:
+                choice = choice._replace(sigma=self.first_slip(choice, self.respond(choice)))
+            if choice.mode is None or not self.plane.turns_aside:
                 return choice, None
             sigma = choice.mode.sigma
             rolling = jax.lax.cond(turns, lambda: self.first_rolling(choice), lambda: sigma)
             return choice._replace(mode=choice.mode._replace(sigma=rolling)), None
 
-        if choice.mode is None:
+        if choice.mode is None or self.response is None:
             return next_choice(choice, None)[0]
         return jax.lax.scan(next_choice, choice, None, length=TURNS_TAKEN)[0]
 
 
-def _pull(rolling: _Rolling, sigma: Float[Array, "2"]) -> tuple[Float[Array, "2"], Float[Array, ""]]:
+def _pull(rolling: Rolling, sigma: Float[Array, "2"]) -> tuple[Float[Array, "2"], Float[Array, ""]]:
     acting = rolling.act(sigma)
     return acting.rate[:2], acting.normal
 
 
-def decide_held(plane: Any, done: Progress, event: Int[Array, ""]) -> Progress:
+def decide(plane: "BodyOnPlane", done: Progress, event: Int[Array, ""]) -> Progress:
     """Decides the mode that follows: everything is held as far as friction can do it."""
-    t, body = done.t, plane.body
-    before, moving, loose = plane.all_held(done, event)
-    # A body that lands still has the mode of flight here; any mode on the ground says that it touches.
-    touching: Any = eqx.tree_at(lambda x: x.mode, before, jnp.full_like(before.mode, int(Mode.SLIDING)))
-    slip, responds = slip_velocity(body, t, before.released), plane.response(t, touching)
-    still = done.still | plane.is_still(slip, before)
-    deciding = Deciding(plane, t, before.released, responds, still, plane.coefficient(jnp.where(still, 0.0, slip)))
-    sticks = still & (plane.contact.static_friction > 0) & (event != int(SwitchCause.GIVES_WAY)) & ~done.flies
-    sigma = friction.slip_direction(slip, jnp.zeros_like(slip[:2]))
-    choice = Choice(sticks, done.flies, sigma, moving, getattr(before, "slips", None))
-    choice = deciding.choose(choice, jnp.concatenate([jnp.zeros(1, bool), loose]))
-    turns = None
+    t = done.t
+    before, moving, loose = _all_held(plane, done, event)
+    if plane.contact is None:
+        # Nothing slips or flies; what these fields hold is not used.
+        choice = Choice(~done.flies, done.flies, jnp.zeros((2,), t.dtype), moving, before.slips)
+        rows = plane.turning(t, before) if moving is not None and before.slips is None else None
+        deciding = Deciding(plane, t, before, rows, None, ~done.flies, jnp.zeros_like(t))
+    else:
+        choice, deciding = _all_sticking(plane, done, event, before, moving)
+    choice, turns = deciding.choose(choice, loose), done.turns
     if moving is not None and choice.mode is not None:
         turns = moving.rests & ~choice.mode.rests & ~choice.flies
     choice = deciding.direct(choice, turns)
+    state = dataclasses.replace(before, slips=choice.slips)
+    if plane.contact is not None:
+        state = _slipping_as_chosen(deciding, state, choice, event)
+    begins = deciding.still & ~choice.sticks & ~choice.flies
+    return done._replace(state=_turning_as_chosen(plane, t, state, choice), begins=begins, turns=turns)
+
+
+def _all_sticking(
+    plane: "BodyOnPlane", done: Progress, event: Int[Array, ""], before: ContactState, moving: TurningMode | None
+) -> tuple[Choice, Deciding]:
+    """Returns the choice in which all that stands is held, the contact among it."""
+    slip, responds = slip_velocity(plane.body, done.t, before.released), plane.response_on_ground(done.t, before)
+    still = done.still | plane.is_still(slip, before)
+    mu = plane.coefficient(jnp.where(still, 0.0, slip))
+    # Without static friction a body never rolls, not even one that would need no friction to. Friction that has just
+    # given way is at its limit, so by rounding it may seem to be enough.
+    sticks = still & (plane.law.static_friction > 0) & (event != int(SwitchCause.GIVES_WAY)) & ~done.flies
+    sigma = friction.slip_direction(slip, jnp.zeros_like(slip[:2]))
+    choice = Choice(sticks, done.flies, sigma, moving, before.slips)
+    return choice, Deciding(plane, done.t, before, None, responds, still, mu)
+
+
+def _slipping_as_chosen(deciding: Deciding, state: ContactState, choice: Choice, event: Int[Array, ""]) -> ContactState:
+    """Returns the state in the mode of contact of a choice."""
+    plane, t = deciding.plane, deciding.t
     # The rest of a slip that ends is dissipated by friction; one without an end continues.
-    stopped = with_slip(body, before.released, deciding.respond(choice), slip, jnp.zeros_like(slip))
-    state: Any = select_tree(still & ~choice.flies & (choice.sticks | plane.slips_end), before.move(stopped), before)
-    rise = slip_velocity(body, t, state.released)[2]
+    slip = slip_velocity(plane.body, t, state.released)
+    stopped = with_slip(plane.body, state.released, deciding.respond(choice), slip, jnp.zeros_like(slip))
+    stops = deciding.still & ~choice.flies & (choice.sticks | plane.slips_end)
+    state = select_tree(stops, state.move(stopped), state)
+    # Where the normal force falls to zero, a body leaves with no speed: what there is of it is rounding.
+    rise = slip_velocity(plane.body, t, state.released)[2]
     rise = jnp.where(choice.flies & (event != int(SwitchCause.LIFTS)), rise, 0.0)
-    V = with_rise(body, t, state.released, rise)
+    V = with_rise(plane.body, t, state.released, rise)
     mode = jnp.where(choice.flies, int(Mode.FLIGHT), jnp.where(choice.sticks, int(Mode.ROLLING), int(Mode.SLIDING)))
-    begun = Beginning.along(t, choice.sigma)
-    after = eqx.tree_at(lambda x: (x.V, x.mode, x.begun), state, (V, mode.astype(V.dtype), begun))
-    begins = still & ~choice.sticks & ~choice.flies
-    return done._replace(state=plane.as_chosen(after, choice, t), begins=begins, turns=turns)
+    # Takes σ to ``begin``, which puts the window in its place, or none.
+    return dataclasses.replace(state, V=V, mode=mode.astype(V.dtype), begun=Beginning.along(t, choice.sigma))
 
 
-# The windows in which directions are known beforehand.
-
-
-class _Slipping(NamedTuple):
-    """A body that begins to slip, in the modes of ``begins``."""
-
-    plane: Any
-    begins: Any
-
-    @property
-    def body(self) -> AbstractBody:
-        """What is in motion, in the mode of its joints."""
-        return self.plane.moving(self.begins)
-
-    def prepare(self, t: Float[Array, ""], state: ReleasedState) -> tuple[friction.SolvedContact, Float[Array, ""]]:
-        response = self.plane.response(t, self.begins.move(state))
-        return friction.sliding_contact(response), self.plane.coefficient(slip_velocity(self.plane.body, t, state))
-
-    def pull(
-        self, t: Float[Array, ""], state: ReleasedState, prepare: tuple[friction.SolvedContact, Array], sigma: Array
-    ) -> tuple[Float[Array, "2"], ReleasedState]:
-        """Computes the slip acceleration along the plane, and ẋ."""
-        contact, mu = prepare
-        acting = contact.interaction(mu, sigma)
-        return acting.slip_acceleration[:2], rates(self.plane.body, state, contact.response, acting.amounts)
-
-
-class _Turning(NamedTuple):
-    """A ball that begins to roll, in the modes of ``begins``."""
-
-    plane: Any
-    begins: Any
-
-    @property
-    def body(self) -> AbstractBody:
-        """What is in motion, in the mode of its joints."""
-        return self.plane.moving(self.begins)
-
-    def prepare(self, t: Float[Array, ""], state: ReleasedState) -> _Rolling:
-        now = self.begins.move(state)
-        return _Rolling.of(self.plane, t, now, self.plane.mode(t, now))
-
-    def pull(
-        self, t: Float[Array, ""], state: ReleasedState, prepare: _Rolling, sigma: Float[Array, "2"]
-    ) -> tuple[Float[Array, "2"], ReleasedState]:
-        """Computes the rate of ω_h over the ground, in contact axes, and ẋ."""
-        acting = prepare.act(sigma)
-        return acting.rate[:2], rates(self.plane.body, state, prepare.contact.response, acting.amounts)
-
-
-def begin(plane: "RestingOnPlane", done: Progress, tolerance: Float[Array, ""]) -> "RestingState":
-    """Returns the state with the directions of a slip and of rolling that begin or stay slow, for as long as they are
-    computed in advance.
+def _all_held(
+    plane: "BodyOnPlane", done: Progress, event: Int[Array, ""]
+) -> tuple[Any, TurningMode | None, Bool[Array, " loads"]]:
+    """Returns the state and the mode of turning where all is held that stands, and which loads the event has loosened:
+    of the contact, of rolling and spinning, and of joints.
     """
-    t, state = done.t, done.state
-    assert done.turns is not None
-    longest = windows.longest_window(t, plane.driving_kinks(), slips.unit_of_time(plane.body))
-    begins, turns, none = done.begins & plane.slips_end, done.turns, Beginning.none(t)
-    start: Any = state
-    sigma, rolling = start.begun.sigma, start.rolling.sigma
-    if plane.body.planar:
-        begun = select_tree(done.decides, select_tree(begins, Beginning.along(t + longest, sigma), none), start.begun)
-        ever = Beginning.along(jnp.full_like(t, float(jnp.finfo(t.dtype).max)), rolling)
-        return eqx.tree_at(lambda x: (x.begun, x.rolling), state, (begun, ever))
-    # What goes on, but so slowly that its direction has to be known beforehand as if it began.
-    slip, slips_on = follow_slip(plane, done, tolerance)
-    turn, turns_on = plane.follow_rolling(t, done.before, state, tolerance)
-    turns_on &= ~turns
-    slip, begins = select_tree(slips_on, slip, Course.of(sigma)), begins | slips_on
-    turn, turns = select_tree(turns_on, turn, Course.of(rolling)), turns | turns_on
+    state, moving, loose = done.state, None, [jnp.zeros(1, bool)]
+    if state.slips is not None:
+        slips, thetadot = change_joint(plane.body, state.slips, state.body.thetadot, event - FIRST_OF_JOINTS)
+        state = eqx.tree_at(lambda x: (x.body.thetadot, x.slips), state, (thetadot, slips))
+    if state.rolls is not None:
+        # A body that lands still has the mode of flight here; any mode on the ground says that it touches.
+        axes = plane.contact_axes(done.t, plane.on_ground(state))
+        omega = plane.unless_held(state, axes.over_ground(state.body.Omega))
+        # At the end of its rolling or spinning, the rate is 0, not nearly.
+        spin_ends = event == int(SwitchCause.SPINNING_ENDS)
+        omega = jnp.where(jnp.stack([done.stands, done.stands, spin_ends]), 0.0, omega)
+        moving = candidates(plane.resistance, omega, plane.body.planar)
+        # A body that rolls comes to rest by an event that says so, and not because its rate is rounding, as just after
+        # it broke loose. In flight the ground holds nothing.
+        may_rest = (event == START) | done.stands | done.lands | (state.rolls == 0)
+        moving = moving._replace(rests=moving.rests & may_rest & ~done.flies, still=moving.still & ~done.flies)
+        breaks, spins = event == int(SwitchCause.BREAKS_LOOSE), event == int(SwitchCause.BEGINS_TO_SPIN)
+        loose.append(jnp.stack([moving.rests & breaks, moving.still & spins]))
+        state = dataclasses.replace(state, body=state.body.with_Omega(axes.in_body(omega)))
+    if state.slips is not None:
+        loose.append(jnp.zeros(state.slips.size, bool))
+    return state, moving, jnp.concatenate(loose)
 
-    def next_windows(start: Any, first: Bool[Array, ""]) -> tuple[Any, None]:
-        # One window alone is final after the first pass; only two that depend on each other are computed again.
-        needed = first | begins & turns & (start.begun.until > t) & (start.rolling.until > t)
-        begun = jax.lax.cond(
-            needed & begins,
-            lambda: windows.beginning(_Slipping(plane, start), t, state.released, slip, longest),
-            lambda: start.begun,
-        )
-        start = eqx.tree_at(lambda x: x.begun, start, begun)
-        turning = jax.lax.cond(
-            needed & turns,
-            lambda: windows.beginning(_Turning(plane, start), t, state.released, turn, longest),
-            lambda: start.rolling,
-        )
-        return eqx.tree_at(lambda x: x.rolling, start, turning), None
 
-    # The first guess of a direction that is found in turn with the other: the one in which it begins.
-    ahead = Beginning.along(t + longest, slip.sigma), Beginning.along(t + longest, turn.sigma)
-    previous = select_tree(done.decides, none, start.begun), select_tree(done.decides, none, start.rolling)
-    first = select_tree(begins, ahead[0], previous[0]), select_tree(turns, ahead[1], previous[1])
-    start = eqx.tree_at(lambda x: (x.begun, x.rolling), start, first)
-    start = jax.lax.scan(next_windows, start, jnp.arange(TURNS_TAKEN) == 0)[0]
-    start = select_tree(slips_on & (start.begun.until > t), along_course(plane, t, start, slip), start)
-    return select_tree(turns_on & (start.rolling.until > t), plane.along_course(t, start, turn), start)
+def _turning_as_chosen(plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState, choice: Choice) -> ContactState:
+    """Returns the state in the mode of turning of a choice."""
+    mode, dtype = choice.mode, t.dtype
+    if mode is None:
+        return state
+    spin = mode.spin if plane.resists_spinning else jnp.zeros_like(mode.spin)
+    # In flight the ground holds nothing, and 0 would say that it does.
+    spin = jnp.where(choice.flies & (spin == 0), 1.0, spin).astype(dtype)
+    rolls, rolling = jnp.where(mode.rests, 0.0, 1.0).astype(dtype), Beginning.along(t, mode.sigma[:2])
+    return dataclasses.replace(state, rolls=rolls, spin=spin, rolling=rolling)

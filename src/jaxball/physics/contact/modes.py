@@ -1,16 +1,15 @@
 """The modes of a body on or above its ground, why they end, and the state of a body that may switch between them."""
 
+import dataclasses
 import enum
 from collections.abc import Iterator
+from typing import Any
 
-import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..conditions import Condition
-from ..hybrid import NONE, Switches
-from ..state import PlacedState
+from ..hybrid import NONE
 from ..system import AbstractState
 from .friction import slip_direction
 from .released import ReleasedState
@@ -100,44 +99,71 @@ def cause_of(mode: Float[Array, ""], guard: Int[Array, ""]) -> Int[Array, ""]:
 
 
 class ContactState(AbstractState):
-    """The variables of a body that rolls, slides or flies that a solve advances.
+    """The variables of a body with modes that a solve advances. Each part of them is None where it has no such modes.
 
-    - ``body``, ``V``, ``height``: as in a :class:`ReleasedState`. A solve advances the slip velocity instead of ``V``,
-      except in flight, so that it is exactly zero where the body rolls. In flight over a surface it advances the place
-      of the centre in space instead of ``z`` and ``height``.
+    - ``body``: the state of the body; θ̇ of a joint that sticks is 0.
+
+    With a law of contact,
+
+    - ``V``, ``height``: as in a :class:`ReleasedState`. A solve advances the slip velocity instead of ``V``, except in
+      flight, so that it is exactly zero where the body rolls. In flight over a surface it advances the place of the
+      centre in space instead of ``z`` and ``height``.
     - ``friction_loss``, ``impact_loss``: the energy dissipated by sliding friction and by impacts.
     - ``mode``: a :class:`Mode`, as a number.
     - ``begun``: the direction of a slip that has just begun, which cannot be computed from its velocity.
     - ``near``: coordinates of a piece of a surface that was the nearest to the body in flight; none on a plane.
+
+    Under exact dry resistance, where a solve advances ω relative to the ground, in contact axes (in flight, and on a
+    plane, those of space), instead of Ω, so that it is exactly 0 at rest,
+
+    - ``rolls``: 0 where it holds the body against rolling, else 1.
+    - ``spin``: the sign of ω₃ where friction acts against spinning; 0 where it holds it, and where there is none.
+    - ``rolling``: the direction in which a ball has just begun to roll; that in which a disk rolls.
+
+    With joints that dry friction may hold,
+
+    - ``slips``: for each of them, 1 or −1 where it slips in that direction, 0 where it sticks.
     """
 
-    body: PlacedState
-    V: Float[Array, "*batch 3"]
-    height: Float[Array, "*batch"]
-    friction_loss: Float[Array, "*batch"]
-    impact_loss: Float[Array, "*batch"]
-    mode: Float[Array, "*batch"]
-    begun: Beginning
-    near: Float[Array, "*batch coordinates"]
+    body: Any
+    V: Float[Array, "*batch 3"] | Any = None
+    height: Float[Array, "*batch"] | Any = None
+    friction_loss: Float[Array, "*batch"] | Any = None
+    impact_loss: Float[Array, "*batch"] | Any = None
+    mode: Float[Array, "*batch"] | Any = None
+    begun: Beginning | Any = None
+    near: Float[Array, "*batch coordinates"] | Any = None
+    rolls: Float[Array, "*batch"] | Any = None
+    spin: Float[Array, "*batch"] | Any = None
+    rolling: Beginning | Any = None
+    slips: Float[Array, "*batch sticking"] | Any = None
 
     def projected(self) -> "ContactState":
-        return eqx.tree_at(lambda x: x.body, self, self.body.projected())
+        return dataclasses.replace(self, body=self.body.projected())
 
     def conditions(self) -> Iterator[Condition]:
         yield from self.body.conditions()
         for name in ("V", "height"):
-            value = getattr(self, name)
-            yield Condition(jnp.all(jnp.isfinite(value)), f"state.{name}", value, "finite")
-        yield Condition(self.height >= 0, "state.height", self.height, "0 or positive, the body over the plane")
+            if (value := getattr(self, name)) is not None:
+                yield Condition(jnp.all(jnp.isfinite(value)), f"state.{name}", value, "finite")
+        if self.height is not None:
+            yield Condition(self.height >= 0, "state.height", self.height, "0 or positive, the body over the plane")
 
     @property
     def released(self) -> ReleasedState:
-        """Where the body is, and how it moves."""
+        """Where the body is, and how it moves, with a law of contact."""
         return ReleasedState(self.body, self.V, self.height)
 
-    def move(self, to: ReleasedState) -> "ContactState":
+    @property
+    def motion(self) -> Any:
+        """Where the body is, and how it moves."""
+        return self.body if self.V is None else self.released
+
+    def move(self, to: Any) -> "ContactState":
         """Returns the state with another place and motion of the body."""
-        return eqx.tree_at(lambda x: (x.body, x.V, x.height), self, (to.body, to.V, to.height))
+        if self.V is None:
+            return dataclasses.replace(self, body=to)
+        return dataclasses.replace(self, body=to.body, V=to.V, height=to.height)
 
     def direction(self, t: Float[Array, ""], slip: Float[Array, "3"]) -> Float[Array, "2"]:
         """Returns σ of a body that slips with v_s; 0 without slip."""
@@ -146,32 +172,5 @@ class ContactState(AbstractState):
         return jnp.where(begins, self.begun.direction(t), slip_direction(slip, jnp.zeros_like(slip[:2])))
 
     def is_in(self, mode: Mode) -> Bool[Array, ""]:
-        """Returns whether the state is in this mode."""
-        return self.mode == int(mode)
-
-
-class ContactSwitches(Switches):
-    """The switches of a body from one mode to another; ``event`` is the ``jaxball.SwitchCause`` of each.
-
-    - ``source``, ``target``: the :class:`~jaxball.Mode` before and after it, shape (capacity,).
-    - ``before``, ``after``: the :class:`~jaxball.ReleasedState` before and after it, with a leading axis.
-    - ``lost``: the energy lost in an impact, mass length²/time², shape (capacity,).
-    """
-
-    source: Int[Array, "*batch capacity"]
-    target: Int[Array, "*batch capacity"]
-    lost: Float[Array, "*batch capacity"]
-
-    @property
-    def cause(self) -> Int[Array, "*batch capacity"]:
-        """The ``jaxball.SwitchCause`` of each, shape (capacity,); −1 where there are fewer."""
-        return self.event
-
-    def words(self, k: int) -> str:
-        source, target, cause = (int(np.asarray(column)[k]) for column in (self.source, self.target, self.event))
-        modes = " to ".join(Mode(mode).name.lower() for mode in (source, target))
-        return f"from {modes}, as {SwitchCause(cause).sentence}"
-
-    @property
-    def remedy(self) -> str:
-        return "which a larger `capacity` of the Contact would keep"
+        """Returns whether the state is in this mode; without a law of contact a body always rolls."""
+        return jnp.asarray(mode == Mode.ROLLING) if self.mode is None else self.mode == int(mode)

@@ -1,6 +1,6 @@
 """How a slip begins and how it ends, where its direction σ = v_s/|v_s| cannot be computed from its velocity.
 
-Rolling under exact dry resistance begins and ends in the same way, with ω_h in place of v_s (``dry_rolling``).
+Rolling under exact dry resistance begins and ends in the same way, with ω_h in place of v_s (``turning``).
 
 With the angle φ of σ and the speed s, a slip obeys ṡ = a·σ and s φ̇ = a·n, where n is σ turned by a right angle and
 the slip acceleration a = v̇_s is a smooth function of φ and of the motion of the rest. Both ends, s = 0, are singular.

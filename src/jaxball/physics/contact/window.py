@@ -18,7 +18,6 @@ depends on time: what comes late and soon passes would not be seen at the nodes.
 """
 
 import math
-from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -35,8 +34,7 @@ from ...numerics.linear import inverses, solutions
 from ...numerics.time_inputs import depends_on_time
 from ...programs.derivatives.differentiation import without_derivatives
 from ..body import AbstractBody
-from .friction import SolvedContact, sliding_contact
-from .released import ReleasedState, Response, rates, response, slip_velocity
+from .released import ReleasedState, Response, response
 
 DEGREE = 6  # of the polynomial through the directions of a slip that begins
 SHORTER_WINDOW = 0.4  # a window that is too long, when it is tried again
@@ -106,33 +104,6 @@ class Pulled(Protocol):
     def pull(
         self, t: Float[Array, ""], state: Any, prepare: Any, sigma: Float[Array, "2"]
     ) -> tuple[Float[Array, "2"], Any]: ...
-
-
-class OnPlane(NamedTuple):
-    """A body that slips; ``coefficient`` gives μ for a slip velocity."""
-
-    body: AbstractBody
-    coefficient: Callable[[Float[Array, "3"]], Float[Array, ""]]
-
-    def prepare(self, t: Float[Array, ""], state: ReleasedState) -> tuple[SolvedContact, Float[Array, ""]]:
-        """Solves for the contact that slides, and computes μ."""
-        body_response = response(
-            self.body, t, state, touching=jnp.asarray(True)
-        )  # as elsewhere, so that it is traced once
-        return sliding_contact(body_response), self.coefficient(slip_velocity(self.body, t, state))
-
-    def pull(
-        self,
-        t: Float[Array, ""],
-        state: ReleasedState,
-        prepare: tuple[SolvedContact, Float[Array, ""]],
-        sigma: Float[Array, "2"],
-    ) -> tuple[Float[Array, "2"], ReleasedState]:
-        """Computes the slip acceleration along the ground, and ẋ."""
-        contact, mu = prepare
-        acting = contact.interaction(mu, sigma)
-        moved = rates(self.body, state, contact.response, acting.amounts)
-        return acting.slip_acceleration[:2], moved
 
 
 def longest_window(

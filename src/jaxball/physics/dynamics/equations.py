@@ -27,7 +27,7 @@ from .linkage import Linkage, along, linkages
 from .load import Load, load
 from .moments import AbstractMoments, Moments, moments, velocity_moments
 from .parameters import BodyParameters
-from .rest import Turning, mode_of, resist
+from .rest import Turning, TurningMode, mode_of, resist
 from .sticking import has_directions, of_sticking, release_joints, sticking_joints, sticking_slots, with_directions
 
 SOLVABLE = (
@@ -178,9 +178,13 @@ def equations(
 
 
 def accelerations(
-    system: BodyParameters, t: Float[Array, ""], state: State, acting: Load | None = None
+    system: BodyParameters,
+    t: Float[Array, ""],
+    state: State,
+    acting: Load | None = None,
+    mode: TurningMode | None = None,
 ) -> Accelerations:
-    """Computes Ω̇ and θ̈ at a state, where the load is ``acting``.
+    """Computes Ω̇ and θ̈ at a state, where the load is ``acting``, and the body in a ``mode`` of turning.
 
     With the free joints' accelerations left out of p̈ and ℓ̇, the equations for Ω̇ and for the free θ̈ are linear with
     the matrix of ``coupling``, in which joints that stick are held. Dry friction at the contact, proportional to a
@@ -198,8 +202,9 @@ def accelerations(
     if isinstance(system.resistance, Resistance) and system.resistance.holds:
         axes = _contact_axes(system, t, state)
         turns = _turning(system, motion_equations, acting, Omegadot, thetaddot, axes, rate_of_carrier(system, t, state))
-        # A solve has put in the mode; from a state alone it is found here.
-        mode = mode_of(system.resistance, turns, apply(axes, acting.resisted), system.planar)
+        # A solve knows the mode; from a state alone it is found here.
+        if mode is None:
+            mode = mode_of(system.resistance, turns, apply(axes, acting.resisted), system.planar)
         dry = apply(axes.T, resist(system.resistance, turns, mode).amounts)
         change, joint_changes, _ = _dry_friction(lever, free, motion_equations.matrix, dry)
         Omegadot = Omegadot + change
@@ -268,10 +273,14 @@ def _normal_force(
 
 
 def holding_friction(
-    system: BodyParameters, t: Float[Array, ""], state: State, acting: Load | None = None
+    system: BodyParameters,
+    t: Float[Array, ""],
+    state: State,
+    acting: Load | None = None,
+    mode: TurningMode | None = None,
 ) -> Float[Array, " sticking"]:
     """Computes the friction that holds the joints that stick, of a body whose joints have directions."""
-    holding = accelerations(system, t, state, acting).holding
+    holding = accelerations(system, t, state, acting, mode).holding
     assert holding is not None
     return holding
 

@@ -247,15 +247,6 @@ def rate_of_carrier(
     return apply(state.Lambda.T, apply(axes.T, rate))
 
 
-def rate_over_ground(
-    system: BodyParameters, t: Float[Array, ""], state: Any, Omegadot: Float[Array, "3"]
-) -> Float[Array, "3"]:
-    """Computes the rate of ω relative to the ground, along the axes of the contact, from Ω̇."""
-    carried = rate_of_carrier(system, t, state)
-    rate = Omegadot if carried is None else Omegadot + carried
-    return apply(ContactAxes.of(system, t, state).rows, rate)
-
-
 def _axes_and_spin(
     surface: AbstractSurface, t: Float[Array, ""], r: Float[Array, ""], u: Coordinates
 ) -> tuple[Float[Array, "3 3"], Float[Array, "3"]]:

@@ -1,6 +1,6 @@
 """Exact dry friction against the turning of a body over its plane: the torque that brakes it, or holds it at rest.
 
-``equations`` adds the torque; ``dry_rolling`` and the contact ask whether it can hold the body.
+``equations`` adds the torque; ``contact.holding`` asks whether it can hold the body.
 
 Without it, ω has some rate and the plane presses with some normal force, and a torque T at the contact adds to both in
 proportion: these are the rows of ``law``. Where the body rolls and spins, T is −N r times the coefficients and the
@@ -18,12 +18,28 @@ from jaxtyping import Array, Bool, Float
 from ...numerics.directions import diverging, unit
 from ...numerics.vectors import root
 from ...programs.derivatives.differentiation import without_derivatives
-from ..forces.resistance import Resistance, TurningMode
+from ..forces.resistance import Resistance
 from .footing import in_three
 from .law import Acting, Law, Rows, load, release
 
 ROUNDING_OF_RATE = 64  # of a rate, in units of rounding: what is smaller is none
 TORQUES = 32  # of a torque, in units of rounding of the torque that it is compared with: a smaller one is none
+
+
+class TurningMode(NamedTuple):
+    """How a body turns over its ground where dry friction is exact, as a solve knows it, along the axes of the contact.
+
+    - ``sigma``: the direction of ω_h, shape (3,); 0 where the body rests.
+    - ``spin``: 1 or −1, the sign of ω₃; 0 where the body does not spin.
+    - ``rests``: whether friction holds ω_h. ``still``: whether friction holds ω₃.
+    - ``braking``: the rate that ω_h has where friction holds it, shape (3,): 0 but at the end of rolling.
+    """
+
+    sigma: Float[Array, "3"]
+    spin: Float[Array, ""]
+    rests: Bool[Array, ""]
+    still: Bool[Array, ""]
+    braking: Float[Array, "3"]
 
 
 class Turning(NamedTuple):
@@ -96,9 +112,7 @@ def needs(resistance: Resistance, r: Float[Array, ""], torque: Float[Array, "3"]
 
 
 def mode_of(resistance: Resistance, turning: Turning, omega: Float[Array, "3"], planar: bool) -> TurningMode:
-    """Returns the mode that a solve knows, or else the one that follows from ω: held at rest if friction can do it."""
-    if resistance.mode is not None:
-        return resistance.mode
+    """Returns the mode that follows from ω: held at rest if friction can do it."""
     candidate = candidates(resistance, omega, planar)
     still = without_derivatives((resistance, turning, candidate))
     mode = begin(*still, planar)
@@ -139,9 +153,7 @@ def begin(
 
     first, at_once = mode.rests, jnp.stack([mode.rests & rolls, mode.still & spins])
     mode = release(mode, weigh, let_go, at_once)
-    if planar or resistance.dry is None:
-        return mode
-    return jax.lax.cond(first & ~mode.rests, _along_growth, lambda _, __, mode: mode, resistance, turning, mode)
+    return mode if planar or resistance.dry is None else along_growth(resistance, turning, mode, first & ~mode.rests)
 
 
 def let_go(mode: TurningMode, torque: Float[Array, "3"], off: Bool[Array, "2"]) -> TurningMode:
@@ -155,11 +167,15 @@ def let_go(mode: TurningMode, torque: Float[Array, "3"], off: Bool[Array, "2"]) 
     )
 
 
-def _along_growth(resistance: Resistance, turning: Turning, mode: TurningMode) -> TurningMode:
-    """Returns the mode in which the direction of rolling is one in which ω_h grows."""
-    about = resistance, turning, mode
-    sigma = diverging(_pull, about, jax.lax.stop_gradient(mode.sigma[:2])).sigma
-    return mode._replace(sigma=in_three(sigma))
+def along_growth(resistance: Resistance, turning: Turning, mode: TurningMode, begins: Bool[Array, ""]) -> TurningMode:
+    """Returns the mode in which the direction of rolling that ``begins`` is one in which ω_h grows."""
+
+    def search(resistance: Resistance, turning: Turning, mode: TurningMode) -> TurningMode:
+        about = resistance, turning, mode
+        sigma = diverging(_pull, about, jax.lax.stop_gradient(mode.sigma[:2])).sigma
+        return mode._replace(sigma=in_three(sigma))
+
+    return jax.lax.cond(begins, search, lambda _, __, mode: mode, resistance, turning, mode)
 
 
 def _pull(

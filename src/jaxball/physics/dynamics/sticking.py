@@ -1,7 +1,7 @@
 """Which joints of a body dry friction holds at rest, and which way the others slip.
 
 A joint with :class:`~jaxball.JointFriction` slips in the direction 1 or −1, or sticks, 0. A solve knows these
-directions (``stick_slip``). From a state alone they follow: a joint that moves slips, and one at rest sticks unless
+directions (``contact.guards``). From a state alone they follow: a joint that moves slips, and one at rest sticks unless
 friction would have to exceed its largest level for that. Directions are in the order of :func:`sticking_slots`.
 """
 
@@ -172,12 +172,20 @@ class JointSwitches(Switches):
 
     def changes(self, k: int) -> list[str]:
         """Describes which joints stick, break loose or turn back at switch ``k``."""
-        before, after = np.asarray(self.directions_before[k]), np.asarray(self.directions_after[k])
-        return [
-            f"{name} {'sticks' if then == 0 else 'breaks loose' if now == 0 else 'turns back'}"
-            for name, now, then in zip(self.joints, before, after, strict=True)
-            if now != then
-        ]
+        return describe_changes(self.joints, self.directions_before, self.directions_after, k)
+
+
+def describe_changes(joints: tuple[str, ...], before: Any, after: Any, k: int) -> list[str]:
+    """Describes which joints stick, break loose or turn back at switch ``k``, from their directions on both sides; none
+    where these are None.
+    """
+    if before is None:
+        return []
+    return [
+        f"{name} {'sticks' if then == 0 else 'breaks loose' if now == 0 else 'turns back'}"
+        for name, now, then in zip(joints, np.asarray(before[k]), np.asarray(after[k]), strict=True)
+        if now != then
+    ]
 
 
 class JointHistory(AbstractHistory):

@@ -2,11 +2,10 @@
 
 import abc
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from ...interface.arguments import require_flags
 from ...interface.printing import Printed
@@ -15,22 +14,6 @@ from ...numerics.vectors import dot
 from ..conditions import Condition, positive
 
 SMOOTHING = 1e-3  # of dry friction by default, rad/time
-
-
-class TurningMode(NamedTuple):
-    """How a body turns over its ground where dry friction is exact, as a solve knows it, along the axes of the contact.
-
-    - ``sigma``: the direction of ω_h, shape (3,); 0 where the body rests.
-    - ``spin``: 1 or −1, the sign of ω₃; 0 where the body does not spin.
-    - ``rests``: whether friction holds ω_h. ``still``: whether friction holds ω₃.
-    - ``braking``: the rate that ω_h has where friction holds it, shape (3,): 0 but at the end of rolling.
-    """
-
-    sigma: Float[Array, "3"]
-    spin: Float[Array, ""]
-    rests: Bool[Array, ""]
-    still: Bool[Array, ""]
-    braking: Float[Array, "3"]
 
 
 class AbstractResistance(Printed):
@@ -129,7 +112,6 @@ class Resistance(AbstractResistance):
       disk, which does not spin, does not feel it. Not on a turntable.
     - ``exact``: whether dry friction stops a body and holds it at rest; ``dry`` and ``dry_spinning`` are then positive,
       and ``smoothing`` is not used.
-    - ``mode``: what a solve knows of the motion; not to be given.
 
     **Raises:** ``ValueError`` for ``exact`` without ``dry`` and ``dry_spinning``.
 
@@ -152,7 +134,6 @@ class Resistance(AbstractResistance):
     negative: bool = eqx.field(static=True, default=False)
     dry_spinning: Float[Array, "*group"] | None = eqx.field(converter=number_or_none("dry_spinning"), default=None)
     exact: bool = eqx.field(static=True, default=False)
-    mode: TurningMode | None = None
 
     def __check_init__(self):
         require_flags(negative=self.negative, exact=self.exact)
