@@ -22,6 +22,11 @@ The names of ``jaxball`` itself live in ``physics``, ``simulation``, ``numerics`
 ``cli``, which need not be imported; ``CONTRIBUTING.md`` has a map of all packages.
 """
 
+from .interface import starting
+
+if starting.is_the_command():
+    starting.end_without_traceback()  # before all other imports, so that Ctrl-C shows no traceback while they run
+
 import importlib
 import sys
 
