@@ -10,6 +10,7 @@ import jaxball
 from jaxball import plot
 from jaxball.control import Feedforward, basin, closed_loop, tvlqr
 from jaxball.estimation.estimate import Followed, LoopEstimate
+from jaxball.plot.style import subject
 from tests.control import robots
 
 
@@ -52,6 +53,7 @@ def test_inputs_are_steps_within_lines_at_their_limits(loops):
     np.testing.assert_array_equal(steps["with"].values, loops["with"].u[:, 0])
     np.testing.assert_array_equal(steps["with"].edges, loops["with"].times)
     assert {line.get_ydata()[0] for line in ax.lines} == {-0.2, 0.2}
+    assert ax.figure.get_suptitle() == subject(loops["with"].plant.system)
 
 
 @pytest.mark.thorough
@@ -60,6 +62,7 @@ def test_a_map_shows_which_starts_come_back(track):
     ax = plot.basin_map(found)
     np.testing.assert_array_equal(np.ravel(ax.collections[0].get_array()), found.returned.astype(float))
     assert ax.get_ylabel() == "phi"
+    assert ax.figure.get_suptitle() == subject(track.sampled.system)
     apart = basin(track, np.zeros((2, 5)))
     with pytest.raises(ValueError, match="must be a dictionary of two directions"):
         plot.basin_map(apart)

@@ -48,6 +48,7 @@ class Basin(Printed):
     - ``returned``: whether it comes back, without leaving the plane at a sample, and without slipping at one if
       ``friction`` was given.
     - ``grid``: the two directions and their values, if the starts are of a grid.
+    - ``system``: the system that was simulated.
     - ``directions``: the names of the local coordinates.
     """
 
@@ -57,6 +58,7 @@ class Basin(Printed):
     returned: Bool[np.ndarray, " runs"]
     within: float
     grid: Grid | None
+    system: System
     directions: tuple[str, ...] = eqx.field(static=True)
 
     @property
@@ -147,7 +149,7 @@ def basin(
         returned = (remaining < within) & (ends.least_normal_force > 0)
         if friction is not None:
             returned &= ends.friction_needed <= friction
-    return Basin(xi, ends, remaining, returned, within, grid, names)
+    return Basin(xi, ends, remaining, returned, within, grid, plant.system, names)
 
 
 def _starts(

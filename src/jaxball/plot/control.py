@@ -50,12 +50,7 @@ def held_paths(loops: Mapping[str, ClosedLoop], ax: Axes | None = None) -> Axes:
     **Raises:** ``TypeError`` for anything but closed loops, ``ValueError`` for none, and when ``ax`` is
     three-dimensional.
     """
-    require("loops", loops, Mapping, "a dictionary of closed loops by their labels")
-    if not loops:
-        raise ValueError("Argument `loops` must have one closed loop or more, but it is empty.")
-    for label, loop in loops.items():
-        require(f"loops[{label!r}]", loop, ClosedLoop, "what jaxball.control.closed_loop returns")
-    first = next(iter(loops.values()))
+    first = _first(loops)
     nominal, system = first.feedback.nominal, first.plant.system
     if system.planar:
         series = [
@@ -86,14 +81,11 @@ def held_inputs(loops: Mapping[str, ClosedLoop], name: str | None = None, ax: Ax
     - ``loops``: as for :func:`held_paths`.
     - ``name``: that of the input; the first if not given.
 
-    **Raises:** ``ValueError`` for an unknown input, and when ``ax`` is three-dimensional; ``TypeError`` as
-    :func:`held_paths`.
+    **Raises:** ``ValueError`` for an unknown input; else as :func:`held_paths`.
     """
-    require("loops", loops, Mapping, "a dictionary of closed loops by their labels")
-    ax = plane_axes(ax)
+    ax = plane_axes(ax, shown=_first(loops).plant.system)
     limits: list[float] = []
     for k, (label, loop) in enumerate(loops.items()):
-        require(f"loops[{label!r}]", loop, ClosedLoop, "what jaxball.control.closed_loop returns")
         inputs = loop.plant.inputs
         name = inputs[0] if name is None else name
         if name not in inputs:
@@ -123,7 +115,7 @@ def basin_map(basin: Basin, ax: Axes | None = None) -> Axes:
     """
     require("basin", basin, Basin, "what jaxball.control.basin returns")
     returned = basin.dataset()["returned"]
-    ax = plane_axes(ax, SQUARE)
+    ax = plane_axes(ax, SQUARE, basin.system)
     first, second = map(str, returned.dims)
     colours = ListedColormap([FAINT, RETURNED])
     values = returned.values.astype(float)
@@ -132,6 +124,16 @@ def basin_map(basin: Basin, ax: Axes | None = None) -> Axes:
     ax.legend(handles=keys, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False, prop=SMALL_FONT)
     label_axes(ax, second, first)
     return ax
+
+
+def _first(loops: Mapping[str, ClosedLoop]) -> ClosedLoop:
+    """Returns the first of closed loops, all of which it checks."""
+    require("loops", loops, Mapping, "a dictionary of closed loops by their labels")
+    if not loops:
+        raise ValueError("Argument `loops` must have one closed loop or more, but it is empty.")
+    for label, loop in loops.items():
+        require(f"loops[{label!r}]", loop, ClosedLoop, "what jaxball.control.closed_loop returns")
+    return next(iter(loops.values()))
 
 
 def _extend(values: Float[np.ndarray, " n"], count: int) -> Float[np.ndarray, " count"]:
