@@ -42,6 +42,7 @@ from .study import Find, Study
 
 AXES = "axes"  # the group of a store that holds the points of each axis
 NAMES = "names"  # the attribute that has the labels along a dimension, if they are not numbers
+OWN_UNITS = "own_units"  # that which has the units of states of one's own
 LEAST_FORCE, LEFT = "least_normal_force", "left_plane"
 _LOGARITHMIC = ("log-uniform", "lognormal")
 
@@ -95,6 +96,7 @@ class Output(NamedTuple):
     units: str
     meaning: str
     coordinate: bool = False
+    own_units: tuple[str, ...] = ()  # of each entry, of states of one's own that state them
 
     @property
     def fill(self) -> Any:
@@ -147,9 +149,14 @@ def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
             if find.kind and (name in outputs or name == AXES):
                 raise StudyError(f"Key `find` must give names that are not in the store yet, but `{name}` is taken.")
             outputs[name] = _number("time" if end == "_time" else "", f"{name.replace('_', ' ')} of the run")
-    if template.units is None:
-        return outputs
-    return {name: output._replace(units=template.units.of(output.units)) for name, output in outputs.items()}
+    unit_of, states = str if template.units is None else template.units.of, getattr(template.system, "own_states", None)
+    own_units = () if states is None or states.units is None else states.units_in(unit_of)
+    return {
+        name: output._replace(
+            units=unit_of(output.units), own_units=own_units if "own_state" in output.dimensions else ()
+        )
+        for name, output in outputs.items()
+    }
 
 
 def _dimensions_of_paths(study: Study, template: Scenario) -> dict[str, str]:
