@@ -31,7 +31,7 @@ class Outcome(NamedTuple):
     """How a closed loop ended: its deviation, and the extremes over its samples of the contact force.
 
     - ``xi``: at the end, shape (n,).
-    - ``least_normal_force``, ``friction_needed``: the least N, and the largest |f| / N.
+    - ``least_normal_force``, ``friction_needed``: the least N, and the largest |f| / N, at the samples.
     """
 
     xi: Float[np.ndarray | Array, "*starts n"]
@@ -79,8 +79,12 @@ class Basin(Printed):
         variables = {
             "returned": (self.returned, "whether the start comes back", ""),
             "remaining": (self.remaining, "weighted deviation at the end", ""),
-            "least_normal_force": (self.ends.least_normal_force, "least normal force", "mass length/time²"),
-            "friction_needed": (self.ends.friction_needed, "largest |f| / N", ""),
+            "least_normal_force": (
+                self.ends.least_normal_force,
+                "least normal force at the samples",
+                "mass length/time²",
+            ),
+            "friction_needed": (self.ends.friction_needed, "largest |f| / N at the samples", ""),
         }
         return self.grid.dataset(variables, {"within": self.within})
 
