@@ -220,10 +220,11 @@ def test_a_file_states_them():
 def test_a_store_of_a_sweep_and_its_table_have_them(tmp_path, of_file, expected):
     text = of_file.replace('["rad", ""]', '["length", "A s"]')
     axes = '[[axes]]\npath = "body.mass"\nvalues = [1.0, 2.0]\n'
-    sweep(study(tmp_path, axes, scenario=text), tmp_path / "s.zarr")
+    sweep(study(tmp_path, axes, 'find = ["distance"]', text), tmp_path / "s.zarr")
     for saved in (open_dataset(tmp_path / "s.zarr"), open_grid(tmp_path / "s.zarr")):
         assert list(saved.own_unit.values) == expected
         assert saved.own.own_unit.sel(own_state="rolled") == expected[1]
+        assert saved.distance.attrs["units"] == expected[0]
     schema = pyarrow.parquet.read_schema(tmp_path / "s.parquet")
     stated = [(schema.field(f"own[{k}]").metadata or {}).get(b"units") for k in range(2)]
     assert stated == ([unit.encode() for unit in expected] if of_file is IN_FILE else [None, None])

@@ -27,6 +27,7 @@ from ..scenario.values import kinds_of_numbers
 from ..sensors.base import Measurement
 from ..simulation.variables import (
     EXTREMES,
+    FINDS,
     HISTORY,
     LAGRANGIAN_STATE,
     LEFT_PLANE,
@@ -149,7 +150,8 @@ def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
             # Results of jaxball's own names are meant to have them; a user's must not hide another variable.
             if find.kind and (name in outputs or name == AXES):
                 raise StudyError(f"Key `find` must give names that are not in the store yet, but `{name}` is taken.")
-            outputs[name] = _number("time" if end == "_time" else "", f"{name.replace('_', ' ')} {OF_RUN}")
+            dimension = "time" if end == "_time" else "" if find.kind else (EXTREMES | FINDS)[name].units
+            outputs[name] = _number(dimension, f"{name.replace('_', ' ')} {OF_RUN}")
     return {name: _as_stated(output, template) for name, output in outputs.items()}
 
 
