@@ -24,11 +24,10 @@ The names of ``jaxball`` itself live in ``physics``, ``simulation``, ``numerics`
 
 from .interface import starting
 
-if starting.is_the_command():
-    starting.end_without_traceback()  # before all other imports, so that Ctrl-C shows no traceback while they run
+starting.end_without_traceback()  # before all other imports, so that a command shows none while they run
 
-import importlib
-import sys
+import importlib  # noqa: E402
+import sys  # noqa: E402
 
 __version__ = "0.1.0"
 

@@ -11,7 +11,7 @@ EXIT_INTERRUPTED = 130
 STOPPED = "Stopped."
 
 
-def is_the_command() -> bool:
+def _is_the_command() -> bool:
     """Says whether this process was started as ``jaxball`` or ``python -m jaxball``."""
     script = os.path.splitext(os.path.basename(sys.argv[0] if sys.argv else ""))[0]
     # While Python looks for what it runs by "-m", the script is "-m".
@@ -19,7 +19,12 @@ def is_the_command() -> bool:
 
 
 def end_without_traceback() -> None:
-    """Makes a Ctrl-C that Python raises as an exception end this process with a sentence and exit code 130."""
+    """Makes a Ctrl-C that Python raises as an exception end the process of a command with a sentence and exit code 130.
+
+    Any other process that imports jaxball keeps its own ways.
+    """
+    if not _is_the_command():
+        return
     show = sys.excepthook
 
     def show_unless_interrupted(kind, error, traceback) -> None:

@@ -81,7 +81,7 @@ def held_inputs(loops: Mapping[str, ClosedLoop], name: str | None = None, ax: Ax
     - ``loops``: as for :func:`held_paths`.
     - ``name``: that of the input; the first if not given.
 
-    **Raises:** ``ValueError`` for an unknown input; else as :func:`held_paths`.
+    **Raises:** ``ValueError`` for an unknown input, and when ``ax`` is three-dimensional; else as :func:`held_paths`.
     """
     ax = plane_axes(ax, shown=_first(loops).plant.system)
     limits: list[float] = []

@@ -41,9 +41,8 @@ def open_dataset(folder: str | Path) -> "xarray.Dataset":
     # Without dask's chunks: nothing is read before it is used, and dask need not be installed.
     data = xarray.open_zarr(folder, chunks=None)
     named: dict[Any, Any] = {name: data[name].attrs[NAMES] for name in data.indexes if NAMES in data[name].attrs}
-    own = data.get("own")
-    if own is not None and OWN_UNITS in own.attrs:
-        named["own_unit"] = ("own_state", own.attrs[OWN_UNITS])
+    if "own" in data and OWN_UNITS in data["own"].attrs:
+        named["own_unit"] = ("own_state", data["own"].attrs[OWN_UNITS])
     return data.assign_coords(named)
 
 

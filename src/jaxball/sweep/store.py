@@ -412,8 +412,8 @@ NO_SPACE = {getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG") if ha
 
 def _unit_of(store: Store, name: str, index: tuple[Any, ...]) -> dict[str, str] | None:
     """Returns the metadata of a column, a variable at an index: its unit, if the scenario states units."""
-    own = store.outputs[name].own_units
-    units = own[index[-1]] if own else store.outputs[name].units
+    output = store.outputs[name]
+    units = output.own_units[index[-1]] if output.own_units else output.units
     return {"units": units} if units and "units" in store.study.document else None
 
 

@@ -264,8 +264,8 @@ class DesignSpace:
     """
 
     def __init__(self, document: Mapping[str, Any], variables: Sequence[Variable]):
-        told = "the document of a scenario's file, such as tomllib.loads(write_scenario(scenario))"
-        require("document", document, Mapping, told)
+        must_be = "the document of a scenario's file, such as tomllib.loads(write_scenario(scenario))"
+        require("document", document, Mapping, must_be)
         self.document = dict(document)
         with kinds_of_numbers() as kinds:
             self.scenario = read_document(self.document)
