@@ -1,5 +1,6 @@
 """Figures of feedback: gains over time, motions that are held or lost, and which starts come back."""
 
+import re
 from collections.abc import Mapping
 
 import numpy as np
@@ -10,6 +11,9 @@ from matplotlib.patches import Patch
 
 from ..control import Basin, ClosedLoop, Track
 from ..interface.arguments import require
+from ..physics.body import System
+from ..simulation.variables import symbol_of
+from .estimates import ATTITUDE
 from .over_time import Series, over_time
 from .palette import COMPONENTS, DASHED, FAINT, INK, MASSES, mass_look
 from .style import SMALL_FONT, SQUARE, WIDE_FIGURE, label_axes, legend_above, linestyle, mark_ends, plane_axes
@@ -32,11 +36,11 @@ def gains(track: Track, name: str | None = None, ax: Axes | None = None) -> Axes
     name = track.inputs[0] if name is None else name
     if name not in track.inputs:
         raise ValueError(f"Argument `name` must be one of {', '.join(track.inputs)}, but it is {name!r}.")
-    K = np.asarray(track.gains)[:, track.inputs.index(name)]
+    K, system = np.asarray(track.gains)[:, track.inputs.index(name)], track.sampled.system
     # Relative to the largest of all: the others are rounding.
     shown = [k for k in range(K.shape[1]) if np.any(np.abs(K[:, k]) > 1e-9 * np.max(np.abs(K)))]
-    series = [Series(K[:, k], track.directions[k], *mass_look(j + 1)) for j, k in enumerate(shown)]
-    return over_time(track.sampled.system, np.asarray(track.times), series, f"gain of {name}", ax, most=4)
+    series = [Series(K[:, k], _symbol(track.directions[k], system), *mass_look(j + 1)) for j, k in enumerate(shown)]
+    return over_time(system, np.asarray(track.times), series, f"gain of {name}", ax, most=4)
 
 
 def held_paths(loops: Mapping[str, ClosedLoop], ax: Axes | None = None) -> Axes:
@@ -122,7 +126,7 @@ def basin_map(basin: Basin, ax: Axes | None = None) -> Axes:
     ax.pcolormesh(returned[second], returned[first], values, cmap=colours, vmin=0.0, vmax=1.0, rasterized=True)
     keys = [Patch(color=RETURNED, label="comes back"), Patch(color=FAINT, label="does not")]
     ax.legend(handles=keys, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False, prop=SMALL_FONT)
-    label_axes(ax, second, first)
+    label_axes(ax, _symbol(second, basin.system), _symbol(first, basin.system))
     return ax
 
 
@@ -134,6 +138,17 @@ def _first(loops: Mapping[str, ClosedLoop]) -> ClosedLoop:
     for label, loop in loops.items():
         require(f"loops[{label!r}]", loop, ClosedLoop, "what jaxball.control.closed_loop returns")
     return next(iter(loops.values()))
+
+
+def _symbol(direction: str, system: System) -> str:
+    """Returns the symbol of a direction of a state, which counts from 1; θ has the numbers of its mass or joint."""
+    name, _, index = direction.removesuffix("]").partition("[")
+    letter = ATTITUDE if name == "attitude" else symbol_of(name)
+    if not letter:
+        return direction
+    counted = system.coordinates[int(index)] if name in ("theta", "thetadot") else index
+    numbers = ", ".join(str(int(number) + 1) for number in re.findall("[0-9]+", counted))
+    return f"${letter}_{{{numbers}}}$" if numbers else f"${letter}$"
 
 
 def _extend(values: Float[np.ndarray, " n"], count: int) -> Float[np.ndarray, " count"]:
