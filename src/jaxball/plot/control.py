@@ -13,10 +13,9 @@ from ..control import Basin, ClosedLoop, Track
 from ..interface.arguments import require
 from ..physics.body import System
 from ..simulation.variables import symbol_of
-from .estimates import ATTITUDE
 from .over_time import Series, over_time
 from .palette import COMPONENTS, DASHED, FAINT, INK, MASSES, mass_look
-from .style import SMALL_FONT, SQUARE, WIDE_FIGURE, label_axes, legend_above, linestyle, mark_ends, plane_axes
+from .style import ATTITUDE, SMALL_FONT, SQUARE, WIDE_FIGURE, label_axes, legend_above, linestyle, mark_ends, plane_axes
 
 COLOURS = (*COMPONENTS, *MASSES)
 RETURNED = COMPONENTS[0]

@@ -42,6 +42,7 @@ WIDE_RANGE = 1e3  # range of a logarithmic axis on which powers of ten are enoug
 EDGE = 0.02  # of a plane Axes, by which a curve may exceed it
 LETTERS = 20  # of a caption in an inch
 COLOURS = "viridis"  # of a number
+ATTITUDE = r"\varphi"  # the local coordinates of an attitude
 
 Captioned: TypeAlias = AbstractSystem | Trajectory[Any, Any] | None  # what a caption can name
 
