@@ -22,8 +22,12 @@ The names of ``jaxball`` itself live in ``physics``, ``simulation``, ``numerics`
 ``cli``, which need not be imported; ``CONTRIBUTING.md`` has a map of all packages.
 """
 
-import importlib
-import sys
+from .interface import starting
+
+starting.end_without_traceback()  # before all other imports, so that a command shows none while they run
+
+import importlib  # noqa: E402
+import sys  # noqa: E402
 
 __version__ = "0.1.0"
 

@@ -117,6 +117,33 @@ def test_ctrl_c_is_ignored_where_a_shell_says_so(tmp_path):
     assert run.returncode == 0
 
 
+# What Python runs before the command: Ctrl-C when a module is first looked for.
+PRESS_AT = """
+import os, signal, sys
+
+class PressAt:
+    def find_spec(name, path=None, target=None):
+        if name == os.environ["PRESS_AT"]:
+            signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job has it ignored
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, PressAt)
+"""
+
+
+@pytest.mark.parametrize("module", ["jaxball.methods", "jaxball.cli", "jaxball.interface.interruption", "threading"])
+@pytest.mark.parametrize("as_module", [True, False], ids=["python -m jaxball", "jaxball"])
+def test_ctrl_c_while_the_command_is_imported(tmp_path, monkeypatch, module, as_module):
+    (tmp_path / "sitecustomize.py").write_text(PRESS_AT)
+    script = tmp_path / "jaxball"  # as pip writes it
+    script.write_text("import sys\nfrom jaxball.cli import main\nsys.exit(main())")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]))
+    monkeypatch.setenv("PRESS_AT", module)
+    with start(["-m", "jaxball"] if as_module else [str(script)], "scenarios", folder=tmp_path) as run:
+        output, errors = run.communicate(timeout=50)
+    assert (run.returncode, output, errors) == (130, "", "jaxball: Stopped.\n")
+
+
 @pytest.mark.slow
 def test_ctrl_c_at_random_moments():
     """Twice in each command; ``python -m tests.cli.interrupted 200 1`` presses it oftener."""

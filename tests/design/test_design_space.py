@@ -12,7 +12,7 @@ from hypothesis import given, strategies as st
 
 from jaxball.design import Bounds, DesignError, DesignSpace, Variable
 from jaxball.design.files import read_problem
-from jaxball.scenario import builtin_text
+from jaxball.scenario import builtin_text, load_scenario
 from tests.design.documents import builtin
 from tests.support import corpus
 
@@ -207,3 +207,10 @@ def test_a_number_left_to_its_default_is_a_variable():
     assert space.names == expected.names == tuple(f"body.offset[{k}]" for k in range(3))
     x = np.array([0.1, -0.2, 0.3])
     assert_same(space.candidate_of(jnp.asarray(x)), expected.scenario_of(x), 0.0)
+
+
+def test_a_variable_of_one_path_and_a_document_that_is_a_scenario():
+    assert Variable("body.mass", lower=0.1) == Variable(("body.mass",), lower=0.1)
+    words = r"`document` must be the document of a scenario's file, such as tomllib.loads\(write_scenario\(scenario\)\)"
+    with pytest.raises(TypeError, match=words):
+        DesignSpace(load_scenario("disk"), [Variable("body.mass")])  # pyright: ignore[reportArgumentType]

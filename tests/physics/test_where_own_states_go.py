@@ -9,6 +9,7 @@ import sys
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pyarrow.parquet
 import pytest
 from scipy.linalg import expm
 
@@ -19,6 +20,8 @@ from jaxball.environments import Environment, HoldSpeed, ObservedState, Uniform
 from jaxball.estimation import ErrorStateFilter
 from jaxball.scenario import Scenario, ScenarioError, Units, read_scenario, write_scenario
 from jaxball.sensors import AbstractSensor, Gyroscope, SensorErrors
+from jaxball.sweep import open_dataset, open_grid, sweep
+from tests.sweep.studies import study
 
 M, D, R, G = 1.1, 0.5, 0.9, 2.0
 RING, RADIUS = 0.4, 0.5
@@ -207,3 +210,21 @@ def test_a_file_states_them():
         OwnStates(with_losses, names=("a", "b"), units="A")
     with pytest.raises(TypeError, match="`units` must be the unit or dimension of each state"):
         OwnStates(with_losses, names="a", units=3)
+
+
+@pytest.mark.parametrize(
+    ("of_file", "expected"),
+    [(IN_FILE, ["m", "A s"]), (IN_FILE.replace("\nunits = {", "\n#"), ["length", "A s"])],
+    ids=["units", "dimensions"],
+)
+def test_a_store_of_a_sweep_and_its_table_have_them(tmp_path, of_file, expected):
+    text = of_file.replace('["rad", ""]', '["length", "A s"]')
+    axes = '[[axes]]\npath = "body.mass"\nvalues = [1.0, 2.0]\n'
+    sweep(study(tmp_path, axes, 'find = ["distance"]', text), tmp_path / "s.zarr")
+    for saved in (open_dataset(tmp_path / "s.zarr"), open_grid(tmp_path / "s.zarr")):
+        assert list(saved.own_unit.values) == expected
+        assert saved.own.own_unit.sel(own_state="rolled") == expected[1]
+        assert saved.distance.attrs["units"] == expected[0]
+    schema = pyarrow.parquet.read_schema(tmp_path / "s.parquet")
+    stated = [(schema.field(f"own[{k}]").metadata or {}).get(b"units") for k in range(2)]
+    assert stated == ([unit.encode() for unit in expected] if of_file is IN_FILE else [None, None])

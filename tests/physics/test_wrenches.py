@@ -310,7 +310,10 @@ class Bare(jaxball.AbstractWrench):
         (lambda: homogeneous(FunctionWrench(two_numbers)), r"`function` must give .* \(3,\), but .* \(2,\)"),
         (lambda: homogeneous(FunctionWrench(angles_for_a_torque)), r"`function` must give .* \(3,\), but .* \(0,\)"),
         (lambda: homogeneous(FunctionWrench(branching)), "that JAX can trace, but branching needs to know a number"),
-        (lambda: FunctionWrench(lambda t: t), r"a function of \(t, motion, parameters\), but the lambda given takes"),
+        (
+            lambda: FunctionWrench(lambda t: t),
+            r"a function of \(t, motion\) or \(t, motion, parameters\), but the lambda",
+        ),
         (lambda: homogeneous(quadratic), r"must be a force or None, but .* quadratic; FunctionWrench\(function\) is"),
     ],
 )

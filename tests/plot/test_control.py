@@ -10,7 +10,10 @@ import jaxball
 from jaxball import plot
 from jaxball.control import Feedforward, basin, closed_loop, tvlqr
 from jaxball.estimation.estimate import Followed, LoopEstimate
+from jaxball.plot.style import subject
 from tests.control import robots
+
+PHI, PHIDOT = r"$\phi$", r"$\dot{\phi}$"
 
 
 @pytest.fixture(scope="module")
@@ -29,8 +32,10 @@ def loops(track):
 def test_gains_are_drawn_but_those_that_are_zero(track):
     """z has weight 0, and no gain."""
     lines = {line.get_label(): line.get_ydata() for line in plot.gains(track).lines}
-    assert {"phi", "phidot", "theta[0]", "thetadot[0]"} == {name for name in lines if not name.startswith("_")}
-    np.testing.assert_allclose(lines["phidot"], track.gains[:, 0, 1], rtol=0, atol=1e-12)
+    assert {PHI, PHIDOT, r"$\theta_{1, 1}$", r"$\dot{\theta}_{1, 1}$"} == {
+        name for name in lines if not name.startswith("_")
+    }
+    np.testing.assert_allclose(lines[PHIDOT], track.gains[:, 0, 1], rtol=0, atol=1e-12)
     with pytest.raises(ValueError, match="must be one of mechanisms"):
         plot.gains(track, "mechanisms[1].joints[0]")
 
@@ -52,6 +57,7 @@ def test_inputs_are_steps_within_lines_at_their_limits(loops):
     np.testing.assert_array_equal(steps["with"].values, loops["with"].u[:, 0])
     np.testing.assert_array_equal(steps["with"].edges, loops["with"].times)
     assert {line.get_ydata()[0] for line in ax.lines} == {-0.2, 0.2}
+    assert ax.figure.get_suptitle() == subject(loops["with"].plant.system)
 
 
 @pytest.mark.thorough
@@ -59,7 +65,8 @@ def test_a_map_shows_which_starts_come_back(track):
     found = basin(track, {"phi": [-1.0, 0.0, 1.0], "phidot": [0.0, 3.0]}, Q={"phi": 1.0}, within=0.3)
     ax = plot.basin_map(found)
     np.testing.assert_array_equal(np.ravel(ax.collections[0].get_array()), found.returned.astype(float))
-    assert ax.get_ylabel() == "phi"
+    assert (ax.get_ylabel(), ax.get_xlabel()) == (PHI, PHIDOT)
+    assert ax.figure.get_suptitle() == subject(track.sampled.system)
     apart = basin(track, np.zeros((2, 5)))
     with pytest.raises(ValueError, match="must be a dictionary of two directions"):
         plot.basin_map(apart)

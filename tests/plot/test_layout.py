@@ -232,3 +232,21 @@ def test_figures_of_one_panel_have_the_caption_of_those_with_several():
     assert plot.configuration(ball).figure.get_suptitle() == "Ball with no point masses; in the units of its parameters"
     sensors = {"gyro": Gyroscope()}
     assert plot.measurements(run, sensors).get_suptitle() == told
+
+
+CAPTIONED = {
+    "convergence": lambda shown: plot.convergence(SEARCH, SEARCH, SEARCH, system=shown),
+    "branch": lambda shown: plot.branch(T + 1, {"effort": 1 / (T + 1)}, system=shown),
+    "path": lambda shown: plot.designed_path(WAVES[:, :2], WAVES[:, 1:3], system=shown),
+    "place": lambda shown: plot.place_in_time({"before": (T, T)}, system=shown),
+    "angles": lambda shown: plot.rail_angles(T, WAVES, system=shown),
+    "accelerations": lambda shown: plot.rail_accelerations(T, WAVES, system=shown),
+    "residuals": lambda shown: plot.law_residuals(T, {"energy": T}, system=shown),
+}
+
+
+@pytest.mark.parametrize("draw", CAPTIONED.values(), ids=CAPTIONED)
+def test_figures_of_numbers_name_the_system_that_they_are_given(draw):
+    ball = Ball(mass=2.0, inertia=(1.0, 1.0, 1.0))
+    assert draw(ball).figure.get_suptitle() == "Ball with no point masses; in the units of its parameters"
+    assert draw(None).figure.get_suptitle() == ""

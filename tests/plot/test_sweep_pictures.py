@@ -267,6 +267,8 @@ def test_a_picture_says_which_study_it_shows(draw):
     assert figure.get_suptitle() == "Heavy disks; in the units of the scenario"
     assert overlaps(figure) == []
     assert figure.get_suptitle() != draw(data.assign_attrs(title="")).get_suptitle()
+    stated = 'units = { length = "m", mass = "kg", time = "s" }\n' + data.attrs["scenario"]
+    assert draw(data.assign_attrs(title="Heavy disks", scenario=stated)).get_suptitle() == "Heavy disks; in m, kg, s"
 
 
 def test_results_that_are_infinite_are_tell_numbers_apart():

@@ -241,7 +241,7 @@ def test_objectives_and_constraints_of_functions_of_a_file(module):
         (
             "my_forces:far",
             "my_forces:drag",
-            r"Key `objectives.0.\.function` must be a function of \(run, parameters",
+            r"Key `objectives.0.\.function` must be a function of \(run\) or \(run, parameters",
         ),
         (
             "my_forces:fast",

@@ -65,13 +65,14 @@ def agree(store, rows, data):
 def test_rows_with_one_feedback_are_the_runs_of_their_scenarios(text, tmp_path):
     """Robots and starts that the feedback does not know differ, so that all rows share it."""
     axes = together(**{"body.mass": [0.9, 1.1, -1.0], "feedback.start.phi": [0.1, 0.3, 0.2]})
-    sweep(study(text, axes, within=0.12), tmp_path / "s.zarr")
+    sweep(study(text, axes, within=0.12, contact=True), tmp_path / "s.zarr")
     data = open_dataset(tmp_path / "s.zarr").load()
     assert data["status"].values.tolist() == [0, 0, 3]
     assert np.isnan(data["largest_deviation"][2])
     assert data["theta"].dims == ("row", "driven")
     agree(tmp_path / "s.zarr", [0, 1], data)
     assert data["returned"][:2].values.tolist() == [1, 0]
+    assert data["friction_needed"].attrs["long_name"] == "friction needed at the samples"
 
 
 OF_LOOP = {

@@ -24,7 +24,7 @@ def test_what_is_found_stands_in_the_store_and_the_table(tmp_path):
     found = study(tmp_path, settings=f'save = "times"\nfind = ["distance", {OWN}]')
     sweep(found, tmp_path / "s.zarr")
     data = xarray.open_zarr(tmp_path / "s.zarr")
-    assert data["furthest_time"].attrs["units"] == "time"
+    assert (data["furthest_time"].attrs["units"], data["distance"].attrs["units"]) == ("time", "length")
     phi, z = data["phi"].values, data["z"].values
     assert np.all(data["furthest"].values >= phi.max(axis=1) - 1e-9)
     assert np.all(data["distance"].values >= np.abs(z - z[:, :1]).max(axis=1) - 1e-9)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from .. import __version__
-from ..interface.interruption import EXIT_INTERRUPTED, STOPPED
+from ..interface.starting import EXIT_INTERRUPTED, STOPPED
 from ..interface.wording import UserError, did_you_mean, plain
 from .options import BAD_INPUT, BROKEN_PIPE, add_no_cache, sentence
 

@@ -107,7 +107,7 @@ def write_outputs(
         from ..plot.report import write_figure
 
         with working(options, "drawing"):
-            write_figure(draw(plot), options.plot, scenario.system, scenario.title)
+            write_figure(draw(plot), options.plot, scenario.system, scenario.title, scenario.units)
         written.append(options.plot)
     return name_files(written)
 

@@ -31,7 +31,7 @@ class Outcome(NamedTuple):
     """How a closed loop ended: its deviation, and the extremes over its samples of the contact force.
 
     - ``xi``: at the end, shape (n,).
-    - ``least_normal_force``, ``friction_needed``: the least N, and the largest |f| / N.
+    - ``least_normal_force``, ``friction_needed``: the least N, and the largest |f| / N, at the samples.
     """
 
     xi: Float[np.ndarray | Array, "*starts n"]
@@ -48,6 +48,7 @@ class Basin(Printed):
     - ``returned``: whether it comes back, without leaving the plane at a sample, and without slipping at one if
       ``friction`` was given.
     - ``grid``: the two directions and their values, if the starts are of a grid.
+    - ``system``: the system that was simulated.
     - ``directions``: the names of the local coordinates.
     """
 
@@ -57,6 +58,7 @@ class Basin(Printed):
     returned: Bool[np.ndarray, " runs"]
     within: float
     grid: Grid | None
+    system: System
     directions: tuple[str, ...] = eqx.field(static=True)
 
     @property
@@ -77,8 +79,12 @@ class Basin(Printed):
         variables = {
             "returned": (self.returned, "whether the start comes back", ""),
             "remaining": (self.remaining, "weighted deviation at the end", ""),
-            "least_normal_force": (self.ends.least_normal_force, "least normal force", "mass length/time²"),
-            "friction_needed": (self.ends.friction_needed, "largest |f| / N", ""),
+            "least_normal_force": (
+                self.ends.least_normal_force,
+                "least normal force at the samples",
+                "mass length/time²",
+            ),
+            "friction_needed": (self.ends.friction_needed, "largest |f| / N at the samples", ""),
         }
         return self.grid.dataset(variables, {"within": self.within})
 
@@ -147,7 +153,7 @@ def basin(
         returned = (remaining < within) & (ends.least_normal_force > 0)
         if friction is not None:
             returned &= ends.friction_needed <= friction
-    return Basin(xi, ends, remaining, returned, within, grid, names)
+    return Basin(xi, ends, remaining, returned, within, grid, plant.system, names)
 
 
 def _starts(

@@ -18,7 +18,6 @@ from matplotlib.figure import Figure
 from .. import plot, programs
 from ..interface.output import write_text
 from ..interface.wording import all_of, number_of
-from ..physics.body import System
 from ..physics.dynamics.footing import has_end
 from ..plot.report import write_figure
 from ..scenario import Scenario, ScenarioError, Units, write_scenario
@@ -65,7 +64,7 @@ def write_report(design: Design, title: str, folder: Path, source: Source | None
             space.scenario_of(numbers).simulate(dense=True) for numbers in (space.values(space.start), design.numbers)
         )
         parts += [*_distances(design, before, after), _along(after)]
-        parts.append(_figure_links(_figures(design, before, after), folder, after.system, title))
+        parts.append(_figure_links(_figures(design, before, after), folder, space.scenario, title))
     except ScenarioError as error:
         parts.append([f"The scenario cannot be run by `jaxball simulate`: {error}"])
     return _write(folder, [*parts, *provenance(source, design.progress.elapsed, resumed=design.check is None)])
@@ -85,7 +84,7 @@ def write_control_report(
     run = scenario.simulate(dense=True, throw=True)
     figures = _control_figures(controlled) | _joint_figures(run)
     on_ground = {"ground": plot.snapshot(run)} if has_end(system) else {}
-    links = _figure_links({**figures, **on_ground}, folder, system, title)
+    links = _figure_links({**figures, **on_ground}, folder, scenario, title)
     parts = [[f"# {title or 'An optimal control'}"], [_control_verdict(controlled)], _control_objectives(controlled)]
     parts += [*_control_constraints(controlled), _along(run), links]
     return _write(folder, [*parts, *provenance(source, controlled.elapsed)])
@@ -172,10 +171,10 @@ def _along(trajectory: Trajectory[Any, Any]) -> list[str]:
     return [f"Along the run: {'; '.join(str(contact_extremes(trajectory)).splitlines())}."]
 
 
-def _figure_links(axes: Mapping[str, Axes | Figure], folder: Path, system: System, title: str) -> list[str]:
+def _figure_links(axes: Mapping[str, Axes | Figure], folder: Path, scenario: Scenario, title: str) -> list[str]:
     """Writes figures, by name, and links to them."""
     for name, ax in axes.items():
-        write_figure(ax, folder / f"{name}.png", system, title)
+        write_figure(ax, folder / f"{name}.png", scenario.system, title, scenario.units)
     return [f"![{name}]({name}.png)" for name in axes]
 
 

@@ -136,9 +136,12 @@ def _arguments_of(cls: type) -> tuple[tuple[str, ...], tuple[str, ...], tuple[st
     )
 
 
-def require_callable(name: str, function: Any, *takes: str) -> None:
-    """Raises a ``TypeError`` unless the argument ``name`` is a function of the arguments named in ``takes``."""
-    signature = f"({', '.join(takes)})"
+def require_callable(name: str, function: Any, *takes: str, or_with: str = "") -> None:
+    """Raises a ``TypeError`` unless the argument ``name`` is a function of the arguments named in ``takes``, which may
+    also take what ``or_with`` names.
+    """
+    forms = (takes, (*takes, or_with)) if or_with else (takes,)
+    signature = " or ".join(f"({', '.join(names)})" for names in forms)
     if isinstance(function, type) or not callable(function):
         raise refusal(name, f"a function of {signature}", function)
     try:
@@ -178,12 +181,12 @@ def call_with(function: Callable[..., Any], *arguments: Any, parameters: Any) ->
 
 def require_callable_with(name: str, function: Any, parameters: Any, *takes: str) -> None:
     """Raises a ``TypeError`` unless the argument ``name`` is a function of the arguments named in ``takes`` and, where
-    they are not None or it has no other form, of ``parameters``.
+    they are not None or it takes them, of ``parameters``.
     """
-    with contextlib.suppress(TypeError):
-        if parameters is None and not takes_parameters(function, len(takes), parameters):
-            return require_callable(name, function, *takes)
-    return require_callable(name, function, *takes, "parameters")
+    if parameters is not None or takes_parameters(function, len(takes), None):
+        require_callable(name, function, *takes, "parameters")
+    else:
+        require_callable(name, function, *takes, or_with="parameters")
 
 
 def require_function(name: str, function: Any, shape: tuple[int, ...], **arguments: Any) -> None:

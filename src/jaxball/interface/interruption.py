@@ -14,8 +14,8 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 
-EXIT_INTERRUPTED = 130
-STOPPED = "Stopped."
+from .starting import STOPPED, say
+
 SECONDS_FOR_THE_MAIN_THREAD = 0.2
 # What each signal does by default, and how it is sent again.
 _HANDLED = {
@@ -174,19 +174,11 @@ def _end() -> None:
     message = STOPPED
     with contextlib.suppress(Exception):
         message = _messages[-1]()
-    _say(message)
+    say(message)
     # Not sys.exit, which ends only this thread; and the interpreter's orderly exit does not survive a busy XLA.
     os._exit(exit_code())
 
 
 def _say_stopping(message: str, number: int) -> None:
     if message:
-        _say(message.format(again=_HANDLED[signal.Signals(number)][1]))
-
-
-def _say(message: str) -> None:
-    """Writes to the descriptor, because the main thread may hold the lock of ``sys.stderr``."""
-    with contextlib.suppress(OSError):
-        # On a terminal "^C" is on the current line, perhaps behind a line of progress.
-        line = "\n" if os.isatty(2) else ""
-        os.write(2, f"{line}jaxball: {message}\n".encode(errors="surrogateescape"))
+        say(message.format(again=_HANDLED[signal.Signals(number)][1]))

@@ -2,7 +2,8 @@
 
 Every plot function draws into ``ax`` and returns it; without one it makes a new figure, which is ``ax.figure``.
 Functions with several panels return the figure. A new figure of a trajectory has a caption that says which system it
-shows, and in what units; :func:`caption` replaces it. No figure is registered with pyplot, and matplotlib's settings
+shows, and in what units; :func:`caption` replaces it. Figures of numbers alone have one if they are given the
+``system``. No figure is registered with pyplot, and matplotlib's settings
 are not changed.
 """
 

@@ -1,5 +1,6 @@
 """Figures of feedback: gains over time, motions that are held or lost, and which starts come back."""
 
+import re
 from collections.abc import Mapping
 
 import numpy as np
@@ -10,9 +11,11 @@ from matplotlib.patches import Patch
 
 from ..control import Basin, ClosedLoop, Track
 from ..interface.arguments import require
+from ..physics.body import System
+from ..simulation.variables import symbol_of
 from .over_time import Series, over_time
 from .palette import COMPONENTS, DASHED, FAINT, INK, MASSES, mass_look
-from .style import SMALL_FONT, SQUARE, WIDE_FIGURE, label_axes, legend_above, linestyle, mark_ends, plane_axes
+from .style import ATTITUDE, SMALL_FONT, SQUARE, WIDE_FIGURE, label_axes, legend_above, linestyle, mark_ends, plane_axes
 
 COLOURS = (*COMPONENTS, *MASSES)
 RETURNED = COMPONENTS[0]
@@ -32,11 +35,11 @@ def gains(track: Track, name: str | None = None, ax: Axes | None = None) -> Axes
     name = track.inputs[0] if name is None else name
     if name not in track.inputs:
         raise ValueError(f"Argument `name` must be one of {', '.join(track.inputs)}, but it is {name!r}.")
-    K = np.asarray(track.gains)[:, track.inputs.index(name)]
+    K, system = np.asarray(track.gains)[:, track.inputs.index(name)], track.sampled.system
     # Relative to the largest of all: the others are rounding.
     shown = [k for k in range(K.shape[1]) if np.any(np.abs(K[:, k]) > 1e-9 * np.max(np.abs(K)))]
-    series = [Series(K[:, k], track.directions[k], *mass_look(j + 1)) for j, k in enumerate(shown)]
-    return over_time(track.sampled.system, np.asarray(track.times), series, f"gain of {name}", ax, most=4)
+    series = [Series(K[:, k], _symbol(track.directions[k], system), *mass_look(j + 1)) for j, k in enumerate(shown)]
+    return over_time(system, np.asarray(track.times), series, f"gain of {name}", ax, most=4)
 
 
 def held_paths(loops: Mapping[str, ClosedLoop], ax: Axes | None = None) -> Axes:
@@ -50,12 +53,7 @@ def held_paths(loops: Mapping[str, ClosedLoop], ax: Axes | None = None) -> Axes:
     **Raises:** ``TypeError`` for anything but closed loops, ``ValueError`` for none, and when ``ax`` is
     three-dimensional.
     """
-    require("loops", loops, Mapping, "a dictionary of closed loops by their labels")
-    if not loops:
-        raise ValueError("Argument `loops` must have one closed loop or more, but it is empty.")
-    for label, loop in loops.items():
-        require(f"loops[{label!r}]", loop, ClosedLoop, "what jaxball.control.closed_loop returns")
-    first = next(iter(loops.values()))
+    first = _first(loops)
     nominal, system = first.feedback.nominal, first.plant.system
     if system.planar:
         series = [
@@ -86,14 +84,11 @@ def held_inputs(loops: Mapping[str, ClosedLoop], name: str | None = None, ax: Ax
     - ``loops``: as for :func:`held_paths`.
     - ``name``: that of the input; the first if not given.
 
-    **Raises:** ``ValueError`` for an unknown input, and when ``ax`` is three-dimensional; ``TypeError`` as
-    :func:`held_paths`.
+    **Raises:** ``ValueError`` for an unknown input, and when ``ax`` is three-dimensional; else as :func:`held_paths`.
     """
-    require("loops", loops, Mapping, "a dictionary of closed loops by their labels")
-    ax = plane_axes(ax)
+    ax = plane_axes(ax, shown=_first(loops).plant.system)
     limits: list[float] = []
     for k, (label, loop) in enumerate(loops.items()):
-        require(f"loops[{label!r}]", loop, ClosedLoop, "what jaxball.control.closed_loop returns")
         inputs = loop.plant.inputs
         name = inputs[0] if name is None else name
         if name not in inputs:
@@ -123,15 +118,36 @@ def basin_map(basin: Basin, ax: Axes | None = None) -> Axes:
     """
     require("basin", basin, Basin, "what jaxball.control.basin returns")
     returned = basin.dataset()["returned"]
-    ax = plane_axes(ax, SQUARE)
+    ax = plane_axes(ax, SQUARE, basin.system)
     first, second = map(str, returned.dims)
     colours = ListedColormap([FAINT, RETURNED])
     values = returned.values.astype(float)
     ax.pcolormesh(returned[second], returned[first], values, cmap=colours, vmin=0.0, vmax=1.0, rasterized=True)
     keys = [Patch(color=RETURNED, label="comes back"), Patch(color=FAINT, label="does not")]
     ax.legend(handles=keys, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False, prop=SMALL_FONT)
-    label_axes(ax, second, first)
+    label_axes(ax, _symbol(second, basin.system), _symbol(first, basin.system))
     return ax
+
+
+def _first(loops: Mapping[str, ClosedLoop]) -> ClosedLoop:
+    """Returns the first of closed loops, all of which it checks."""
+    require("loops", loops, Mapping, "a dictionary of closed loops by their labels")
+    if not loops:
+        raise ValueError("Argument `loops` must have one closed loop or more, but it is empty.")
+    for label, loop in loops.items():
+        require(f"loops[{label!r}]", loop, ClosedLoop, "what jaxball.control.closed_loop returns")
+    return next(iter(loops.values()))
+
+
+def _symbol(direction: str, system: System) -> str:
+    """Returns the symbol of a direction of a state, which counts from 1; θ has the numbers of its mass or joint."""
+    name, _, index = direction.removesuffix("]").partition("[")
+    letter = ATTITUDE if name == "attitude" else symbol_of(name)
+    if not letter:
+        return direction
+    counted = system.coordinates[int(index)] if name in ("theta", "thetadot") else index
+    numbers = ", ".join(str(int(number) + 1) for number in re.findall("[0-9]+", counted))
+    return f"${letter}_{{{numbers}}}$" if numbers else f"${letter}$"
 
 
 def _extend(values: Float[np.ndarray, " n"], count: int) -> Float[np.ndarray, " count"]:

@@ -13,6 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from .palette import COMPONENTS, DASHED, INK, MASSES, SHELL, TRAIL
 from .style import (
     WIDE_FIGURE,
+    Captioned,
     label_axes,
     legend_above,
     linestyle,
@@ -36,6 +37,7 @@ def designed_path(
     ax: Axes | None = None,
     *,
     names: tuple[str, str] = ("before", "after"),
+    system: Captioned = None,
 ) -> Axes:
     """Draws the path of the geometric centre before and after, the target path dashed, and the discs to avoid.
 
@@ -47,10 +49,11 @@ def designed_path(
     - ``wanted``: points of the target path, shape (k, 2), or None.
     - ``discs``: centre and radius of each.
     - ``names``: the labels of both paths.
+    - ``system``: the system that the caption of a new figure names, or a run of it.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
-    ax = plane_axes(ax, (WIDE_FIGURE[0], 4.0))
+    ax = plane_axes(ax, (WIDE_FIGURE[0], 4.0), system)
     for centre, radius in discs:
         ax.add_patch(Ring((float(centre[0]), float(centre[1])), radius, facecolor="0.9", edgecolor=SHELL))
     ax.plot(*before.T, color="0.7", linewidth=1.0, label=names[0])
@@ -69,6 +72,8 @@ def place_in_time(
     paths: Mapping[str, tuple[Float[np.ndarray, " t"], Float[np.ndarray, " t"]]],
     wanted: tuple[Float[np.ndarray, " t"], Float[np.ndarray, " t"]] | None = None,
     ax: Axes | None = None,
+    *,
+    system: Captioned = None,
 ) -> Axes:
     """Draws z of a disk over time in several cases, and its target, dashed.
 
@@ -76,10 +81,11 @@ def place_in_time(
 
     - ``paths``: times and positions of each case, by name.
     - ``wanted``: times and positions of the target, or None.
+    - ``system``: the system that the caption of a new figure names, or a run of it.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
-    ax = plane_axes(ax)
+    ax = plane_axes(ax, shown=system)
     for (label, path), colour in zip(paths.items(), itertools.cycle(PATH_COLOURS), strict=False):
         ax.plot(*path, color=colour, linewidth=1.4, label=label)
     if wanted is not None:
@@ -87,34 +93,40 @@ def place_in_time(
     return _over_time(ax, "$z$")
 
 
-def rail_angles(times: Float[np.ndarray, " t"], theta: Float[np.ndarray, "t n"], ax: Axes | None = None) -> Axes:
+def rail_angles(
+    times: Float[np.ndarray, " t"], theta: Float[np.ndarray, "t n"], ax: Axes | None = None, *, system: Captioned = None
+) -> Axes:
     """Draws θ_i over time.
 
     **Arguments:**
 
     - ``times``: shape (t,).
     - ``theta``: θ of each mass at each time, shape (t, n).
+    - ``system``: the system that the caption of a new figure names, or a run of it.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
-    return _of_masses(times, theta, r"\theta", ax)
+    return _of_masses(times, theta, r"\theta", ax, system)
 
 
-def rail_accelerations(times: Float[np.ndarray, " t"], u: Float[np.ndarray, "t n"], ax: Axes | None = None) -> Axes:
+def rail_accelerations(
+    times: Float[np.ndarray, " t"], u: Float[np.ndarray, "t n"], ax: Axes | None = None, *, system: Captioned = None
+) -> Axes:
     """Draws θ̈_i over time.
 
     **Arguments:**
 
     - ``times``: shape (t,).
     - ``u``: θ̈ of each mass at each time, shape (t, n).
+    - ``system``: the system that the caption of a new figure names, or a run of it.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
-    return _of_masses(times, u, r"\ddot\theta", ax)
+    return _of_masses(times, u, r"\ddot\theta", ax, system)
 
 
-def _of_masses(times: np.ndarray, values: np.ndarray, symbol: str, ax: Axes | None) -> Axes:
-    ax = plane_axes(ax)
+def _of_masses(times: np.ndarray, values: np.ndarray, symbol: str, ax: Axes | None, system: Captioned) -> Axes:
+    ax = plane_axes(ax, shown=system)
     for i in range(values.shape[1]):
         ax.plot(times, values[:, i], label=f"${symbol}_{{{i + 1}}}$", **mass_line(i + 1))
     return _over_time(ax, f"${symbol}_i$")
@@ -135,6 +147,7 @@ def convergence(
     ax: Axes | None = None,
     *,
     polish: int | None = None,
+    system: Captioned = None,
 ) -> Axes:
     """Draws objective, violation and gradient norm of the best start at each report, on a logarithmic scale.
 
@@ -144,10 +157,11 @@ def convergence(
     **Arguments:**
 
     - ``objective``, ``violation``, ``gradient``: one entry for each report, shape (k,).
+    - ``system``: the system that the caption of a new figure names, or a run of it.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
-    ax = plane_axes(ax)
+    ax = plane_axes(ax, shown=system)
     rows = zip(("objective", "violation", "gradient"), (objective, violation, gradient), COMPONENTS, strict=True)
     for name, values, colour in rows:
         ax.plot(np.where(values > 0, values, np.nan), color=colour, linewidth=1.2, label=name, marker=".", ms=5)
@@ -174,6 +188,7 @@ def branch(
     ax: Axes | None = None,
     *,
     of: str = "",
+    system: Captioned = None,
 ) -> Axes:
     """Draws positive ``values`` of the solutions of a branch over a positive weight ``name``, both logarithmic.
 
@@ -181,10 +196,11 @@ def branch(
 
     - ``weights``: the weight of each solution, shape (points,).
     - ``of``: the label of the vertical axis; by default the names of the values.
+    - ``system``: the system that the caption of a new figure names, or a run of it.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
-    ax = plane_axes(ax)
+    ax = plane_axes(ax, shown=system)
     for (label, numbers), colour in zip(values.items(), itertools.cycle(COLOURS), strict=False):
         ax.plot(weights, numbers, color=colour, linewidth=1.2, marker=".", ms=4, label=label)
     ax.set_xscale("log")

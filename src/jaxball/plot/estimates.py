@@ -14,11 +14,10 @@ from ..simulation.variables import STATE
 from .over_time import Series, over_time
 from .palette import COMPONENTS, DASH_DOTTED, DASHED, INK, SOLID
 from .shown import ShownFigure
-from .style import WIDE_FIGURE, label_axes
+from .style import ATTITUDE, WIDE_FIGURE, label_axes
 
 ESTIMATE_PANEL_HEIGHT = 1.5  # the height of a panel, inches
 BAND_OPACITY = 0.15
-ATTITUDE = r"\varphi"
 LOOKS = [(colour, dashes) for dashes in (SOLID, DASHED, DASH_DOTTED) for colour in COMPONENTS]
 
 

@@ -23,6 +23,7 @@ from .style import (
     ABOVE,
     SMALL_FONT,
     WIDE_FIGURE,
+    Captioned,
     caption_of,
     label_axes,
     legend_above,
@@ -132,7 +133,11 @@ def _rows(trajectory: Trajectory[Any, Any]) -> np.ndarray:
 
 
 def law_residuals(
-    times: Float[np.ndarray, " n"], residuals: Mapping[str, Float[np.ndarray, " n"]], ax: Axes | None = None
+    times: Float[np.ndarray, " n"],
+    residuals: Mapping[str, Float[np.ndarray, " n"]],
+    ax: Axes | None = None,
+    *,
+    system: Captioned = None,
 ) -> Axes:
     """Draws how far a run departs from each law over time, on a logarithmic axis.
 
@@ -143,10 +148,11 @@ def law_residuals(
 
     - ``times``: the ends of the steps, ``times`` of the report of :func:`jaxball.verify.verify`.
     - ``residuals``: those of each law by its name, ``residuals`` of the report.
+    - ``system``: the system that the caption of a new figure names, or a run of it.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
-    ax = plane_axes(ax)
+    ax = plane_axes(ax, shown=system)
     for k, (law, values) in enumerate(residuals.items()):
         colour, dashes = mass_look(k + 1)
         # Not 0, which a logarithmic axis cannot show.

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from ..classical import LagrangianState
 from ..physics.body import AbstractBody
 from ..physics.system import AbstractSystem
+from ..scenario.units import Units
 from ..sensors import AbstractSensor
 from ..simulation.trajectory import Trajectory
 from .coordinates import acceleration, accelerations, joint_angles, joint_efforts, mass_angles, mass_units
@@ -23,7 +24,7 @@ from .modes import share_bands
 from .record import record, require_one_of_body
 from .shown import ShownFigure
 from .space import body_paths, centre_path, configuration, space_paths
-from .style import LABEL, caption, describe_units, title_of
+from .style import LABEL, caption, describe_units, in_words, title_of
 from .time_series import (
     angular_velocity,
     attitude,
@@ -129,9 +130,11 @@ def _is_central(system: AbstractBody) -> bool:
     return not (system.n_masses or system.mechanisms or np.any(np.asarray(system.offset)))
 
 
-def write_figure(drawn: Axes | Figure, path: Path, system: AbstractSystem, title: str = "") -> None:
-    """Writes a figure, with a caption that says which system it shows."""
-    caption(drawn if isinstance(drawn, Figure) else drawn.figure, system, title)
+def write_figure(
+    drawn: Axes | Figure, path: Path, system: AbstractSystem, title: str = "", units: Units | None = None
+) -> None:
+    """Writes a figure, with a caption that says which system it shows, and in what units."""
+    caption(drawn if isinstance(drawn, Figure) else drawn.figure, system, title, in_words(units))
     save_figure(drawn, path)
 
 

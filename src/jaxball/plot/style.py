@@ -4,7 +4,7 @@ import math
 import re
 import textwrap
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Float
@@ -23,11 +23,10 @@ from mpl_toolkits.mplot3d import Axes3D
 
 from ..physics.body import AbstractBody
 from ..physics.system import AbstractSystem
+from ..scenario.units import Units
+from ..simulation.trajectory import Trajectory
 from .palette import Dashes, mass_look
 from .shown import ShownAxes, ShownAxes3D, ShownFigure
-
-if TYPE_CHECKING:
-    from ..simulation.trajectory import Trajectory
 
 DASH = 7.0  # of lines that lie on one another, in widths of the line
 SHARED = "bevel"  # the joins of their dashes, by which the legend recognises them
@@ -43,6 +42,9 @@ WIDE_RANGE = 1e3  # range of a logarithmic axis on which powers of ten are enoug
 EDGE = 0.02  # of a plane Axes, by which a curve may exceed it
 LETTERS = 20  # of a caption in an inch
 COLOURS = "viridis"  # of a number
+ATTITUDE = r"\varphi"  # the local coordinates of an attitude
+
+Captioned: TypeAlias = AbstractSystem | Trajectory[Any, Any] | None  # what a caption can name
 
 
 def caption(figure: Any, system: AbstractSystem | None = None, title: str = "", units: str = "") -> None:
@@ -59,7 +61,7 @@ def caption(figure: Any, system: AbstractSystem | None = None, title: str = "", 
     figure.suptitle("\n".join(lines), linespacing=1.15, **CAPTION)
 
 
-def caption_of(figure: Any, shown: "AbstractSystem | Trajectory[Any, Any] | None") -> None:
+def caption_of(figure: Any, shown: Captioned) -> None:
     """Writes above a figure which system it shows; of a run the title of its scenario, and the units that this states.
 
     Of nothing, nothing is written.
@@ -78,15 +80,19 @@ def subject(system: AbstractSystem | None, title: str = "", units: str = "") -> 
     return f"{shown}; {units}" if shown else units
 
 
-def describe_units(trajectory: "Trajectory[Any, Any]") -> str:
+def describe_units(trajectory: Trajectory[Any, Any]) -> str:
     """Describes the units that the scenario of a run states; empty if it states none."""
-    units = None if trajectory.scenario is None else trajectory.scenario.units
+    return "" if trajectory.scenario is None else in_words(trajectory.scenario.units)
+
+
+def in_words(units: Units | None) -> str:
+    """Describes units in words; empty without any."""
     if units is None:
         return ""
     return str(units) if units.is_dimensionless else f"in {units}"
 
 
-def title_of(trajectory: "Trajectory[Any, Any]") -> str:
+def title_of(trajectory: Trajectory[Any, Any]) -> str:
     """Returns the title of the scenario of a run; empty if it has none."""
     return "" if trajectory.scenario is None else trajectory.scenario.title
 
@@ -124,7 +130,7 @@ def mass_line(i: int, **changes: Any) -> dict[str, Any]:
 def plane_axes(
     ax: Axes | None,
     size: tuple[float, float] = WIDE_FIGURE,
-    shown: "AbstractSystem | Trajectory[Any, Any] | None" = None,
+    shown: Captioned = None,
 ) -> Axes:
     """Returns ``ax``, or the Axes of a new figure that says which system or run it shows, with thin ticks and without a
     box.
@@ -147,7 +153,7 @@ def plane_axes(
 def space_axes(
     ax: Axes | None,
     size: tuple[float, float] = SQUARE,
-    shown: "AbstractSystem | Trajectory[Any, Any] | None" = None,
+    shown: Captioned = None,
 ) -> Axes3D:
     """Returns ``ax``, or three-dimensional Axes of a new figure as in :func:`plane_axes`, in parallel projection.
 
@@ -169,7 +175,7 @@ def space_axes(
     return ax
 
 
-def _new(size: tuple[float, float], shown: "AbstractSystem | Trajectory[Any, Any] | None") -> Figure:
+def _new(size: tuple[float, float], shown: Captioned) -> Figure:
     figure = ShownFigure(figsize=size, layout="constrained")
     caption_of(figure, shown)
     return figure

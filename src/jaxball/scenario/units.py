@@ -123,7 +123,11 @@ def parse_unit(text: str, units: Units) -> dict[str, int] | None:
     return {name: power for name, power in powers.items() if power}
 
 
-def _read(value: Any, path: str) -> Units:
+def read_units(value: Any, path: str = "units") -> Units:
+    """Reads the value of the key ``units``.
+
+    **Raises:** :class:`~jaxball.scenario.ScenarioError` for anything but a table with three names or that word.
+    """
     if value == DIMENSIONLESS:
         return Units()
     if not isinstance(value, dict):
@@ -139,4 +143,4 @@ def write_units(units: Units | None) -> Any:
 
 
 WORDS = f'a table with length, mass and time, or "{DIMENSIONLESS}"'
-UNITS_KEY = Key(Nested(_read, lambda value, path: value, WORDS, {"": UNITS}), None)
+UNITS_KEY = Key(Nested(read_units, lambda value, path: value, WORDS, {"": UNITS}), None)

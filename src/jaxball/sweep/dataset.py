@@ -3,7 +3,7 @@
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from ..scenario.paths import with_numbers
 from ..simulation.events import AbstractEvent, Detachment
 from .errors import StoreError
 from .files import check_intact
-from .outputs import AXES, NAMES
+from .outputs import AXES, NAMES, OWN_UNITS
 from .store import read_attributes
 from .study import ends_at_detachment
 
@@ -25,7 +25,8 @@ def open_dataset(folder: str | Path) -> "xarray.Dataset":
     """Opens the rows of a store, done or not, as ``xarray.open_zarr`` does; data are read only when used.
 
     Joints have their names as labels, ``data["theta"].sel(driven="mechanisms[0].joints[1]")``. In the store these are
-    an attribute, ``names``, because not every library reads strings from Zarr.
+    an attribute, ``names``, because not every library reads strings from Zarr; so are the units of states of one's own,
+    here the coordinate ``own_unit``, as in a saved run.
 
     **Raises:** :class:`StoreError` when there is nothing at ``folder``, or something other than the store of a study,
     and when a file of it has been removed or its length changed from outside. A file with other numbers is a
@@ -39,7 +40,9 @@ def open_dataset(folder: str | Path) -> "xarray.Dataset":
     check_intact(Path(folder), numbers=False)
     # Without dask's chunks: nothing is read before it is used, and dask need not be installed.
     data = xarray.open_zarr(folder, chunks=None)
-    named = {name: data[name].attrs[NAMES] for name in data.indexes if NAMES in data[name].attrs}
+    named: dict[Any, Any] = {name: data[name].attrs[NAMES] for name in data.indexes if NAMES in data[name].attrs}
+    if "own" in data and OWN_UNITS in data["own"].attrs:
+        named["own_unit"] = ("own_state", data["own"].attrs[OWN_UNITS])
     return data.assign_coords(named)
 
 

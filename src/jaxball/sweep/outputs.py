@@ -28,6 +28,7 @@ from ..scenario.values import kinds_of_numbers
 from ..sensors.base import Measurement
 from ..simulation.variables import (
     EXTREMES,
+    FINDS,
     HISTORY,
     LAGRANGIAN_STATE,
     LEFT_PLANE,
@@ -43,6 +44,8 @@ from .study import Find, Study
 
 AXES = "axes"  # the group of a store that holds the points of each axis
 NAMES = "names"  # the attribute that has the labels along a dimension, if they are not numbers
+OWN_UNITS = "own_units"  # that which has the units of states of one's own
+OF_RUN, AT_SAMPLES = "of the run", "at the samples"
 LEAST_FORCE, LEFT = "least_normal_force", "left_plane"
 _LOGARITHMIC = ("log-uniform", "lognormal")
 
@@ -96,6 +99,7 @@ class Output(NamedTuple):
     units: str
     meaning: str
     coordinate: bool = False
+    own_units: tuple[str, ...] = ()  # of each entry, of states of one's own that state them
 
     @property
     def fill(self) -> Any:
@@ -147,10 +151,20 @@ def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
             # Results of jaxball's own names are meant to have them; a user's must not hide another variable.
             if find.kind and (name in outputs or name == AXES):
                 raise StudyError(f"Key `find` must give names that are not in the store yet, but `{name}` is taken.")
-            outputs[name] = _number("time" if end == "_time" else "", f"{name.replace('_', ' ')} of the run")
-    if template.units is None:
-        return outputs
-    return {name: output._replace(units=template.units.of(output.units)) for name, output in outputs.items()}
+            dimension = "time" if end == "_time" else "" if find.kind else (EXTREMES | FINDS)[name].units
+            outputs[name] = _number(dimension, f"{name.replace('_', ' ')} {OF_RUN}")
+    return {name: _as_stated(output, template) for name, output in outputs.items()}
+
+
+def _as_stated(output: Output, template: Scenario) -> Output:
+    """Returns a variable in the units that the scenario states; with feedback it says where it was looked at."""
+    unit_of, states = str if template.units is None else template.units.of, getattr(template.system, "own_states", None)
+    own_units = () if states is None or states.units is None else states.units_in(unit_of)
+    # With feedback, inputs jump at the samples, between which nothing is looked for.
+    meaning = output.meaning if template.feedback is None else output.meaning.replace(OF_RUN, AT_SAMPLES)
+    if "own_state" not in output.dimensions:
+        own_units = ()
+    return output._replace(units=unit_of(output.units), own_units=own_units, meaning=meaning)
 
 
 def _dimensions_of_paths(study: Study, template: Scenario) -> dict[str, str]:

@@ -37,7 +37,7 @@ from .files import (
     with_checksum,
     write_atomically,
 )
-from .outputs import AXES, NAMES, Output, dimensions, labels_of, layout_of
+from .outputs import AXES, NAMES, OWN_UNITS, Output, dimensions, labels_of, layout_of
 from .study import Study
 
 PACKAGES = ("jaxball", "jax", "jaxlib", "diffrax", "numpy", "scipy")
@@ -308,7 +308,7 @@ def _write_metadata(folder: Path, study: Study, outputs: dict[str, Output], attr
             fill_value=output.fill,
             dimension_names=["row", *output.dimensions],
             filters=None,
-            attributes={"units": output.units, "long_name": output.meaning},
+            attributes=_notes_of(output),
         )
     for name, labels in labels_of(outputs, template).items():
         # There is no string type that every Zarr library reads.
@@ -326,6 +326,11 @@ def _write_metadata(folder: Path, study: Study, outputs: dict[str, Output], attr
         # zarr warns that consolidated metadata are not yet in the standard; without them xarray warns.
         warnings.simplefilter("ignore")
         zarr.consolidate_metadata(folder)
+
+
+def _notes_of(output: Output) -> dict[str, Any]:
+    notes: dict[str, Any] = {"units": output.units, "long_name": output.meaning}
+    return notes | ({OWN_UNITS: list(output.own_units)} if output.own_units else {})
 
 
 def _write_points(group: Any, study: Study, names: list[str]) -> None:
@@ -370,8 +375,10 @@ def write_table(store: Store) -> None:
     columns = dict(_columns(store.outputs))
     schema = pyarrow.schema(
         [
-            pyarrow.field(name, pyarrow.from_numpy_dtype(store.outputs[source].dtype), metadata=_unit_of(store, source))
-            for name, (source, _) in columns.items()
+            pyarrow.field(
+                name, pyarrow.from_numpy_dtype(store.outputs[source].dtype), metadata=_unit_of(store, source, place)
+            )
+            for name, (source, place) in columns.items()
         ],
         metadata={OF_STUDY: json.dumps(identity_of(store.study))},
     )
@@ -403,9 +410,10 @@ def remedy_of(error: OSError) -> str:
 NO_SPACE = {getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG") if hasattr(errno, name)}
 
 
-def _unit_of(store: Store, name: str) -> dict[str, str] | None:
-    """Returns the metadata of a column: its unit, if the scenario states units."""
-    units = store.outputs[name].units
+def _unit_of(store: Store, name: str, index: tuple[Any, ...]) -> dict[str, str] | None:
+    """Returns the metadata of a column, a variable at an index: its unit, if the scenario states units."""
+    output = store.outputs[name]
+    units = output.own_units[index[-1]] if output.own_units else output.units
     return {"units": units} if units and "units" in store.study.document else None
 
 

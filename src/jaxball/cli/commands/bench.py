@@ -5,8 +5,9 @@ import dataclasses
 import sys
 from pathlib import Path
 
-from ...interface.interruption import EXIT_INTERRUPTED, STOPPED, interrupt_message
+from ...interface.interruption import interrupt_message
 from ...interface.output import check_folder
+from ...interface.starting import EXIT_INTERRUPTED, STOPPED
 from ..jax_setup import set_up_jax
 from ..options import BadInputError, positive
 

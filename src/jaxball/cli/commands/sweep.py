@@ -5,8 +5,9 @@ import importlib.util
 import sys
 from pathlib import Path
 
-from ...interface.interruption import STOPPED, exit_code, interrupt_message
+from ...interface.interruption import exit_code, interrupt_message
 from ...interface.output import check_folder
+from ...interface.starting import STOPPED
 from ...interface.wording import all_of, number_of, pip_install
 from ..input import STUDY, gather_problems, text_and_document
 from ..jax_setup import set_up_jax

@@ -331,7 +331,7 @@ def _draw(
     from ... import plot
     from ...interface.wording import number_of
     from ...plot.files import run_mark, save_figures
-    from ...plot.style import caption
+    from ...plot.style import caption, in_words
     from ..files import figure_name, suffixes
 
     first, last = held[0].loops, _last(held[0])
@@ -349,7 +349,7 @@ def _draw(
 
     def draw_with_caption(draw: Callable[[], Any]) -> Any:
         drawn = draw()
-        caption(getattr(drawn, "figure", None) or drawn, scenario.system, scenario.title)
+        caption(getattr(drawn, "figure", None) or drawn, scenario.system, scenario.title, in_words(scenario.units))
         return drawn
 
     named = [(f"{begin}_{name}", functools.partial(draw_with_caption, draw)) for name, draw in drawings.items()]

@@ -112,7 +112,7 @@ def _draw(options: argparse.Namespace, scenario: "Scenario", report: "Report") -
     find_places(options)
     with working(options, "drawing"):
         drawn = law_residuals(report.times, report.residuals)
-        write_figure(drawn, options.plot, scenario.system, scenario.title)
+        write_figure(drawn, options.plot, scenario.system, scenario.title, scenario.units)
     return name_files([options.plot])
 
 

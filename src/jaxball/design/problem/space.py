@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ... import programs
+from ...interface.arguments import require
 from ...numerics.arrays import to_array
 from ...physics.body import System
 from ...physics.prescribed.frames import principal_angles
@@ -40,7 +41,8 @@ class DesignError(ScenarioError):
 class Variable:
     """A number that a design may change: free, bounded, or shared by several entries of the scenario.
 
-    - ``paths``: the entries that it sets, as in ``masses[0].rail.radius``; the first has the number itself.
+    - ``paths``: the entries that it sets, as in ``masses[0].rail.radius``, or one of them; the first has the number
+      itself.
     - ``factors``: its factor at each path, such as -1 for an opposite pulse; 1 if not given.
     - ``lower``, ``upper``: its bounds, which it never passes.
     - ``scale``: the size of change to expect; derived from its dimension if not given.
@@ -58,7 +60,7 @@ class Variable:
     (0.1, inf)
     """
 
-    paths: tuple[str, ...]
+    paths: tuple[str, ...] | str
     lower: float = -math.inf
     upper: float = math.inf
     scale: float | None = None
@@ -66,6 +68,8 @@ class Variable:
     start: float | None = None
 
     def __post_init__(self):
+        if isinstance(self.paths, str):  # one path; its letters are no paths
+            object.__setattr__(self, "paths", (self.paths,))
         if not self.factors:
             object.__setattr__(self, "factors", (1.0,) * len(self.paths))
         if len(self.factors) != len(self.paths) or not self.paths:
@@ -260,6 +264,8 @@ class DesignSpace:
     """
 
     def __init__(self, document: Mapping[str, Any], variables: Sequence[Variable]):
+        must_be = "the document of a scenario's file, such as tomllib.loads(write_scenario(scenario))"
+        require("document", document, Mapping, must_be)
         self.document = dict(document)
         with kinds_of_numbers() as kinds:
             self.scenario = read_document(self.document)

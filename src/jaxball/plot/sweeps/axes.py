@@ -14,7 +14,8 @@ from matplotlib.colors import LogNorm
 from matplotlib.lines import Line2D
 
 from ...interface.status import Status
-from ..style import ABOVE, SMALL_FONT, caption, colour_bar, number_decades, plane_axes
+from ...scenario.units import read_units
+from ..style import ABOVE, SMALL_FONT, caption, colour_bar, in_words, number_decades, plane_axes
 
 if TYPE_CHECKING:
     import xarray
@@ -27,10 +28,12 @@ NOT_FINITE = -2  # a row that succeeded, but whose result is not finite
 _NAMES = {NOT_FINITE: "not finite"}
 
 
-def title_of(data: "xarray.Dataset") -> str:
-    """Returns the title of a study, or of its scenario, or else names the scenario's kind."""
+def caption_of_study(figure: Any, data: "xarray.Dataset") -> None:
+    """Writes above a figure the title of a study, or of its scenario, or else the scenario's kind; and the units."""
     document = tomllib.loads(data.attrs.get("scenario", ""))
-    return data.attrs.get("title") or document.get("title") or f"A study of a {document.get('kind', 'system')}"
+    title = data.attrs.get("title") or document.get("title") or f"A study of a {document.get('kind', 'system')}"
+    units = read_units(document["units"]) if "units" in document else None
+    caption(figure, title=title, units=in_words(units))
 
 
 def study_axes(data: "xarray.Dataset", ax: Axes | None, size: tuple[float, float]) -> Axes:
@@ -40,7 +43,7 @@ def study_axes(data: "xarray.Dataset", ax: Axes | None, size: tuple[float, float
     """
     axes = plane_axes(ax, size)
     if ax is None:
-        caption(axes.figure, title=title_of(data))
+        caption_of_study(axes.figure, data)
     return axes
 
 

@@ -14,10 +14,11 @@ from ...interface.status import Status
 from ...interface.wording import number_of
 from ..palette import COMPONENTS
 from ..shown import ShownFigure
-from ..style import SMALL_FONT, caption, label_axes, number, plane_axes
+from ..style import SMALL_FONT, label_axes, number, plane_axes
 from .axes import (
     LOOKS,
     MANY_VALUES,
+    caption_of_study,
     edges_of,
     make_room,
     mark_failures,
@@ -25,7 +26,6 @@ from .axes import (
     outcomes,
     present,
     set_scale,
-    title_of,
 )
 from .rows import (
     Labels,
@@ -101,7 +101,7 @@ def sweep_matrix(
     n, keys, panels = len(variables), {}, {}
     drawn, left_out = sample(rows, MOST_DOTS_OF_PANEL)
     figure = ShownFigure(figsize=(MATRIX_PANEL * n + 0.6, MATRIX_PANEL * n + 0.6), layout="constrained")
-    caption(figure, title=title_of(rows.data))
+    caption_of_study(figure, rows.data)
     for i, up in enumerate(variables):
         for j, right in enumerate(variables[: i + 1]):
             left = panels.get((i, 0)) if i != j else None
