@@ -1,5 +1,6 @@
 """The rolling bodies, a ball or a disk with point masses inside, as mechanical systems."""
 
+import abc
 from collections.abc import Iterator, Sequence
 from typing import Any, ClassVar, TypeVar
 
@@ -242,6 +243,10 @@ class AbstractBodyWithModes(AbstractSystem[AnyState]):
     """
 
     body: eqx.AbstractVar[AbstractBody]
+
+    @abc.abstractmethod
+    def plane_reaction(self, t: Float[Array, ""], state: Any) -> Reaction:
+        """Computes the normal force and the friction, in the mode that the state is in."""
 
     def require_state(self, state: Any) -> None:
         type(self.body).require_state(self.body, state)

@@ -48,6 +48,7 @@ from ..hybrid import (
     Transition,
     at_zero,
 )
+from ..rolling import Reaction
 from ..state import PlacedState, ReducedState
 from ..system import AbstractState
 
@@ -183,6 +184,9 @@ class DryRolling(AbstractTurning):
     def field(self, t: Float[Array, ""], state: DryRollingState) -> DryRollingState:
         moved = rates(self.moving(state), t, state.body, self.mode(t, state))
         return eqx.tree_at(lambda x: x.body, jax.tree.map(jnp.zeros_like, state), moved)
+
+    def plane_reaction(self, t: Float[Array, ""], state: DryRollingState) -> Reaction:
+        return in_mode(self.moving(state), self.mode(t, state)).plane_reaction(t, state.body)
 
     def turning(self, t: Float[Array, ""], state: DryRollingState) -> Turning:
         """Computes how the body turns without dry friction, and how torques change that."""

@@ -28,6 +28,7 @@ from ..dynamics.sticking import (
     with_directions,
 )
 from ..hybrid import Record
+from ..rolling import Reaction
 from ..state import State
 from ..system import AbstractState
 
@@ -86,6 +87,9 @@ class StickSlip(AbstractBodyWithModes[StickSlipState]):
     def field(self, t: Float[Array, ""], state: StickSlipState) -> StickSlipState:
         moved = with_directions(self.body, state.slips).field(t, state.body)
         return StickSlipState(moved, jnp.zeros_like(state.slips))
+
+    def plane_reaction(self, t: Float[Array, ""], state: StickSlipState) -> Reaction:
+        return with_directions(self.body, state.slips).plane_reaction(t, state.body)
 
     def guards(self, t: Float[Array, ""], state: StickSlipState) -> Float[Array, " guards"]:
         holding = holding_friction(with_directions(self.body, state.slips), t, state.body)
