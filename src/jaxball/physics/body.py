@@ -1,6 +1,5 @@
 """The rolling bodies, a ball or a disk with point masses inside, as mechanical systems."""
 
-import abc
 from collections.abc import Iterator, Sequence
 from typing import Any, ClassVar, TypeVar
 
@@ -244,9 +243,17 @@ class AbstractBodyWithModes(AbstractSystem[AnyState]):
 
     body: eqx.AbstractVar[AbstractBody]
 
-    @abc.abstractmethod
+    def moving(self, state: Any) -> AbstractBody:
+        """Returns the body with all that a state says of how its parts move."""
+        return self.body
+
+    def in_its_mode(self, t: Float[Array, ""], state: Any) -> AbstractBody:
+        """Returns the body with all that a state says of how it turns and how its parts move."""
+        return self.moving(state)
+
     def plane_reaction(self, t: Float[Array, ""], state: Any) -> Reaction:
         """Computes the normal force and the friction, in the mode that the state is in."""
+        return self.in_its_mode(t, state).plane_reaction(t, state.body)
 
     def require_state(self, state: Any) -> None:
         type(self.body).require_state(self.body, state)

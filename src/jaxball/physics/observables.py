@@ -14,7 +14,7 @@ from ..interface.printing import Printed, in_short
 from ..numerics.arrays import to_array
 from ..numerics.kinks import just_before
 from ..numerics.vectors import apply, cross, dot
-from .body import AbstractBody
+from .body import AbstractBody, AbstractBodyWithModes
 from .contact.body_on_plane import BodyOnPlane
 from .contact.modes import Mode
 from .contact.released import in_space, load_of_released
@@ -187,6 +187,11 @@ def _of_rolling(system: AbstractBody, t: Float[Array, ""], state: Any) -> Moveme
     reaction = reaction_in_body(solution.body_moments, system.radius, acting, in_space.Omega, solution.Omegadot)
     R = apply(in_space.Lambda, reaction)
     return Movement(in_space, solution.Omegadot, solution.angles, acting, solution.body_moments, solution.dry, R, None)
+
+
+@movement.register
+def _of_modes(system: AbstractBodyWithModes, t: Float[Array, ""], state: Any) -> Movement:
+    return _of_rolling(system.in_its_mode(t, state), t, state.body)
 
 
 @movement.register

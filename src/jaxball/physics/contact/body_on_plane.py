@@ -156,10 +156,6 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         """Computes how the body moves under each reaction."""
         return response(self.moving(state), t, state.released, touching=~state.is_in(Mode.FLIGHT))
 
-    def moving(self, state: ContactState) -> AbstractBody:
-        """Returns the body in the mode of its joints."""
-        return self.body
-
     def response_to_impulse(self, t: Float[Array, ""], state: ContactState) -> Response:
         """Computes how the body moves under each impulse of the ground, by the rates of its response."""
         return response_on_plane(self, t, state)

@@ -48,7 +48,6 @@ from ..hybrid import (
     Transition,
     at_zero,
 )
-from ..rolling import Reaction
 from ..state import PlacedState, ReducedState
 from ..system import AbstractState
 
@@ -185,16 +184,12 @@ class DryRolling(AbstractTurning):
         moved = rates(self.moving(state), t, state.body, self.mode(t, state))
         return eqx.tree_at(lambda x: x.body, jax.tree.map(jnp.zeros_like, state), moved)
 
-    def plane_reaction(self, t: Float[Array, ""], state: DryRollingState) -> Reaction:
-        return in_mode(self.moving(state), self.mode(t, state)).plane_reaction(t, state.body)
+    def in_its_mode(self, t: Float[Array, ""], state: DryRollingState) -> AbstractBody:
+        return in_mode(self.moving(state), self.mode(t, state))
 
     def turning(self, t: Float[Array, ""], state: DryRollingState) -> Turning:
         """Computes how the body turns without dry friction, and how torques change that."""
         return turning(self.moving(state), t, state.body)
-
-    def moving(self, state: DryRollingState) -> AbstractBody:
-        """Returns the body, with all that a state says of how its parts move."""
-        return self.body
 
     # The guards.
 

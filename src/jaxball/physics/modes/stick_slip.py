@@ -28,7 +28,6 @@ from ..dynamics.sticking import (
     with_directions,
 )
 from ..hybrid import Record
-from ..rolling import Reaction
 from ..state import State
 from ..system import AbstractState
 
@@ -85,14 +84,14 @@ class StickSlip(AbstractBodyWithModes[StickSlipState]):
     # The motion.
 
     def field(self, t: Float[Array, ""], state: StickSlipState) -> StickSlipState:
-        moved = with_directions(self.body, state.slips).field(t, state.body)
+        moved = self.moving(state).field(t, state.body)
         return StickSlipState(moved, jnp.zeros_like(state.slips))
 
-    def plane_reaction(self, t: Float[Array, ""], state: StickSlipState) -> Reaction:
-        return with_directions(self.body, state.slips).plane_reaction(t, state.body)
+    def moving(self, state: StickSlipState) -> AbstractBody:
+        return with_directions(self.body, state.slips)
 
     def guards(self, t: Float[Array, ""], state: StickSlipState) -> Float[Array, " guards"]:
-        holding = holding_friction(with_directions(self.body, state.slips), t, state.body)
+        holding = holding_friction(self.moving(state), t, state.body)
         return sticking_guards(self.body, state.slips, state.body.thetadot, holding)
 
     def reset(self, t: Float[Array, ""], state: StickSlipState, which: Int[Array, ""]) -> StickSlipState:
