@@ -178,8 +178,7 @@ def _observe(steps: Steps, packing: Packing) -> tuple[Float[Array, "3"], Float[A
 
     def again(start: Array, end: Array, number: Float[Array, "1"]) -> Step:
         k = number[0].astype(int)
-        known, taken = differentiate_where(fixed.taken[k], (steps, k))
-        return step_of(known, taken)
+        return step_of(differentiate_where(fixed.taken[k], steps), k)
 
     return *observers_of(packing).extremes(seen.best, again), seen.best
 

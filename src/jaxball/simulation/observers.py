@@ -225,10 +225,10 @@ class Observers:
     def _moves_with(
         self, step: Step, t: Float[Array, ""], at_start: Bool[Array, ""], at_end: Bool[Array, ""]
     ) -> Float[Array, ""]:
-        """Returns 0, with the derivatives of what a time in a step moves with.
+        """Returns 0, with the derivatives of the time in a step at which a quantity is largest.
 
-        At an end of the step, where a quantity may be largest because it jumps or because the run ends, that is the
-        kink there, or else that end.
+        Within a step it has none. At an end of the step, where the quantity may be largest because it jumps or because
+        the run ends, they are those of the kink there, or else of that end.
         """
         kinks, fixed = self._kinks.astype(t.dtype), jax.lax.stop_gradient
         near = 16 * float(jnp.finfo(t.dtype).eps) * jnp.maximum(jnp.abs(t), 1.0)

@@ -17,10 +17,10 @@ from jaxtyping import Array, Bool, Float, Int
 from numpy.polynomial import legendre
 
 from ...numerics.cuts import Cut, longest_share
+from ...numerics.pieces import SLOPE_TAIL
 from .steps import sampling
 
 TAIL_OF_PEAK = 16.0  # the weight of the last two terms in a bound: those of random values are as large as the first
-SLOPE_TAIL = 64.0  # the same for the slope, where a term weighs more the higher its order is
 GROWTH_OF_PEAK = 2.0  # the longest piece, relative to the one before it in the step
 SMALLEST_PEAK = 2.0**-12  # the width of a piece that is not cut any more
 
