@@ -73,7 +73,7 @@ def energy_losses(trajectory: Trajectory[Any, Any]) -> EnergyLosses:
     >>> import jax.numpy as jnp
     >>> from jaxball import Disk, DiskState, Resistance, energy_losses, simulate
     >>> disk = Disk(mass=1.0, inertia=0.5, resistance=Resistance(dry=0.01, exact=True))
-    >>> run = simulate(disk, [0.0, 100.0, 200.0], DiskState(phidot=-1.0), dense=True)
+    >>> run = simulate(disk, [0.0, 200.0, 400.0], DiskState(phidot=-1.0), dense=True)
     >>> energy_losses(run).dry.round(6)  # ½ (m r² + d2) φ̇², all that it had
     Array([0.  , 0.75, 0.75], dtype=float64)
     """

@@ -20,7 +20,7 @@ FINENESS = 32
 NARROWER = 1 / 12
 # Of windows in which a maximum is sought, relative to all of its piece; the last one has the tangent of the motion.
 WINDOW_SIZES = (1.0, NARROWER, NARROWER**2, NARROWER**3, NARROWER**4, NARROWER**2)
-CURVATURE_ROUND = 2
+CURVATURE_ROUND, ROUNDINGS_OF_PEAK = 2, 8
 
 
 class Steps(eqx.Module):
@@ -188,8 +188,10 @@ def place_of_largest(
 
         samples = jax.lax.map(sample, nodes)
         fine = jnp.sum(matrix * samples[None], axis=1)
-        # The first of the largest, without argmax, at which XLA's CPU compiler fails in a loop.
-        best = jnp.min(jnp.where(fine == jnp.max(fine), fractions, jnp.inf))
+        # The first of those that are the largest but for rounding, so that one at the start of a run is not next to it.
+        most = jnp.max(fine)
+        rounding = ROUNDINGS_OF_PEAK * float(jnp.finfo(fine.dtype).eps) * jnp.abs(most)
+        best = jnp.min(jnp.where(fine >= most - rounding, fractions, jnp.inf))
         # A value that is not a number must not be passed over in silence: it counts as the largest.
         sizes = jnp.where(jnp.isnan(samples), jnp.inf, samples)
         largest = jnp.min(jnp.where(sizes == jnp.max(sizes), nodes, jnp.inf))
@@ -198,8 +200,7 @@ def place_of_largest(
         shift = -slope / (width * jnp.where(curvature < 0, curvature, 1.0))
         moves = finite & (curvature < 0) & (jnp.abs(shift) <= NARROWER**3 * whole) & (t > first) & (t < last)
         zero = jnp.clip(jnp.where(moves, t + shift, t), first, last)
-        is_smooth = finite & (best > 0) & (best < 1) & (bend < 0)
-        seen = jnp.where(r == CURVATURE_ROUND, jnp.where(is_smooth, bend / width**2, 0.0), curvature)
+        seen = jnp.where(r == CURVATURE_ROUND, jnp.where(finite & (bend < 0), bend / width**2, 0.0), curvature)
         return jnp.where(is_line, zero, low + (high - low) * jnp.where(finite, best, largest)), seen
 
     return jax.lax.fori_loop(0, len(WINDOW_SIZES), narrower, (first, jnp.zeros_like(first)))[0]
