@@ -72,7 +72,7 @@ CHAPTERS = {
     ),
     "events": (
         "Events and extremes",
-        ["simulation.events", "simulation.extremes"],
+        ["simulation.events", "simulation.extremes", "simulation.losses"],
     ),
     "contact": (
         "Slip, flight and impact",

@@ -225,6 +225,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
     )
     from .simulation.extremes import ContactExtremes as ContactExtremes, contact_extremes as contact_extremes
     from .simulation.global_error import estimate_error as estimate_error
+    from .simulation.losses import EnergyLosses as EnergyLosses, energy_losses as energy_losses
     from .simulation.simulate import simulate as simulate
     from .simulation.trajectory import Trajectory as Trajectory
 else:

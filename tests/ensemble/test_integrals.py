@@ -188,6 +188,33 @@ def test_quantities_that_swing_while_the_state_rests(tolerance):
     np.testing.assert_allclose(values["highest"], 1, rtol=0, atol=1e-9)
 
 
+def swell(system, t, state):
+    """sin ωt in a wide bell, of which the neighbours of the largest swing are lower by as little as a millionth."""
+    return jnp.sin(system.gravity * t) * jnp.exp(-(((t - system.inertia) / system.mass) ** 2))
+
+
+@pytest.mark.thorough
+def test_the_largest_of_many_swings_that_are_almost_equal():
+    """By values within some 1e-3 of the largest in each piece, a neighbour was found in a third of these cases."""
+    rng = np.random.default_rng(0)
+    width, middle, omega = rng.uniform(1, 8, 60), rng.uniform(0.5, 4.5, 60), rng.uniform(150, 250, 60)
+    disks = jax.vmap(lambda mass, inertia, gravity: Disk(mass=mass, inertia=inertia, gravity=gravity))(
+        jnp.array(width), jnp.array(middle), jnp.array(omega)
+    )
+    found = simulate_ensemble(disks, [0.0, 5.0], reductions={"most": Maximum(swell)}).reductions
+    # Every swing by Newton's method for ω cos ωt = 2 (t − c)/w² sin ωt, from where the sine is 1, and the end.
+    turns = (np.arange(400) + 0.25)[:, None] * 2 * np.pi / omega
+    t = np.where(turns < 5, turns, 5.0)
+    for _ in range(4):
+        bend = 2 * (t - middle) / width**2
+        slope = omega * np.cos(omega * t) - bend * np.sin(omega * t)
+        t = t + slope / ((omega**2 + 2 / width**2) * np.sin(omega * t) + bend * omega * np.cos(omega * t))
+    t = np.concatenate([t, np.full((1, 60), 5.0)])
+    swings = np.where(t <= 5, np.sin(omega * t) * np.exp(-(((t - middle) / width) ** 2)), -1.0)
+    np.testing.assert_allclose(found["most"], swings.max(axis=0), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found["most_time"], t[swings.argmax(axis=0), np.arange(60)], rtol=0, atol=1e-9)
+
+
 @pytest.mark.thorough
 def test_a_quantity_that_jumps():
     """The disk passes z = 1 after a second."""

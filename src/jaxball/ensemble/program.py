@@ -13,11 +13,12 @@ from ..interface.status import Status
 from ..programs import native
 from ..programs.derivatives.differentiation import with_unknown_derivatives
 from ..programs.identity.closures import put_captures, take_captures
+from ..simulation.contact_force import values
 from ..simulation.observers import Found, Observation
 from ..simulation.simulate import Method, simulate_and_observe
 from ..simulation.trajectory import Trajectory
 from ..solvers.collocation import fills_vectors
-from .reductions import AbstractReduction, Observed, Quantity, values
+from .reductions import AbstractReduction, Observed, Quantity
 
 
 class Settings(NamedTuple):

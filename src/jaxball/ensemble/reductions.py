@@ -1,28 +1,25 @@
 """Results found in a run while it is computed, so that only a few numbers of it are kept."""
 
 import abc
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..interface.arguments import traceable
 from ..interface.printing import Printed
 from ..numerics.vectors import cross, root
 from ..physics.body import AbstractBody, System
-from ..physics.contact.body_on_plane import BodyOnPlane, has_contact
-from ..physics.contact.modes import ContactState, Mode
+from ..physics.contact.body_on_plane import has_contact
 from ..physics.contact.over_surface import has_surface
-from ..physics.contact.released import energy_of_released, slip_velocity
+from ..physics.contact.released import energy_of_released
 from ..physics.dynamics.footing import arm_of, footing
 from ..physics.observables import observe
 from ..physics.rolling import AbstractRollingSystem
-from ..physics.state import BallState, DiskState, State
-from ..physics.system import AbstractState
+from ..physics.state import State
+from ..simulation.contact_force import friction, half_tangent, normal_force, takes_modes, tangent
 
-Held = AbstractRollingSystem | BodyOnPlane  # what a plane holds, and so has a contact force
 # From a system, a time and a state to a number.
 Quantity = Callable[[Any, Float[Array, ""], Any], Float[Array, ""]]
 
@@ -138,57 +135,21 @@ class Integral(AbstractReduction):
         return {"": observed.integral}
 
 
-def normal_force(system: Held, t: Float[Array, ""], state: AbstractState) -> Float[Array, ""]:
-    """Returns N, the normal force; with a law of contact, in the mode that the body is in."""
-    return system.plane_reaction(t, state).normal
-
-
-def friction(system: Held, t: Float[Array, ""], state: AbstractState) -> Float[Array, ""]:
-    """Returns |f|, the friction."""
-    return system.plane_reaction(t, state).friction
-
-
-def half_tangent(system: Held, t: Float[Array, ""], state: AbstractState) -> Float[Array, ""]:
-    """Computes tan(α/2) for the angle α of the reaction from the vertical, which grows with |f| / N, smoothly past N =
-    0.
-
-    This avoids the arctangent, which takes as long as half of the equations of motion. With a law of contact, 0 in
-    flight, and that of the coefficient of friction while the body slides.
-    """
-    R = system.plane_reaction(t, state)
-    whole = R.normal + root(R.normal**2 + R.friction_squared)
-    # Without friction a ground that would have to pull has α = π, where the quotient is 0/0.
-    pulls = whole <= 0
-    half = jnp.where(pulls, jnp.inf, R.friction / jnp.where(pulls, 1.0, whole))
-    if not isinstance(state, ContactState):
-        return half
-    # Where a sliding body lifts, N is the error of that time, of either sign, and the ratio of both forces is lost.
-    mu = system.coefficient(slip_velocity(system.body, t, state.released))  # pyright: ignore
-    slides, flies = state.is_in(Mode.SLIDING), state.is_in(Mode.FLIGHT)
-    return jnp.where(slides, mu / (1 + jnp.sqrt(1 + mu**2)), jnp.where(flies, 0.0, half))
-
-
-def tangent(half: Float[Array, "*runs"]) -> Float[Array, "*runs"]:
-    """Computes |f| / N = tan α from tan(α/2); infinite where N ≤ 0."""
-    held = ~(half >= 1)
-    return jnp.where(held, 2 * half / jnp.where(held, 1 - half**2, 1.0), jnp.inf)
-
-
 def angular_speed_squared(system: System, t: Float[Array, ""], state: State) -> Float[Array, ""]:
     """Computes |Ω|²."""
     return jnp.sum(state.Omega**2)
 
 
-def speed(system: System | BodyOnPlane, t: Float[Array, ""], state: State | ContactState) -> Float[Array, ""]:
+@takes_modes
+def speed(system: Any, t: Float[Array, ""], state: Any) -> Float[Array, ""]:
     """Computes |ż|, how fast the geometric centre moves over the plane: where it rolls, r times the horizontal part of
     ω.
 
     On a surface |ċ|, how fast the geometric centre moves in space.
     """
-    if isinstance(system, BodyOnPlane) or isinstance(state, ContactState):
-        V: Any = state.V  # pyright: ignore
-        curved = isinstance(system, BodyOnPlane) and has_surface(system.body)
-        return root(jnp.sum((V if curved else V[:2]) ** 2))
+    if has_contact(system):
+        return root(jnp.sum((state.V if has_surface(system.shown) else state.V[:2]) ** 2))
+    system, state = system.shown, system.state_to_show(state)
     under = footing(system, t, state)
     if under is not None:
         return root(jnp.sum(under.centre_velocity**2))
@@ -198,35 +159,15 @@ def speed(system: System | BodyOnPlane, t: Float[Array, ""], state: State | Cont
     return root(jnp.sum(velocity**2))
 
 
-def energy(
-    system: System | BodyOnPlane, t: Float[Array, ""], state: BallState | DiskState | ContactState
-) -> Float[Array, ""]:
+@takes_modes
+def energy(system: Any, t: Float[Array, ""], state: Any) -> Float[Array, ""]:
     """Computes E, kinetic and potential; with a law of contact, plus the energy dissipated by friction and impacts."""
-    if isinstance(system, BodyOnPlane) or isinstance(state, ContactState):
-        return energy_of_released(system.body, t, state.released) + state.friction_loss + state.impact_loss  # pyright: ignore
-    return observe(system, t, state).energy
+    if has_contact(system):
+        lost = state.friction_loss + state.impact_loss
+        return energy_of_released(system.shown, t, state.released) + lost
+    return observe(system.shown, t, system.state_to_show(state)).energy
 
 
-def values(
-    quantities: Sequence[Callable[..., Any]], system: Any, t: Float[Array, ""], state: Any
-) -> Float[Array, " k"]:
-    """Returns the quantities at one time; with a law of contact those of the body, except for quantities that depend on
-    the law.
-    """
-    body = system.shown, system.state_to_show(state)
-    # A user's quantity is written for a body, whatever the contact; those of ON_PLANE need the mode.
-    whole = (system, state) if has_contact(system) else body
-
-    def value(quantity: Callable[..., Any]) -> Float[Array, ""]:
-        with traceable("quantity", quantity):
-            model, model_state = whole if quantity in ON_PLANE else body
-            return quantity(model, t, model_state)
-
-    return jnp.stack([value(quantity) for quantity in quantities])
-
-
-# Quantities that, with a law of contact, take a body on its plane and its state, not just the body.
-ON_PLANE = (normal_force, friction, half_tangent, speed, energy)
 CONTACT: dict[str, AbstractReduction] = {
     "least_normal_force": Minimum(normal_force),
     "friction_needed": Maximum(half_tangent, tangent),

@@ -1,5 +1,6 @@
 """The rolling bodies, a ball or a disk with point masses inside, as mechanical systems."""
 
+import abc
 from collections.abc import Iterator, Sequence
 from typing import Any, ClassVar, TypeVar
 
@@ -7,9 +8,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, Bool, Float
 
-from .. import programs
 from ..interface.printing import is_array
 from ..interface.wording import all_of, number_of
 from ..numerics.arrays import AnyArray, Numbers, default_dtype, join_arrays, namespace_of, to_array
@@ -19,14 +19,13 @@ from .dynamics.equations import accelerations, solvable_friction
 from .dynamics.footing import rates, surface_under
 from .dynamics.load import load
 from .dynamics.locked import field_of_locked, from_locked, to_locked
-from .dynamics.moments import kinematics
 from .dynamics.parameters import BodyParameters, PointMass
 from .dynamics.reaction import reaction
 from .dynamics.rest import TurningMode
 from .dynamics.sticking import sticking_slots
 from .feedback import AbstractLaw, FollowSchedules
 from .forces.force import shapes_of_motion
-from .limits.breaches import breaches, in_plane
+from .limits.breaches import breaches, in_plane, wild_masses
 from .limits.confinement import clearance, is_confined, is_off_plane, time_of_leaving
 from .mechanisms import Accelerated
 from .own_states import require_own
@@ -234,7 +233,7 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
         theta = states.theta if states is not None else None if state is None else state.theta[None]
         yield from breaches(self, times, None if theta is None else np.asarray(theta))
         if state is not None:
-            yield from _wild_masses(self, times[0], state)
+            yield from wild_masses(self, times[0], state)
 
 
 class AbstractBodyWithModes(AbstractSystem[AnyState]):
@@ -244,6 +243,14 @@ class AbstractBodyWithModes(AbstractSystem[AnyState]):
     """
 
     body: eqx.AbstractVar[AbstractBody]
+
+    @abc.abstractmethod
+    def moving(self, state: Any) -> AbstractBody:
+        """Returns the body in the modes of its joints."""
+
+    @abc.abstractmethod
+    def plane_reaction(self, t: Float[Array, ""], state: Any) -> Reaction:
+        """Computes the normal force and the friction, in the modes that the state is in."""
 
     def require_state(self, state: Any) -> None:
         type(self.body).require_state(self.body, state)
@@ -479,21 +486,3 @@ def _free_angles(system: System, state: State | None) -> dict[str, Array]:
         )
     system.require_state(state)
     return {"theta": state.theta, "thetadot": state.thetadot}
-
-
-def _wild_masses(system: AbstractBody, t: float, state: State) -> Iterator[Problem]:
-    """Finds the masses whose positions or velocities are not finite at the start."""
-    places, rates = jax.tree.map(np.asarray, _at_start(system, state, t))
-    names = [f"masses[{index}].motion" for index in range(system.n_masses)]
-    for index, mechanism in enumerate(system.mechanisms):
-        names += [f"mechanisms[{index}]"] * mechanism.mass.shape[-1]
-    for index in np.flatnonzero(~np.all(np.isfinite(places) & np.isfinite(rates), axis=1)):
-        description = f"it gives {places[index].tolist()} and {rates[index].tolist()}"
-        yield Problem(names[index], f"give a finite position and a finite velocity at t = {t:g}", description)
-
-
-@programs.filter_jit
-def _at_start(system: AbstractBody, state: State, t: Float[ArrayLike, ""]):
-    """Computes the positions and velocities of the masses."""
-    masses = kinematics(system.prepare(), jnp.asarray(t, system.mass.dtype), (state.theta, state.thetadot, state.theta))
-    return masses.chi, masses.chidot

@@ -12,21 +12,23 @@ from .. import programs
 from ..interface.arguments import require
 from ..interface.printing import Printed, format_value, is_single
 from ..interface.status import Status
-from ..numerics.calculus import with_derivatives, with_second_derivatives
-from ..numerics.flows import move_to_peak
-from ..physics.hybrid import entry
 from ..physics.packing import Packing
-from ..physics.rolling import AbstractRollingSystem, Reaction
-from ..programs.derivatives.differentiation import differentiate_where
-from ..solvers.dense.maxima import maxima, move
+from ..physics.rolling import AbstractRollingSystem
+from ..programs.derivatives.differentiation import differentiate_where, without_derivatives
+from ..solvers.dense.peaks import Peaks
 from ..solvers.dense.steps import Steps
+from .contact_force import friction, half_tangent, normal_force, tangent, values
+from .observers import Observation, Observers, Seen, Step
 from .simulate import simulate
-from .trajectory import Interpolant, Trajectory, always_rolls
+from .trajectory import Interpolant, Trajectory
 
 # Of the weight, or of 1: anything smaller counts as zero, and leaves a constant value constant.
 ROUNDING_OF_EXTREME = 1e-12
 MOST_STEPS_OF_SAMPLE = 256  # of a run under feedback
 SAME_VALUE = 1e-8  # the relative change that a constant value may have
+# Relative to values, and in units of rounding: what forces vary by less is no peak.
+NEGLIGIBLE_FORCE, ROUNDINGS = 1e-9, 64
+OBSERVATION = Observation(values, (normal_force, half_tangent, friction), ((0, -1.0), (1, 1.0), (2, 1.0)))
 
 
 class ContactExtremes(Printed):
@@ -84,7 +86,7 @@ class ContactExtremes(Printed):
     def __repr__(self) -> str:
         if not is_single(self.least_normal_force):
             return format_value(self)
-        least = float(self.least_normal_force)
+        least = float(self.least_normal_force) + 0.0  # not −0, as in flight
         lines = [f"least normal force {least:.10g} {self.when[0]}, {least / float(self.weight):.4g} of the weight"]
         if np.isfinite(self.friction_needed):
             mu = float(self.friction_needed)
@@ -97,6 +99,9 @@ class ContactExtremes(Printed):
 def contact_extremes(trajectory: Trajectory[Any, Any]) -> ContactExtremes:
     """Finds the extreme values of N, |f| / N and |f| within the steps of a run, not just at its saved times.
 
+    Of a run with modes these are the forces in the mode that the body is in: all 0 in flight, and the friction of the
+    law while the body slides, so that |f| / N is then its coefficient. Impulses of impacts are not among them.
+
     NaN for a run that could not start. A run under feedback is solved again from each sample to the next, with the
     inputs that acted: just before a sample the last ones still act, and at it those that are held from there on.
 
@@ -105,8 +110,8 @@ def contact_extremes(trajectory: Trajectory[Any, Any]) -> ContactExtremes:
     - ``trajectory``: what :func:`jaxball.simulate` returns with ``dense=True``, or ``run`` of a
       :class:`~jaxball.control.ClosedLoop`.
 
-    **Raises:** ``ValueError`` when the trajectory was made without ``dense=True`` or with a law of contact, and
-    ``TypeError`` for a system that does not touch a plane.
+    **Raises:** ``ValueError`` when the trajectory was made without ``dense=True``, and ``TypeError`` for a system that
+    does not touch a plane.
 
     **Example:**
 
@@ -121,11 +126,6 @@ def contact_extremes(trajectory: Trajectory[Any, Any]) -> ContactExtremes:
         raise TypeError(
             "Argument `trajectory` must be of a system that rolls on a plane, such as a Ball, but it is of a "
             f"{type(trajectory.system).__name__}."
-        )
-    if not always_rolls(trajectory):
-        raise ValueError(
-            "Argument `trajectory` must be of a body without modes, but it is of one with "
-            f"{trajectory.history.described}; its forces at the saved times are in `observables`."
         )
     if not trajectory.history.restarts:
         times = jnp.asarray(trajectory.times)
@@ -143,22 +143,44 @@ def _extremes(interpolant: Interpolant, reached: Float[Array, ""], status: Array
     started = status != Status.IMPOSSIBLE
     interpolant, reached = differentiate_where(started, (interpolant, reached))
     packing, steps = interpolant.packing, Steps.of(interpolant.solution, reached)
-
-    def forces_and_rates(t, x):
-        return jnp.concatenate([_evaluate_sizes(packing, t, x), packing.field(t, x)])
-
-    peaks = maxima(steps, forces_and_rates, 3)
-    N, _, f = jnp.diagonal(peaks.values)
-    mu = Reaction(-peaks.values[1, 0], peaks.values[1, 2] ** 2).ratio
-    extremes = (-N, peaks.time[0], mu, peaks.time[1], f, peaks.time[2])
-    extremes = with_derivatives(extremes, _at, steps, packing, peaks.step, peaks.time)
-    weight = packing.system.weight
-    constant = _are_same(peaks.size, peaks.least, weight)
-    operands = steps, packing, peaks.step, peaks.time, constant
-    extremes = with_second_derivatives(extremes, "extremes of the contact force", _at_peaks, *operands)
+    (N, half, f), times, seen = _observe(steps, packing)
+    extremes = (N, times[0], tangent(half), times[1], f, times[2])
+    weight = packing.system.shown.weight
+    constant = _are_same(seen.value[0], seen.least, weight)
     return ContactExtremes(
         *(jnp.where(started, value, jnp.nan) for value in (*extremes, weight)), constant=constant & started
     )
+
+
+def _observe(steps: Steps, packing: Packing) -> tuple[Float[Array, "3"], Float[Array, "3"], Peaks]:
+    """Observes the steps of a run that has ended, whose dense output is as exact as they are: the extremes, when they
+    occur, and what has been seen.
+    """
+    tolerance = jnp.maximum(NEGLIGIBLE_FORCE, ROUNDINGS * float(jnp.finfo(steps.start.dtype).eps))
+
+    def observers_of(packing: Packing) -> Observers:
+        return Observers(OBSERVATION, packing, tolerance, tolerance, tolerance)
+
+    def step_of(steps: Steps, k: Int[Array, ""]) -> Step:
+        states = jax.tree_util.Partial(lambda step, t: step.evaluate(t), steps.step(k))
+        # The number of the step is all that it takes to find it again.
+        return Step(*steps.ends(k), k[None].astype(steps.start.dtype), states, states)
+
+    fixed, still = without_derivatives((steps, packing))
+    looking = observers_of(still)
+    run = fixed.start[0], fixed.end[jnp.maximum(fixed.count - 1, 0)]
+
+    def look(k: Int[Array, ""], seen: Seen) -> Seen:
+        return looking.observe(seen, step_of(fixed, k), run, jnp.asarray(True), reverse=False)
+
+    seen = jax.lax.fori_loop(0, fixed.count, look, looking.begin(fixed.start[:1]))
+    assert seen.best is not None
+
+    def again(start: Array, end: Array, number: Float[Array, "1"]) -> Step:
+        k = number[0].astype(int)
+        return step_of(differentiate_where(fixed.taken[k], steps), k)
+
+    return *observers_of(packing).extremes(seen.best, again), seen.best
 
 
 def _are_same(largest: Float[Array, "3"], least: Float[Array, "3"], weight: Float[Array, ""]) -> Bool[Array, "3"]:
@@ -200,51 +222,3 @@ def _extremes_of_samples(
     return ContactExtremes(
         *(jnp.where(began, value, jnp.nan) for value in (*extremes, weight)), constant=constant & began
     )
-
-
-def _evaluate_sizes(packing: Packing, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, "3"]:
-    """Computes the functions that are largest at the extremes."""
-    force = packing.system.plane_reaction(t, packing.unpack(t, x))
-    # The angle is largest where |f| / N is, and has no spike where N is small.
-    return jnp.stack([-force.normal, force.angle, force.friction])
-
-
-def _at(steps: Steps, packing: Packing, index: Int[Array, "3"], times: Float[Array, "3"]) -> tuple[Array, ...]:
-    """Computes N, |f| / N and |f|, each with its time, at three times in steps, with their first derivatives."""
-    times, vectors = _move_each(steps, packing, index, times)
-    return _extremes_at(packing, times, times, vectors)
-
-
-def _at_peaks(
-    steps: Steps, packing: Packing, index: Int[Array, "3"], times: Float[Array, "3"], constant: Bool[Array, "3"]
-) -> tuple[Array, ...]:
-    """Computes the same as :func:`_at`, with second derivatives of the values, for which the times of extremes within
-    steps move to the zeros of the rates.
-    """
-    times, vectors = _move_each(steps, packing, index, times)
-    lengths = (steps.end - steps.start)[index]
-
-    def to_peak(sample: tuple[Array, ...]) -> tuple[Float[Array, ""], Float[Array, " size"]]:
-        which, t, x, length = sample
-        return move_to_peak(packing.field, lambda t, x: entry(which, _evaluate_sizes(packing, t, x)), t, x, length)
-
-    moved = jax.lax.map(to_peak, (jnp.arange(3), times, vectors, jnp.where(constant, 0.0, lengths)))
-    return _extremes_at(packing, times, *moved)
-
-
-def _move_each(
-    steps: Steps, packing: Packing, index: Int[Array, "3"], times: Float[Array, "3"]
-) -> tuple[Float[Array, "3"], Float[Array, "3 size"]]:
-    """Returns times in steps and the vectors then, with the derivatives of the ends of the run and of kinks."""
-    kinks = packing.system.kinks()
-    return jax.vmap(lambda i, t: move(steps, kinks, i, t))(index, times)
-
-
-def _extremes_at(
-    packing: Packing, named: Float[Array, "3"], times: Float[Array, "3"], vectors: Float[Array, "3 size"]
-) -> tuple[Array, ...]:
-    """Computes N, |f| / N and |f| at three times, each with the time that is ``named``."""
-    force = jax.lax.map(
-        lambda sample: packing.system.plane_reaction(sample[0], packing.unpack(*sample)), (times, vectors)
-    )
-    return force.normal[0], named[0], force.ratio[1], named[1], force.friction[2], named[2]

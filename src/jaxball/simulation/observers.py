@@ -3,6 +3,7 @@
 The loop of a solve passes each step on to it; the reductions of an ensemble are made from its results.
 """
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -13,18 +14,28 @@ from jaxtyping import Array, Bool, Float
 from ..numerics.calculus import with_second_derivatives
 from ..numerics.flows import move_to_peak
 from ..physics.hybrid import entry
+from ..physics.packing import Packing
 from ..programs.batches import fill_vectors
 from ..solvers.dense.integrals import Accuracy, Running, integrate
 from ..solvers.dense.peaks import Peaks, search
 from ..solvers.dense.steps import last_within, place_of_largest
 
-ROUNDS_OF_SEARCH = 5
+# Times the power 2/3 of the tolerance: the error of states within a step by the solver's own interpolation, relative to
+# values. What these vary by less is no peak that could be seen.
+NEGLIGIBLE_SHARE = 5.0
 ASIDE = 1 / 16  # of a piece, by which the search for its peak goes beyond it
 # From a time and a vector to the vector of the state, and to quantities.
 Between = Callable[[Float[Array, ""]], Float[Array, " size"]]
 Quantities = Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, " k"]]
 Field = Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, " size"]]
 Run = tuple[Float[Array, ""], Float[Array, ""]]  # the times between which it is
+
+
+def visible(rtol: Float[Array, ""]) -> Float[Array, ""]:
+    """Returns what quantities must vary by, relative to their values, to be seen in states by a solver's own
+    interpolation.
+    """
+    return NEGLIGIBLE_SHARE * jnp.cbrt(rtol) ** 2
 
 
 class Observation(NamedTuple):
@@ -39,6 +50,13 @@ class Observation(NamedTuple):
     quantities: tuple[Callable[..., Any], ...]
     searches: tuple[tuple[int, float], ...] = ()
     integrals: tuple[int, ...] = ()
+
+
+def _evaluate(
+    observation: Observation, packing: Packing[Any, Any], t: Float[Array, ""], x: Float[Array, " size"]
+) -> Float[Array, " k"]:
+    """Evaluates the quantities for a vector."""
+    return observation.evaluate(observation.quantities, packing.system, t, packing.unpack(t, x))
 
 
 class Step(NamedTuple):
@@ -83,15 +101,25 @@ class Found(NamedTuple):
 
 
 class Observers:
-    """Observe each step of one run for an :class:`Observation`, by its ``quantities`` of times and vectors, of which
-    ``field`` is the rate; both are PyTrees.
+    """Observe each step of one run for an :class:`Observation`, by vectors of a ``packing``.
 
-    Integrals are as exact as the tolerances ``rtol`` and ``atol`` of the run.
+    Integrals are as exact as the tolerances ``rtol`` and ``atol`` of the run. What quantities vary by less than
+    ``negligible``, relative to their values, is no peak that could be seen.
     """
 
-    def __init__(self, observation: Observation, quantities: Quantities, field: Field, rtol: Array, atol: Array):
+    def __init__(
+        self,
+        observation: Observation,
+        packing: Packing[Any, Any],
+        rtol: Float[Array, ""],
+        atol: Float[Array, ""],
+        negligible: Float[Array, ""],
+    ) -> None:
+        # Compiled on its own, it is traced once.
+        quantities = jax.tree_util.Partial(jax.jit(functools.partial(_evaluate, observation)), packing)
+        field, self._kinks = packing.field, packing.system.kinks()
         self.needs_exact, self._integrated = bool(observation.integrals), observation.integrals
-        self._rtol, self._atol = rtol, atol
+        self._rtol, self._atol, self._negligible = rtol, atol, negligible
         self._which = tuple(which for which, _ in observation.searches)
         self._signs = tuple(sign for _, sign in observation.searches)
         self._quantities, self._field, self._count = quantities, field, len(observation.quantities)
@@ -130,7 +158,7 @@ class Observers:
         Of a run without a step, extremes are NaN.
         """
         unknown = jnp.full(self._count, jnp.nan, x.dtype)
-        values, times = self._refine(seen.best, again) if seen.best is not None else ((), ())
+        values, times = self.extremes(seen.best, again) if seen.best is not None else ((), ())
         integrals = unknown
         if seen.integrals is not None:
             integrals = unknown.at[jnp.asarray(self._integrated)].set(seen.integrals.total)
@@ -148,7 +176,8 @@ class Observers:
             # They only decide which pieces are looked at again when the run has ended, with derivatives.
             return jax.lax.stop_gradient(jax.lax.map(sample, fractions))
 
-        return search(functions, peaks, (step.start, step.end, step.x), run[1] - run[0], self._rtol, kept)
+        of_step = step.start, step.end, step.x
+        return search(functions, peaks, of_step, run[1] - run[0], jax.lax.stop_gradient(self._negligible), kept)
 
     def _integrate(self, running: Running, step: Step, run: Run, kept: Bool[Array, ""], *, reverse: bool) -> Running:
         """Adds the integrals over a step, and over the pause before it, if that was ``kept``."""
@@ -193,8 +222,23 @@ class Observers:
 
         return value(*move_to_peak(field, value, t, step.exact(t), length))
 
-    def _refine(self, best: Peaks, again: Callable[[Array, Array, Array], Step]) -> tuple[Array, Array]:
-        """Refines the largest values, and when they occur."""
+    def _moves_with(
+        self, step: Step, t: Float[Array, ""], at_start: Bool[Array, ""], at_end: Bool[Array, ""]
+    ) -> Float[Array, ""]:
+        """Returns 0, with the derivatives of the time in a step at which a quantity is largest.
+
+        Within a step it has none. At an end of the step, where the quantity may be largest because it jumps or because
+        the run ends, they are those of the kink there, or else of that end.
+        """
+        kinks, fixed = self._kinks.astype(t.dtype), jax.lax.stop_gradient
+        near = 16 * float(jnp.finfo(t.dtype).eps) * jnp.maximum(jnp.abs(t), 1.0)
+        at_kink = (jnp.abs(fixed(kinks) - t) <= near) & (at_start | at_end)
+        kink = jnp.sum(jnp.where(at_kink & (jnp.cumsum(at_kink) == 1), kinks - fixed(kinks), 0.0))
+        end = jnp.where(at_end, step.end, jnp.where(at_start, step.start, 0.0))
+        return jnp.where(jnp.any(at_kink), kink, end - fixed(end))
+
+    def extremes(self, best: Peaks, again: Callable[[Array, Array, Array], Step]) -> tuple[Array, Array]:
+        """Computes the largest values, and when they occur, from the pieces of steps in which they are."""
         count = len(self._which)
 
         # A loop, because the quantities are a long program that is to be compiled few times.
@@ -210,10 +254,15 @@ class Observers:
             low, high = best.low[rank, k], best.high[rank, k]
             aside, length = ASIDE * (high - low), last - first
             low, high = (first + jnp.clip(place, 0.0, 1.0) * length for place in (low - aside, high + aside))
-            t = place_of_largest(lambda t: jax.lax.stop_gradient(at(t)), low, high, ROUNDS_OF_SEARCH)
-            # At the end of a step it does, where the run ends or a quantity jumps.
-            end = jnp.where(t >= last, step.end, jnp.where(t <= first, step.start, t))
-            t += end - jax.lax.stop_gradient(end)
+            fixed = jax.lax.stop_gradient
+            t = place_of_largest(
+                lambda t, x: fixed(self._sign(t, x)[k]),
+                lambda t: fixed(step.exact(t)),
+                lambda t, x: fixed(self._field(t, x)),
+                low,
+                high,
+            )
+            t += self._moves_with(step, t, t <= first, t >= last)
             operands = self._quantities, self._field, k, step, t, length
             return with_second_derivatives(at(t), "largest and smallest values of a run", self._at_peak, *operands), t
 

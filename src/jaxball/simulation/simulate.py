@@ -56,7 +56,7 @@ from .arguments import (
 from .events import AbstractEvent, EndOfGround, Leaving, check_events
 from .inputs import LimitedSteps, limits_of_steps, share_of
 from .loop import SolveLoop, by_tolerances, kinks_of, to_kinks
-from .observers import Observation, Observers
+from .observers import Observation, Observers, visible
 from .switching import NoSwitching, Switching
 from .trajectory import Interpolant, Trajectory
 from .watch import Watch, end_by_events, occurrences_of, values_of
@@ -368,9 +368,7 @@ class _Functions:
         """Makes the observers of quantities along the run."""
         observation = self._method.observation
         assert observation is not None
-        packing = self.unpack(parameters)[0]
-        quantities = jax.tree_util.Partial(functools.partial(_quantities, observation), packing)
-        return Observers(observation, quantities, packing.field, rtol, atol)
+        return Observers(observation, self.unpack(parameters)[0], rtol, atol, visible(rtol))
 
     def event_state(self, t, x, parameters):
         """Returns the state that an event's function is given, as a vector."""
@@ -381,11 +379,6 @@ class _Functions:
     def projected(self, t, x, parameters):
         """Finds the nearest vector on the constraints."""
         return self.unpack(parameters)[0].projected(t, x)
-
-
-def _quantities(observation: Observation, packing: Packing[Any, Any], t: Array, x: Array) -> Array:
-    """Evaluates the observed quantities for a vector."""
-    return observation.evaluate(observation.quantities, packing.system, t, packing.unpack(t, x))
 
 
 def _startable(system: AbstractSystem, times: Array, state: AbstractState, inside: bool) -> Array:

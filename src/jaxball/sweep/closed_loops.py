@@ -19,13 +19,14 @@ from ..control.feedback import AbstractFeedback
 from ..control.loop import ClosedLoop, run_loop
 from ..control.weights import weight_matrix
 from ..ensemble import AbstractReduction
-from ..ensemble.reductions import Observed, values
+from ..ensemble.reductions import Observed
 from ..interface.status import Status
 from ..numerics.arrays import arrays_of
 from ..programs.operation import in_threads
 from ..scenario import RegulatorSettings, Scenario
 from ..scenario.closed_loop import LoopNumbers, build_sampled_system
 from ..scenario.feedback import sample_of
+from ..simulation.contact_force import values
 from ..simulation.variables import Variable
 
 LOOP = {

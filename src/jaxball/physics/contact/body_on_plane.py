@@ -40,6 +40,7 @@ from ..conditions import Condition, ExplainedCondition
 from ..dynamics.equations import holding_friction, turning
 from ..dynamics.footing import ContactAxes, footing_of_released, in_three, rate_of_carrier
 from ..dynamics.load import Load
+from ..dynamics.reaction import reaction
 from ..dynamics.rest import Turning, TurningLaw, TurningMode
 from ..dynamics.sticking import sticking_slots, with_directions
 from ..forces.resistance import Resistance
@@ -387,7 +388,8 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         return contact.interaction(*self.coefficient_and_direction(t, state, slip))
 
     def plane_reaction(self, t: Float[Array, ""], state: Any) -> Reaction:
-        """Computes the normal force and the friction, in the mode that the state is in."""
+        if self.contact is None:
+            return reaction(self.moving(state), t, state.body, self.mode(t, state))
         R = self.interaction(t, state, self.response(t, state)).R
         return Reaction(R[2], jnp.sum(R[:2] ** 2))
 

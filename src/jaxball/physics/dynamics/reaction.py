@@ -12,6 +12,7 @@ from .equations import accelerations
 from .load import Load, load
 from .moments import Moments
 from .parameters import BodyParameters
+from .rest import TurningMode
 
 
 class ContactForce(NamedTuple):
@@ -37,10 +38,12 @@ def reaction_in_body(
     return R if acting.force is None else R - acting.force
 
 
-def reaction(system: BodyParameters, t: Float[Array, ""], state: State) -> Reaction:
-    """Computes N and |f|² from any kind of state, in body axes, so that the heading need not be known."""
+def reaction(system: BodyParameters, t: Float[Array, ""], state: State, mode: TurningMode | None = None) -> Reaction:
+    """Computes N and |f|² from any kind of state, in body axes, so that the heading need not be known; in a mode of
+    turning, if it is known.
+    """
     acting = load(system, t, state)
-    solution = accelerations(system, t, state, acting)
+    solution = accelerations(system, t, state, acting, mode)
     R = reaction_in_body(solution.body_moments, system.radius, acting, state.Omega, solution.Omegadot)
     return Reaction.of(R, acting.Gamma)
 

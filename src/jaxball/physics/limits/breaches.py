@@ -20,6 +20,7 @@ from ...numerics.excursions import first_excursion
 from ...numerics.vectors import length
 from ...programs.derivatives.differentiation import without_derivatives
 from ..conditions import Condition, Problem
+from ..dynamics.moments import kinematics
 from ..dynamics.parameters import BodyParameters
 from ..forces.force import AbstractForce
 from ..grounds import AbstractSurface
@@ -327,3 +328,21 @@ def in_plane(system: BodyParameters, times: Float[Array, " T"]) -> Iterator[Cond
 @programs.filter_jit
 def _look_aside(system: BodyParameters, times) -> list[Float[Array, "n k 3"]]:
     return [part.look(to_array(times)) for part in _flat_parts(system)]
+
+
+def wild_masses(system: Any, t: float, state: Any) -> Iterator[Problem]:
+    """Finds the masses whose positions or velocities are not finite at the start."""
+    places, rates = jax.tree.map(np.asarray, _at_start(system, state, t))
+    names = [f"masses[{index}].motion" for index in range(system.n_masses)]
+    for index, mechanism in enumerate(system.mechanisms):
+        names += [f"mechanisms[{index}]"] * mechanism.mass.shape[-1]
+    for index in np.flatnonzero(~np.all(np.isfinite(places) & np.isfinite(rates), axis=1)):
+        description = f"it gives {places[index].tolist()} and {rates[index].tolist()}"
+        yield Problem(names[index], f"give a finite position and a finite velocity at t = {t:g}", description)
+
+
+@programs.filter_jit
+def _at_start(system: Any, state: Any, t: Float[ArrayLike, ""]):
+    """Computes the positions and velocities of the masses."""
+    masses = kinematics(system.prepare(), jnp.asarray(t, system.mass.dtype), (state.theta, state.thetadot, state.theta))
+    return masses.chi, masses.chidot

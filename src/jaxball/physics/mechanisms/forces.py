@@ -84,6 +84,11 @@ class AbstractJointForce(Printed):
         """The friction by which the joint sticks, if there is one: a :class:`~jaxball.JointFriction`."""
         return ()
 
+    @property
+    def dissipating(self) -> "tuple[AbstractJointForce, ...]":
+        """The forces in it that only take energy from the body, such as friction."""
+        return ()
+
     def slipping(self, direction: Float[Array, "*group"]) -> "AbstractJointForce":
         """Returns the same force where the joint slips in a direction, 1 or −1, or sticks, 0."""
         return self
@@ -145,6 +150,10 @@ class JointForces(AbstractJointForce):
     def sticking(self) -> tuple[AbstractJointForce, ...]:
         return tuple(friction for term in self.terms for friction in term.sticking)
 
+    @property
+    def dissipating(self) -> tuple[AbstractJointForce, ...]:
+        return tuple(force for term in self.terms for force in term.dissipating)
+
     def slipping(self, direction: Float[Array, "*group"]) -> "JointForces":
         return JointForces(tuple(term.slipping(direction) for term in self.terms))
 
@@ -200,6 +209,10 @@ class Damper(AbstractJointForce):
 
     def __check_init__(self):
         require_flags(negative=self.negative)
+
+    @property
+    def dissipating(self) -> tuple[AbstractJointForce, ...]:
+        return (self,)
 
     def __call__(self, t, theta, thetadot, state):
         return -self.coefficient * thetadot

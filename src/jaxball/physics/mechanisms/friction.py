@@ -67,6 +67,10 @@ class JointFriction(AbstractJointForce):
     def sticking(self) -> "tuple[JointFriction, ...]":
         return () if self.smoothing is not None else (self,)
 
+    @property
+    def dissipating(self) -> tuple[AbstractJointForce, ...]:
+        return (self,)
+
     def slipping(self, direction: Float[Array, "*group"]) -> "JointFriction":
         return eqx.tree_at(lambda friction: friction.direction, self, direction, is_leaf=lambda x: x is None)
 
@@ -126,6 +130,10 @@ class MajdSimaanFriction(AbstractJointForce):
     peak: Float[Array, "*group"] = eqx.field(converter=numbers("peak"))
     rate: Float[Array, "*group"] = eqx.field(converter=numbers("rate"))
     steepness: Float[Array, "*group"] = eqx.field(converter=numbers("steepness"))
+
+    @property
+    def dissipating(self) -> tuple[AbstractJointForce, ...]:
+        return (self,)
 
     def __call__(self, t, theta, thetadot, state):
         speed = jnp.abs(thetadot) / self.rate

@@ -18,6 +18,9 @@ LOBATTO_NODES = 5
 FINENESS = 32
 # The half width of the next window, relative to this one: a few times the error of a quartic.
 NARROWER = 1 / 12
+# Of windows in which a maximum is sought, relative to all of its piece; the last one has the tangent of the motion.
+WINDOW_SIZES = (1.0, NARROWER, NARROWER**2, NARROWER**3, NARROWER**4, NARROWER**2)
+CURVATURE_ROUND, ROUNDINGS_OF_PEAK = 2, 8
 
 
 class Steps(eqx.Module):
@@ -68,9 +71,15 @@ class Steps(eqx.Module):
         return None
 
     def ends(self, index: Int[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
-        """Returns the start and the end of a step, with derivatives."""
-        start, end = self.times[index], self.times[index + 1]
-        return start, jnp.where(end < self.until, end, self.until)
+        """Returns the start and the end of a step, with derivatives; the start is the end of a pause before it."""
+        begins, end = self.times[:-1], self.times[index + 1]
+        if isinstance(self.interpolation, AfterPauses):
+            begins = self.infos["pause"].start
+            # Where a mode ends, the next step begins at the time of the event, which has its derivatives.
+            follows = begins[jnp.minimum(index + 1, begins.size - 1)]
+            event = jnp.where(index + 1 < self.count, follows, end)
+            end += event - jax.lax.stop_gradient(event)
+        return begins[index], jnp.where(end < self.until, end, self.until)
 
     def step(self, index: Int[Array, ""]) -> diffrax.AbstractLocalInterpolation:
         """Returns the dense output of one step."""
@@ -145,28 +154,56 @@ def last_within(start: Float[Array, "*steps"], end: Float[Array, "*steps"]) -> F
 
 
 def place_of_largest(
-    value: Callable[[Float[Array, ""]], Float[Array, ""]],
+    value: Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, ""]],
+    states: Callable[[Float[Array, ""]], Float[Array, " size"]],
+    field: Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, " size"]],
     first: Float[Array, ""],
     last: Float[Array, ""],
-    rounds: int,
 ) -> Float[Array, ""]:
-    """Finds where a function of time is largest between ``first`` and ``last``, by quartics in ever narrower windows.
+    """Finds where a function of time and vector is largest between ``first`` and ``last``, in ever narrower windows.
 
-    Where a value in a window is not finite, the time before stays, which at first is ``first``.
+    In each window by the quartic through five values, or, where one of them is not finite, at the largest of them.
+    Finally the rate along the motion is solved for its zero: the place of a maximum is accurate to half the digits,
+    that of a zero to all.
+
+    - ``states``: the vectors at times, without derivatives; ``field``: their rates.
     """
     grid = sampling()
-    nodes, fractions, matrix = (jnp.asarray(x, first.dtype) for x in (grid.nodes, grid.fractions, grid.matrix))
+    nodes, fractions, matrix, shares = (
+        jnp.asarray(x, first.dtype) for x in (grid.nodes, grid.fractions, grid.matrix, WINDOW_SIZES)
+    )
 
-    def narrower(_, carry):
-        t, half = carry
-        low, high = jnp.maximum(t - half, first), jnp.minimum(t + half, last)
-        samples = jax.lax.map(lambda node: value(low + node * (high - low)), nodes)
+    def narrower(r: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
+        (t, curvature), whole = carry, last - first
+        low, high = jnp.maximum(t - shares[r] * whole, first), jnp.minimum(t + shares[r] * whole, last)
+        width = jnp.where(high > low, high - low, 1.0)
+        is_line, here = r == len(WINDOW_SIZES) - 1, states(t)
+        rates = field(t, here)
+
+        def sample(node: Array) -> Array:
+            time = low + node * (high - low)
+            # In the last round along the tangent of the motion: the slope of the dense output is less accurate than its
+            # values, and the zero of a rate would be off by as much.
+            return value(time, jnp.where(is_line, here + (time - t) * rates, states(time)))
+
+        samples = jax.lax.map(sample, nodes)
         fine = jnp.sum(matrix * samples[None], axis=1)
-        # The first of the largest, without argmax, at which XLA's CPU compiler fails in a loop.
-        best = low + (high - low) * jnp.min(jnp.where(fine == jnp.max(fine), fractions, jnp.inf))
-        return jnp.where(jnp.all(jnp.isfinite(samples)), best, t), half * NARROWER
+        # The first of those that are the largest but for rounding, so that one at the start of a run is not next to it.
+        most = jnp.max(fine)
+        rounding = ROUNDINGS_OF_PEAK * float(jnp.finfo(fine.dtype).eps) * jnp.abs(most)
+        best = jnp.min(jnp.where(fine >= most - rounding, fractions, jnp.inf))
+        # A value that is not a number must not be passed over in silence: it counts as the largest.
+        sizes = jnp.where(jnp.isnan(samples), jnp.inf, samples)
+        largest = jnp.min(jnp.where(sizes == jnp.max(sizes), nodes, jnp.inf))
+        finite = jnp.all(jnp.isfinite(samples))
+        slope, bend = grid.rates(samples, jnp.where(is_line, (t - low) / width, best))
+        shift = -slope / (width * jnp.where(curvature < 0, curvature, 1.0))
+        moves = finite & (curvature < 0) & (jnp.abs(shift) <= NARROWER**3 * whole) & (t > first) & (t < last)
+        zero = jnp.clip(jnp.where(moves, t + shift, t), first, last)
+        seen = jnp.where(r == CURVATURE_ROUND, jnp.where(finite & (bend < 0), bend / width**2, 0.0), curvature)
+        return jnp.where(is_line, zero, low + (high - low) * jnp.where(finite, best, largest)), seen
 
-    return jax.lax.fori_loop(0, rounds, narrower, (first, last - first))[0]
+    return jax.lax.fori_loop(0, len(WINDOW_SIZES), narrower, (first, jnp.zeros_like(first)))[0]
 
 
 def _lagrange(nodes: np.ndarray, k: int, x: float) -> float:
