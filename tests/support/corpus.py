@@ -14,6 +14,7 @@ from jaxball.scenario import builtin_scenarios, builtin_text, read_scenario
 from jaxball.scenario.sources import document_of
 from jaxball.sweep import read_study
 
+from .convex_files import CONVEX
 from .every_mechanism import EVERY_MECHANISM
 from .surface_files import ON_SURFACES
 from .under_feedback import FEEDFORWARD, PREDICTIVE, UNDER_FEEDBACK
@@ -402,24 +403,6 @@ upper = HIGH
 OF_A_BALL = {"KIND": "ball", "INERTIA": "[1.0, 1.0, 1.0]", "PLACE": "[1.0, 0.5]", "HEIGHT": "1.0"}
 OF_A_BALL |= {"LOW": "[-5.0, -5.0]", "HIGH": "[5.0, 5.0]"}
 OF_A_DISK = {"KIND": "disk", "INERTIA": "1.0", "PLACE": "1.0", "HEIGHT": "0.0", "LOW": "-5.0", "HIGH": "5.0"}
-
-
-_CONVEX = """
-format = 1
-kind = "convex-body"
-body = { mass = 1.2, inertia = [0.5, 0.6, 0.7], gravity = 1.0, offset = [0.05, -0.03, 0.02], shape = SHAPE }
-initial = { Omega = [0.4, -0.8, 0.3], z = [1.0, 0.5] }
-time = { start = 0.0, end = 1.0, step = 0.5 }
-"""
-CONVEX = {
-    "stone": _CONVEX.replace("SHAPE", '{ kind = "ellipsoid", semiaxes = [1.0, 1.3, 0.7], turn = 0.2 }'),
-    "egg": _CONVEX.replace("SHAPE", '{ kind = "function", function = "tests.support.corpus:egg", parameters = 0.1 }'),
-}
-
-
-def egg(Gamma: Any, sharpness: Any) -> Any:
-    """The support function of an egg."""
-    return (1.0 + 0.5 * Gamma[2] ** 2) ** 0.5 + sharpness * Gamma[2] ** 3
 
 
 def every_kind(body: dict[str, str], controlled: bool) -> str:

@@ -28,12 +28,21 @@ NOT_FINITE = -2  # a row that succeeded, but whose result is not finite
 _NAMES = {NOT_FINITE: "not finite"}
 
 
+def title_of(data: "xarray.Dataset") -> str:
+    """Returns the title of a study, or of its scenario, or else names the scenario's kind."""
+    document = _scenario_of(data)
+    return data.attrs.get("title") or document.get("title") or f"A study of a {document.get('kind', 'system')}"
+
+
 def caption_of_study(figure: Any, data: "xarray.Dataset") -> None:
-    """Writes above a figure the title of a study, or of its scenario, or else the scenario's kind; and the units."""
-    document = tomllib.loads(data.attrs.get("scenario", ""))
-    title = data.attrs.get("title") or document.get("title") or f"A study of a {document.get('kind', 'system')}"
+    """Writes the title of a study above a figure, and its units."""
+    document = _scenario_of(data)
     units = read_units(document["units"]) if "units" in document else None
-    caption(figure, title=title, units=in_words(units))
+    caption(figure, title=title_of(data), units=in_words(units))
+
+
+def _scenario_of(data: "xarray.Dataset") -> dict[str, Any]:
+    return tomllib.loads(data.attrs.get("scenario", ""))
 
 
 def study_axes(data: "xarray.Dataset", ax: Axes | None, size: tuple[float, float]) -> Axes:
