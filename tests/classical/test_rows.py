@@ -336,13 +336,13 @@ def test_a_start_beyond_a_contact_is_impossible():
         (
             {"unilateral": lambda t: t},
             TypeError,
-            r"Argument `unilateral\[0\].gap` must be a function of \(t, q, parameters\)",
+            r"Argument `unilateral\[0\].gap` must be a function of \(t, q\) or \(t, q, parameters\)",
         ),
         ({"dry": [over_belt]}, TypeError, "Argument `dry` must be a DryFriction such as"),
         (
             {"dry": DryFriction(lambda q: q, 1.0)},
             TypeError,
-            r"Argument `dry\[0\].velocity` must be a function of \(t, q, qdot, parameters\)",
+            r"Argument `dry\[0\].velocity` must be a function of \(t, q, qdot\) or \(t, q, qdot, parameters\)",
         ),
     ],
     ids=["number", "list", "arguments of a gap", "no level", "arguments of a velocity"],

@@ -71,7 +71,7 @@ def test_ground_that_folds_on_the_way():
 @pytest.mark.parametrize(
     ("make", "error", "says"),
     [
-        (lambda: HeightField(lambda x, y: x), TypeError, "a function of (t, x, y, parameters)"),
+        (lambda: HeightField(lambda x, y: x), TypeError, "a function of (t, x, y) or (t, x, y, parameters)"),
         (lambda: ParametricSurface(lambda t, u1, u2, _: u1), TypeError, "an array of shape (3,)"),
     ],
 )

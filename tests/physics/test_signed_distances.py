@@ -229,7 +229,7 @@ def test_a_run_ends_where_the_ground_is_along_the_line():
 
 def test_what_is_refused():
     solid = {"mass": 1.0, "radius": 0.1, "inertia": (0.004, 0.004, 0.004)}
-    with pytest.raises(TypeError, match=r"a function of \(t, x, y, z, parameters\)"):
+    with pytest.raises(TypeError, match=r"a function of \(t, x, y, z\) or \(t, x, y, z, parameters\)"):
         SignedDistance(lambda t, x, y: x)
     for ground, says in [
         (SignedDistance(inside_sphere, 1.0, centre=(0.0, 0.0, 1.0)), "`ground.guess` must be a positive number"),
