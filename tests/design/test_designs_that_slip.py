@@ -97,9 +97,9 @@ def test_its_friction_is_identified():
 
 
 def test_what_it_cannot_have():
-    with pytest.raises(DesignError, match="^Key `search.intervals` must be 1 for a body with a law of contact"):
+    with pytest.raises(DesignError, match=r"^Key `search.intervals` must be 1 for a body with a law of contact"):
         design.search.program.Shooting(problem().problem, intervals=2)
     rail = "[[scenario.masses]]\nmass = 0.1\nposition = [0.5, 0.0, 0.0]\n\n[[variables]]"
     text = with_constraint('kind = "force-limit"\nmost = 1.0').replace("[[variables]]", rail, 1)
-    with pytest.raises(DesignError, match="^Key `contact` must be left out here, because forces on masses"):
+    with pytest.raises(DesignError, match=r"^Key `contact` must be left out here, because forces on masses"):
         _ = design.read_problem(text).problem.layout

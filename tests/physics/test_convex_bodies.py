@@ -257,6 +257,10 @@ def egg_arm(Gamma):
     return jax.grad(egg)(Gamma)
 
 
+def function_of(name):
+    return f'{{ kind = "function", function = "{__name__}:{name}" }}'
+
+
 def in_file(shape):
     return FILE.replace("SHAPE", shape).replace("VERSOR", str(Q.tolist()))
 
@@ -280,16 +284,8 @@ def test_it_stands_in_files():
         ("1.3", "-1.3", "`body.shape.semiaxes` must be a list of 3 positive numbers"),
         ('"ellipsoid"', '"egg"', "`body.shape.kind`"),
         ("mass = 1.2", "mass = 1.2, radius = 1.0", "`body.radius`"),
-        (
-            ELLIPSOID,
-            f'{{ kind = "function", function = "{__name__}:egg_arm" }}',
-            "`body.shape.function` must give a single",
-        ),
-        (
-            ELLIPSOID,
-            f'{{ kind = "function", function = "{__name__}:support" }}',
-            "`body.shape.function` must name a function that fits",
-        ),
+        (ELLIPSOID, function_of("egg_arm"), "`body.shape.function` must give a single"),
+        (ELLIPSOID, function_of("support"), "`body.shape.function` must name a function that fits"),
         ("angle = 0.1", 'kind = "bowl", radius = 5.0', "`ground` must be a plane under a convex body"),
         ("angle = 0.1", TURNTABLE, "`ground.turntable` must be left out for a convex body"),
     ],

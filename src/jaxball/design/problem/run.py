@@ -196,11 +196,8 @@ class Run(eqx.Module):
         What holds a joint that sticks, or moves one with a schedule, follows from accelerations of the whole motion.
         """
         system = self.system
-        if (
-            self.may_slip
-            or system.sticking
-            or any(mechanism.n_joints > len(mechanism.free) for mechanism in system.mechanisms)
-        ):
+        moved = any(mechanism.n_joints > len(mechanism.free) for mechanism in system.mechanisms)
+        if self.may_slip or system.sticking or moved:
             return self.observables.joint_efforts
 
         def one(system, t, x):
