@@ -11,7 +11,20 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import Ball, BallState, Contact, Disk, DiskState, Ground, Mode, ReleasedState, Resistance, SwitchCause
+from jaxball import (
+    Ball,
+    BallState,
+    Contact,
+    Disk,
+    DiskState,
+    Ground,
+    Mode,
+    Motor,
+    ReleasedState,
+    Resistance,
+    SwitchCause,
+    planar_pendulum,
+)
 from jaxball.ensemble import simulate_ensemble
 
 G, M, R, C, MU, SPEED, ALPHA = 9.81, 2.0, 0.3, 0.02, 0.2, 3.0, 0.3
@@ -223,6 +236,24 @@ def test_the_smoothed_laws_tend_to_the_exact_ones(case):
         errors.append(np.linalg.norm(run.state.z[-1] - exact.state.z[-1]))
     assert errors[1] < 0.65 * errors[0]
     assert errors[1] < 1e-3
+
+
+@pytest.mark.thorough
+def test_a_disk_that_begins_to_slide_and_to_roll_at_once_rolls_as_its_slip_drives_it():
+    """A pendulum's torque would roll it backwards; as friction cannot hold that, the slip rolls it on."""
+    pendulum = planar_pendulum(0.5, 0.6, drive=Motor(0.45))
+    robot = Disk(mass=1.0, inertia=0.5, mechanisms=[pendulum], resistance=Resistance(dry=0.01, exact=True))
+
+    def run(t, rate=0.0):
+        start = DiskState(phidot=rate, theta=(0.0,), thetadot=(0.0,))
+        return jaxball.simulate(robot, jnp.stack([t, t + 0.1]), start, contact=Contact(0.12), rtol=1e-10, atol=1e-10)
+
+    held = run(0.0)
+    assert int(held.switches.count) == 0
+    np.testing.assert_allclose(held.state.phidot[-1], run(0.0, 1e-9).state.phidot[-1], rtol=0, atol=2e-9)
+    # Nothing depends on the time itself, in either mode of differentiation.
+    for derivative in (jax.jacfwd, jax.jacrev):
+        np.testing.assert_allclose(derivative(lambda t: run(t).state.phidot[-1])(0.3), 0, rtol=0, atol=1e-12)
 
 
 @pytest.mark.slow

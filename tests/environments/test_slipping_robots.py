@@ -71,7 +71,7 @@ def test_the_gradient_of_its_return_is_that_of_differences():
 
 
 def test_friction_and_contact_exclude_each_other():
-    with pytest.raises(ValueError, match="^Argument `friction` must be left out with `contact`"):
+    with pytest.raises(ValueError, match=r"^Argument `friction` must be left out with `contact`"):
         Environment(robot(), ReachPoint(2.0), sample=0.1, friction=0.3, contact=CONTACT)
 
 

@@ -29,7 +29,7 @@ from ..simulation.extremes import MOST_STEPS_OF_SAMPLE
 from ..simulation.simulate import simulate
 from .inputs import Place, hold_inputs, limits_of, places_of, with_inputs
 
-START_ORDER = 5.0  # of the method, of which the mode at a start does not depend
+ANY_ORDER = 5.0  # of a method: the mode in which a body starts does not depend on it
 LEAST_REACHED = 1e-8  # of the largest singular value of the reachable subspace's factor; below it is rounding
 ROUNDING_OF_COMBINATION = 1e-6  # of the largest entry of a combination
 
@@ -130,11 +130,11 @@ class SampledSystem(Printed):
         return hold_inputs(self.system, self.places, u) if self.places else self.system
 
     def begin(self, system: System, t: Float[Array, ""], state: PlacedState) -> Any:
-        """Returns what :meth:`advance` takes for a body in a state: with a law of contact, also the mode that it has."""
+        """Returns what :meth:`advance` takes for a body in a state: with a law of contact, also its mode."""
         if self.contact is None:
             return state
         plane = BodyOnPlane(system, self.contact).prepare()
-        accuracy = Accuracy(self.rtol, self.atol, START_ORDER, 1.0)
+        accuracy = Accuracy(self.rtol, self.atol, ANY_ORDER, 1.0)
         after = plane.transition(t, plane.start(t, state), jnp.asarray(START), accuracy).after
         # Of the same kind as after a sample, for a scan.
         return jax.tree.map(lambda x: jnp.asarray(x, t.dtype), after)

@@ -190,6 +190,10 @@ class Deciding(NamedTuple):
         """Finds the direction in which rolling begins."""
         assert choice.mode is not None
         first = jax.lax.stop_gradient(choice.mode.sigma[:2])
+        if self.plane.body.planar:
+            # What let go after it, such as the contact, may have turned its rate round.
+            pull, _ = _pull(self.rolling(choice), first)
+            return in_three(jnp.where(jnp.sum(pull * first) < 0, -first, first))
         return in_three(diverging(_pull, self.rolling(choice), first).sigma)
 
     def weigh(self, choice: Choice) -> tuple[Float[Array, " loads"], tuple[Choice, Any, Any]]:
@@ -248,7 +252,7 @@ class Deciding(NamedTuple):
             # The direction of each depends on that of the other, so they are found in turn until neither changes.
             if self.response is not None:
                 choice = choice._replace(sigma=self.first_slip(choice, self.respond(choice)))
-            if choice.mode is None or not self.plane.turns_aside:
+            if choice.mode is None or not self.plane.resists_rolling:
                 return choice, None
             sigma = choice.mode.sigma
             rolling = jax.lax.cond(turns, lambda: self.first_rolling(choice), lambda: sigma)
