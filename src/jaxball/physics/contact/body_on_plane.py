@@ -13,10 +13,9 @@ It has three parts, of which each is there or not. That is known before anything
 - **Exact dry resistance.** In each mode but flight the body rolls until ω_h falls to zero, and is then held, at rest if
   it does not slip, until the torque that holds it exceeds the largest one; spinning, ω₃, has a mode of rest of its own.
   In flight the ground resists nothing, and impacts have no impulse of dry resistance.
-- **Joints that dry friction or hard stops may hold.** One with friction slips until θ̇ falls to zero, and sticks until the friction that holds it
-  reaches its static level. Those that stick are held in the matrix of the equations. In an impact no joint is held: the
-  friction that holds one is finite, and gives no impulse. Those that it has set in motion slip afterwards. A joint that
-  comes to a hard stop strikes it (``stops``), and rests against it until an effort takes it off.
+- **Joints that dry friction or hard stops may hold.** One with friction slips until θ̇ falls to zero, and sticks until
+  the friction that holds it reaches its static level. One that comes to a hard stop strikes it (``stops``), and rests
+  against it until an effort takes it off. In an impact no joint is held: friction is finite, and gives no impulse.
 
 Without a law of contact a body does not slip, and its equations are those of rolling (``equations``); with one they are
 those of the released body (``released``).

@@ -1,8 +1,8 @@
 """What ends a mode of a body on its ground: the guards, and what the end of a step means.
 
 In this order: those of the contact (``CAUSES``), under exact dry resistance those of rolling and of spinning, and two
-for each joint that dry friction or a stop may hold. The guard of a thing that moves is its rate in its direction, and of one
-that is held the friction that is to spare.
+for each joint that dry friction or a stop may hold. The guard of a thing that moves is its rate in its direction, and
+of one that is held the friction that is to spare.
 """
 
 from typing import TYPE_CHECKING, Any, NamedTuple

@@ -169,7 +169,7 @@ class ContactSwitches(HeldSwitches):
 
     - ``source``, ``target``: the :class:`~jaxball.Mode` before and after it, shape (capacity,).
     - ``before``, ``after``: the :class:`~jaxball.ReleasedState` before and after it, with a leading axis.
-    - ``lost``: the energy lost in an impact, mass length²/time², shape (capacity,).
+    - ``lost``: the energy lost in an impact, or in the strike of a joint, mass length²/time², shape (capacity,).
 
     Besides these it has what :class:`HeldSwitches` have.
     """
@@ -309,6 +309,8 @@ def history_of(plane: "BodyOnPlane", times: Float[Array, " T"], states: ContactS
     if plane.contact is None:
         return HeldHistory(switches=HeldSwitches.of(record, **switches), **saved)
     lost = after.impact_loss - before.impact_loss
+    if before.stop_loss is not None:
+        lost = lost + after.stop_loss - before.stop_loss
     of_contact = ContactSwitches.of(record, **switches, source=_modes_of(before), target=_modes_of(after), lost=lost)
     saved |= {name: getattr(states, name) for name in ("V", "height", "friction_loss", "impact_loss")}
     slip, sigma = slips_of(plane, times, states)

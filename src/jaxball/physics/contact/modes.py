@@ -128,7 +128,7 @@ class ContactState(AbstractState):
 
     - ``slips``: for each of them, 1 or −1 where it slips in that direction, 0 where it sticks or is held at a stop; of
       one without friction 1 where it is free.
-    - ``stop_loss``: the energy dissipated where joints strike their stops; None without stops.
+    - ``stop_loss``: the energy dissipated where joints strike their stops, also by friction then; None without stops.
     """
 
     body: Any

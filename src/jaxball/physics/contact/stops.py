@@ -4,8 +4,9 @@ It takes no time. Without a law of contact the body keeps rolling, by whatever i
 contact keeps its mode if it can: in rolling the impulse of the ground must be within the cone of static friction, in
 sliding it is I₃ (e3 − μσ) with I₃ ≥ 0, as long as the slip does not reverse. If not, the ground gives no impulse where
 the body then rises, and else that of an impact without restitution (``impact``), the joint with its rate after the
-strike. Friction in joints and dry resistance at the ground are finite and give none. A joint that rests against another
-stop is held there as far as that stop pushes it.
+strike. There, friction may end in another mode than it begins, and restitution would then create energy: e is smaller,
+so that it does not. Friction in joints and dry resistance at the ground are finite and give no impulse. A joint that
+rests against another stop is held there as far as that stop pushes it.
 """
 
 import dataclasses
@@ -36,27 +37,37 @@ ROUNDING = 64  # of the rate that a strike may give a joint, and of an impulse, 
 
 
 class _Strike(NamedTuple):
-    """A joint that strikes, ``which``, and the ``change`` of its rate; the state has all in it that gives no impulse
-    loose.
+    """A joint that strikes the stop on a ``side`` with a ``speed``, and the restitution ``e``; in the state all that
+    gives no impulse is loose.
     """
 
-    which: Bool[Array, " sticking"]
-    change: Float[Array, ""]
+    side: Float[Array, " sticking"]
+    speed: Float[Array, ""]
+    e: Float[Array, ""]
     state: ContactState
+
+    @property
+    def which(self) -> Bool[Array, " sticking"]:
+        """Which joint it is."""
+        return self.side != 0
+
+    @property
+    def change(self) -> Float[Array, ""]:
+        """The change of its rate."""
+        return -(1 + self.e) * self.speed * jnp.sum(self.side)
 
 
 class _Blow(NamedTuple):
-    """What a strike does: changes of Ω and θ̇, its ``impulse``, and the impulses that hold other joints.
+    """What a strike does: changes of Ω and θ̇, the energy ``lost``, and the impulses that hold other joints.
 
-    With a law of contact also the slip velocity ``after`` it, the impulse of the ground, and whether nothing slips.
+    With a law of contact also the slip velocity ``after`` it, and whether nothing slips.
     """
 
     Omega: Float[Array, "3"]
     thetadot: Float[Array, " coordinates"]
-    impulse: Float[Array, ""]
+    lost: Float[Array, ""]
     holding: Float[Array, " sticking"]
     after: Float[Array, "3"] | None = None
-    of_ground: Float[Array, "3"] | None = None
     still: Bool[Array, ""] | None = None
 
 
@@ -66,17 +77,18 @@ def strike_stop(plane: "BodyOnPlane", done: Progress, event: Int[Array, ""]) -> 
     side = jax.lax.stop_gradient(struck(plane, done.state, event))
     which = side != 0
     theta = put(body, done.state.body.theta, which, stops.at(side))
-    state = eqx.tree_at(lambda x: x.body.theta, done.state, theta)
+    state = eqx.tree_at(lambda x: x.body.theta, _in_mode(plane, done), theta)
     speed = jnp.maximum(jnp.sum(side * state.body.thetadot[slots]), 0.0)
     e = jnp.sum(jnp.where(which, stops.restitution, 0.0))
     reach, natural = Reach.of(body, t, state.body), _natural_speed(plane, t, state, which)
     slowest = jnp.sum(jnp.where(which, stops.slowest * natural / reach.mean, 0.0))
     rebounds = e * speed > slowest
-    e = jnp.where(rebounds, e, 0.0)
     rests = sides(body, state.slips, theta[slots])
-    strike = _Strike(which, -(1 + e) * speed * jnp.sum(side), _loose(state, jnp.where(rests == 0, 1.0, 0.0)))
+    loose = _loose(state, jnp.where(rests == 0, 1.0, 0.0))
+    strike = _Strike(side, speed, jnp.where(rebounds, e, 0.0), loose)
     strike = strike._replace(state=_held(plane, t, strike, rests))
-    blow = _blow(plane, t, strike)
+    e, blow = _without_gain(plane, t, strike)
+    rebounds &= e > 0
     rates = put(body, state.body.thetadot + blow.thetadot, which, -e * speed * side)
     # The largest rate that the strike could give another joint: what is rounding of it did not set it in motion.
     size = jnp.abs(state.body.thetadot[slots]) + speed * jnp.sum(jnp.where(which, reach.mean, 0.0)) / reach.mean
@@ -87,14 +99,24 @@ def strike_stop(plane: "BodyOnPlane", done: Progress, event: Int[Array, ""]) -> 
     slips = jnp.where(slides | which | (state.slips == 0), slips, 1.0)
     slips = jax.lax.stop_gradient(slips)
     rates = put(body, rates, slips == 0, jnp.zeros_like(slips))
-    lost = 0.5 * (1 - e) * speed * -jnp.sum(side) * blow.impulse
     state = _loose(state, slips)
-    state = dataclasses.replace(state, stop_loss=state.stop_loss + lost)
+    state = dataclasses.replace(state, stop_loss=state.stop_loss + blow.lost)
     done = done._replace(strikes=jnp.any(which))
     if blow.after is None:
         moved = state.body.with_Omega(state.body.Omega + blow.Omega)
         return done._replace(state=state.move(eqx.tree_at(lambda x: x.thetadot, moved, rates)))
     return _with_contact(plane, done, state, blow, rates)
+
+
+def _in_mode(plane: "BodyOnPlane", done: Progress) -> ContactState:
+    """Returns the state in its mode of contact, which it does not say as a run starts, or after a landing."""
+    state = done.state
+    if state.mode is None:
+        return state
+    slip = slip_velocity(plane.body, done.t, state.released)
+    still = state.is_in(Mode.ROLLING) | done.still | plane.is_still(slip, state)
+    mode = jnp.where(done.flies, int(Mode.FLIGHT), jnp.where(still, int(Mode.ROLLING), int(Mode.SLIDING)))
+    return dataclasses.replace(state, mode=mode.astype(state.mode.dtype))
 
 
 def _loose(state: ContactState, slips: Float[Array, " sticking"]) -> ContactState:
@@ -117,9 +139,7 @@ def _natural_speed(
     return jax.lax.stop_gradient(root(g * body.radius))
 
 
-def _held(
-    plane: "BodyOnPlane", t: Float[Array, ""], strike: _Strike, rests: Float[Array, " sticking"]
-) -> ContactState:
+def _held(plane: "BodyOnPlane", t: Float[Array, ""], strike: _Strike, rests: Float[Array, " sticking"]) -> ContactState:
     """Returns the state in which joints that rest against other stops are held as far as these push them."""
     if sum(len(order) * len(group.stops) for group, order in _groups(plane)) == 1:
         return strike.state
@@ -134,6 +154,27 @@ def _held(
     return dataclasses.replace(strike.state, slips=jax.lax.stop_gradient(slips))
 
 
+def _without_gain(plane: "BodyOnPlane", t: Float[Array, ""], strike: _Strike) -> tuple[Float[Array, ""], _Blow]:
+    """Computes the strike with as much of its restitution as creates no energy."""
+    if plane.contact is None:
+        return strike.e, _blow(plane, t, strike)
+
+    def attempt(tried: tuple[Array, Array, Array], k: Array) -> tuple[tuple[Array, Array, Array], _Blow]:
+        e, lost, first = tried
+        # With all that is held at its end, the energy after a strike grows as e².
+        share = first / jnp.where(lost < 0, first - lost, 1.0)
+        less = jnp.where(k == 2, e * root(jnp.maximum(share, 0.0)), 0.0)
+        e = jnp.where(k == 0, 0.0, jnp.where(k == 1, strike.e, jnp.where(lost < 0, less, e)))
+        blow = _blow(plane, t, strike._replace(e=e))
+        slack = ROUNDING * float(jnp.finfo(e.dtype).eps) * jnp.abs(first)
+        lost = jnp.where(k == 0, blow.lost, blow.lost + slack)
+        return (e, lost, jnp.where(k == 0, blow.lost, first)), blow
+
+    none = jnp.zeros_like(t)
+    (e, _, _), blows = jax.lax.scan(attempt, (none, none, none), jnp.arange(4))
+    return e, jax.tree.map(lambda x: x[-1], blows)
+
+
 def _groups(plane: "BodyOnPlane"):
     return zip(plane.body.mechanism_groups, plane.body.mechanism_order, strict=True)
 
@@ -141,7 +182,7 @@ def _groups(plane: "BodyOnPlane"):
 def _blow(plane: "BodyOnPlane", t: Float[Array, ""], strike: _Strike) -> _Blow:
     """Computes what a strike does, where joints with the direction 0 are held."""
     state, which = strike.state, strike.which
-    efforts = among_free(plane.body, jnp.where(which, 1.0, 0.0).astype(t.dtype))
+    efforts = among_free(plane.body, jnp.abs(strike.side))
     if plane.contact is not None:
         return _blow_on_contact(plane, t, strike, efforts)
     body = plane.moving(state)
@@ -150,7 +191,12 @@ def _blow(plane: "BodyOnPlane", t: Float[Array, ""], strike: _Strike) -> _Blow:
     impulse = strike.change / jnp.sum(jnp.where(which, of_sticking(body, joints), 0.0))
     thetadot = join_coordinates(jnp.zeros_like(state.body.theta), motion.links, joints)
     holding = of_sticking(body, motion.lacking(efforts, Omega, joints))
-    return _Blow(impulse * Omega, impulse * thetadot, impulse, impulse * holding)
+    return _Blow(impulse * Omega, impulse * thetadot, _lost(strike, impulse), impulse * holding)
+
+
+def _lost(strike: _Strike, impulse: Float[Array, ""]) -> Float[Array, ""]:
+    """Computes what the impulse of a stop takes from the energy, −½ I (θ̇⁻ + θ̇⁺)."""
+    return -0.5 * (1 - strike.e) * strike.speed * jnp.sum(strike.side) * impulse
 
 
 def _blow_on_contact(plane: "BodyOnPlane", t: Float[Array, ""], strike: _Strike, efforts: list[Array]) -> _Blow:
@@ -167,11 +213,12 @@ def _blow_on_contact(plane: "BodyOnPlane", t: Float[Array, ""], strike: _Strike,
     change = after - before
     impulse = (strike.change - jnp.sum(by_slip * change)) / own
     of_ground = jnp.where(state.is_in(Mode.FLIGHT), 0.0, R0 + combine_rows(change, S))
-    names = "Omegadot", "thetaddot", "holding"
     Omega, thetadot, holding = (
-        impulse * getattr(pushed, name) + combine_rows(change, getattr(yielding, name)) for name in names
+        impulse * getattr(pushed, name) + combine_rows(change, getattr(yielding, name))
+        for name in ("Omegadot", "thetaddot", "holding")
     )
-    return _Blow(Omega, thetadot, impulse, holding, after, of_ground, still)
+    lost = _lost(strike, impulse) - 0.5 * dot(of_ground, before + after)
+    return _Blow(Omega, thetadot, lost, holding, after, still)
 
 
 def _slip_after(
@@ -208,13 +255,12 @@ def _with_contact(
 ) -> Progress:
     """Returns the progress after a strike of a body with a law of contact."""
     t, before = done.t, slip_velocity(plane.body, done.t, state.released)
-    assert blow.after is not None and blow.of_ground is not None and blow.still is not None
+    assert blow.after is not None
+    assert blow.still is not None
     response = plane.response(t, state)
     moved = with_velocities(plane.body, state.released, response, blow.Omega, blow.thetadot, blow.after - before)
     flew = state.is_in(Mode.FLIGHT)
     rise = jnp.where(blow.after[2] > plane.rounding_of_velocity(state), blow.after[2], 0.0)
     V = jnp.where(flew, moved.V, with_rise(plane.body, t, moved, rise))
     moved = dataclasses.replace(moved, V=V, body=eqx.tree_at(lambda x: x.thetadot, moved.body, rates))
-    work = 0.5 * dot(blow.of_ground, before + blow.after)
-    state = dataclasses.replace(state.move(moved), impact_loss=state.impact_loss - work)
-    return done._replace(state=state, still=blow.still, flies=done.flies | ~flew & (rise > 0))
+    return done._replace(state=state.move(moved), still=blow.still, flies=done.flies | ~flew & (rise > 0))

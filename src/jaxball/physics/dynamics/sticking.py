@@ -177,8 +177,8 @@ def sticking_guards(
     directions: Float[Array, " sticking"],
     holding: Float[Array, " sticking"],
 ) -> Float[Array, " guards"]:
-    """Computes two guards for each joint. Where it is held, what there is to spare against efforts that are positive, and
-    negative. Where it slips, θ̇ in its direction, and the gap to the stop ahead, 1 without one; if it has no friction,
+    """Computes two guards for each joint. Where it is held, what there is to spare against positive efforts, and
+    against negative ones. Where it slips, θ̇ in its direction, and the gap to the stop ahead, 1 without one; if it has no friction,
     the gaps to the upper and to the lower stop.
     """
     sticks, (up, down), slots = directions == 0, levels(system, t, state, directions), sticking_slots(system)

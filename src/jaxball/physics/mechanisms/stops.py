@@ -33,7 +33,8 @@ class HardStops(AbstractJointForce):
 
     >>> from jaxball import Disk, DiskState, HardStops, mass_in_tube, simulate
     >>> tube = mass_in_tube(0.5, (0.0, 0.0, 1.0), drive=HardStops(-0.5, 0.5))
-    >>> run = simulate(Disk(mass=1.0, inertia=0.5, mechanisms=[tube]), [0.0, 2.0], DiskState(theta=[0.0], thetadot=[0.0]))
+    >>> disk = Disk(mass=1.0, inertia=0.5, mechanisms=[tube])
+    >>> run = simulate(disk, [0.0, 2.0], DiskState(theta=[0.0], thetadot=[0.0]))
     >>> run.switches.lines
     ['t = 1: mechanisms[0].joints[0] comes to rest against its lower stop']
     """
