@@ -331,9 +331,7 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
     def response(
         self, t: Float[Array, ""], state: Any, mode: TurningMode | None = None, efforts: Joints | None = None
     ) -> Response:
-        """Computes how the body moves under each reaction, in the ``mode`` of turning of the state if it is not
-        given, and under ``efforts`` on its joints, if there are any.
-        """
+        """Computes how the body moves under each reaction, and ``efforts`` on joints; ``mode`` is that of the state."""
         touching = ~state.is_in(Mode.FLIGHT)
         moved = response(self.moving(state), t, state.released, touching=touching, efforts=efforts)
         if state.rolls is None:

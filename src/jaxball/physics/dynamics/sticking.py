@@ -178,8 +178,8 @@ def sticking_guards(
     holding: Float[Array, " sticking"],
 ) -> Float[Array, " guards"]:
     """Computes two guards for each joint. Where it is held, what there is to spare against positive efforts, and
-    against negative ones. Where it slips, θ̇ in its direction, and the gap to the stop ahead, 1 without one; if it has no friction,
-    the gaps to the upper and to the lower stop.
+    against negative ones. Where it slips, θ̇ in its direction, and the gap to the stop ahead, 1 without one; if it has
+    no friction, the gaps to the upper and to the lower stop.
     """
     sticks, (up, down), slots = directions == 0, levels(system, t, state, directions), sticking_slots(system)
     onward, ahead = directions * state.thetadot[slots], 1.0
@@ -211,8 +211,8 @@ def change_joint(
     loose = jnp.where(which < joints.size, -1.0, 1.0)
     stops = ~sticks & (changes | (directions * thetadot[sticking_slots(system)] < 0))
     if has_stops(system):
-        stops &= rubs(system)
-    after = jnp.where(stops, 0.0, jnp.where(changes & sticks, _moving(system, loose), directions))
+        stops, loose = stops & rubs(system), jnp.where(rubs(system), loose, 1.0)
+    after = jnp.where(stops, 0.0, jnp.where(changes & sticks, loose, directions))
     rests = jnp.any(_slots_of(system, thetadot) & (after == 0)[None], axis=1)
     return after, jnp.where(rests, 0.0, thetadot)
 
