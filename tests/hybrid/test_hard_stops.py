@@ -115,15 +115,15 @@ def test_a_block_in_a_tube_bounces_to_its_rest_and_is_pulled_off():
 @pytest.mark.parametrize("gravity", [True, False])
 def test_bounces_end_as_their_sum_says(gravity):
     """All bounces after the first strike at v take 2 v e / (a (1 − e)); without gravity a is that of a motor."""
-    e, drop, a = 0.8, 0.4, 2.0
+    e, drop, a = 0.6, 0.4, 2.0
     drive = HardStops(-drop, np.inf, e) + jaxball.Motor(0.0 if gravity else -MASS * a)
     tube = jaxball.mass_in_tube(MASS, (0.0, 0.0, 1.0), drive=drive)
     system = Disk(mass=HEAVY, inertia=HEAVY, gravity=a if gravity else 0.0, mechanisms=[tube])
-    run = jaxball.simulate(system, (0.0, 20.0), swinging(0.0), max_switches=100, throw=True)
+    run = jaxball.simulate(system, (0.0, 20.0), swinging(0.0), throw=True)
     first = np.sqrt(2 * drop / a)
     last = first * (1 + 2 * e / (1 - e))
     count = int(run.switches.count)
-    assert 40 < count < 100
+    assert 20 < count < 40
     np.testing.assert_allclose(run.switches.times[count - 1], last, rtol=1e-5)
     assert run.history.stops[-1, 0] == -1
     assert run.state.thetadot[-1, 0] == 0
@@ -233,11 +233,10 @@ def test_elastic_stops_keep_the_energy_and_plastic_ones_take_what_they_lose():
 
 @pytest.mark.slow
 def test_enough_friction_of_the_ground_is_as_none_that_gives_way():
-    """Where no strike lifts the disk, whose normal force a heavy shell sees to."""
-    system, start = pendulum(HardStops(-0.6, 0.5, 0.4), 30.0), swinging(0.3, 1.0, phidot=0.5)
-    rolls = jaxball.simulate(system, (0.0, 2.5), start, throw=True)
-    stays = jaxball.simulate(system, (0.0, 2.5), start, contact=Contact(5.0), throw=True)
-    print(stays)
+    """The pendulum falls on its stop, so that each strike presses the disk on its ground."""
+    system, start = pendulum(HardStops(-2.5, -0.8, 0.4), 3.0), swinging(-1.6)
+    rolls = jaxball.simulate(system, (0.0, 2.0), start, throw=True)
+    stays = jaxball.simulate(system, (0.0, 2.0), start, contact=Contact(5.0), throw=True)
     count = int(rolls.switches.count)
     assert count == int(stays.switches.count) > 3
     np.testing.assert_allclose(stays.switches.times[:count], rolls.switches.times[:count], atol=1e-9)
@@ -318,8 +317,8 @@ def test_ensembles_and_float32_have_stops():
 
 
 def test_states_and_numbers_that_are_impossible_are_refused():
-    with pytest.raises(ValueError, match=r"`state.theta\[0\]` must be between the HardStops of mechanisms\[0\].joints"):
-        jaxball.simulate(pendulum(HardStops(-0.5, 0.5)), (0.0, 1.0), swinging(0.6))
+    with pytest.raises(jaxball.SolveError, match=r"`state.theta\[0\]` must be between the HardStops of mechanisms\[0\].joints"):
+        jaxball.simulate(pendulum(HardStops(-0.5, 0.5)), (0.0, 1.0), swinging(0.6), throw=True)
     for stops, sentence in [
         (HardStops(0.5, 0.5), r"drive.lower` must be less than `upper`"),
         (HardStops(0.0, 0.5, 1.5), r"drive.restitution` must be between 0 and 1"),

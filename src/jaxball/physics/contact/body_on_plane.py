@@ -332,8 +332,8 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         self, t: Float[Array, ""], state: Any, mode: TurningMode | None = None, efforts: Joints | None = None
     ) -> Response:
         """Computes how the body moves under each reaction, and ``efforts`` on joints; ``mode`` is that of the state."""
-        touching = ~state.is_in(Mode.FLIGHT)
-        moved = response(self.moving(state), t, state.released, touching=touching, efforts=efforts)
+        acting = {"touching": ~state.is_in(Mode.FLIGHT)} | ({} if efforts is None else {"efforts": efforts})
+        moved = response(self.moving(state), t, state.released, **acting)
         if state.rolls is None:
             return moved
         carried = self._compute_carried_rate(t, state, moved.footing)
