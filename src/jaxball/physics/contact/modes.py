@@ -162,6 +162,12 @@ class ContactState(AbstractState):
         return ReleasedState(self.body, self.V, self.height)
 
     @property
+    def lost(self) -> Float[Array, "*batch"] | float:
+        """The energy dissipated so far by sliding friction, impacts and strikes on stops."""
+        losses = (self.friction_loss, self.impact_loss, self.stop_loss)
+        return sum(loss for loss in losses if loss is not None)
+
+    @property
     def motion(self) -> Any:
         """Where the body is, and how it moves."""
         return self.body if self.V is None else self.released

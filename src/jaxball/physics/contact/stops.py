@@ -188,10 +188,15 @@ def _blow(plane: "BodyOnPlane", t: Float[Array, ""], strike: _Strike) -> _Blow:
     body = plane.moving(state)
     motion = equations(body, t, state.body)
     Omega, joints = motion.matrix.solve(jnp.zeros_like(state.body.Omega), efforts)
-    impulse = strike.change / jnp.sum(jnp.where(which, of_sticking(body, joints), 0.0))
+    impulse = strike.change / _of_struck(which, of_sticking(body, joints))
     thetadot = join_coordinates(jnp.zeros_like(state.body.theta), motion.links, joints)
     holding = of_sticking(body, motion.lacking(efforts, Omega, joints))
     return _Blow(impulse * Omega, impulse * thetadot, _lost(strike, impulse), impulse * holding)
+
+
+def _of_struck(which: Bool[Array, " sticking"], rates: Float[Array, " sticking"]) -> Float[Array, ""]:
+    """Returns the rate that a unit impulse gives the joint that strikes; 1 without one."""
+    return jnp.where(jnp.any(which), jnp.sum(jnp.where(which, rates, 0.0)), 1.0)
 
 
 def _lost(strike: _Strike, impulse: Float[Array, ""]) -> Float[Array, ""]:
@@ -204,7 +209,7 @@ def _blow_on_contact(plane: "BodyOnPlane", t: Float[Array, ""], strike: _Strike,
     response = plane.response(t, state, efforts=efforts)
     pushed, yielding = response.pushed, response.yielding
     assert pushed is not None
-    own = jnp.sum(jnp.where(strike.which, pushed.thetaddot[slots], 0.0))
+    own = _of_struck(strike.which, pushed.thetaddot[slots])
     by_slip = jnp.sum(jnp.where(strike.which, yielding.thetaddot[:, slots], 0.0), axis=1)
     # With the rate of the joint after the strike, the impulse of the ground is R₀ + S Δv_s.
     R0 = strike.change / own * pushed.reaction
