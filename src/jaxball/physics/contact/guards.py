@@ -241,7 +241,7 @@ def cause_of_event(plane: "BodyOnPlane", state: ContactState, event: Int[Array, 
     if has_stops(plane.body):
         side = sides(plane.body, state.slips, state.body.theta[sticking_slots(plane.body)])
         cause = jnp.where(jnp.any(which & (side != 0)), int(SwitchCause.JOINT_LEAVES_STOP), cause)
-        strikes = jnp.any(struck(plane, state, event) != 0)
+        strikes = jnp.any(find_struck(plane, state, event) != 0)
         cause = jnp.where(strikes, int(SwitchCause.JOINT_STRIKES), cause)
     return jnp.where(event >= FIRST_OF_JOINTS, cause, event)
 
@@ -252,13 +252,13 @@ def of_joint(state: ContactState, event: Int[Array, ""]) -> Bool[Array, " sticki
     return (event >= FIRST_OF_JOINTS) & (np.arange(count) == (event - FIRST_OF_JOINTS) % count)
 
 
-def struck(plane: "BodyOnPlane", state: ContactState, event: Int[Array, ""]) -> Float[Array, " sticking"]:
+def find_struck(plane: "BodyOnPlane", state: ContactState, event: Int[Array, ""]) -> Float[Array, " sticking"]:
     """Returns the side of the stop that a joint strikes at an event, or at the start of a run: 1, −1 or 0 for none."""
     first, slides, slots = event - FIRST_OF_JOINTS < state.slips.size, rubs(plane.body), sticking_slots(plane.body)
     # Of a joint with friction the second guard is the gap ahead, of another one both are gaps, the upper first.
     side = jnp.where(slides, jnp.where(first, 0.0, state.slips), jnp.where(first, 1.0, -1.0))
     side = jnp.where(of_joint(state, event) & (state.slips != 0), side, 0.0)
-    touched = Stops.of(plane.body).touched(state.body.theta[slots])
+    touched = Stops.of(plane.body).find_touched(state.body.theta[slots])
     closes = touched * state.body.thetadot[slots] > 0
     # Of several that strike at the start the first alone does it here: an event follows for each of the others.
     closes &= jnp.cumsum(closes) == 1

@@ -147,8 +147,8 @@ class HeldHistory(AbstractHistory):
     def _losses(self) -> list[str]:
         if self.stop_loss is None:
             return []
-        known = np.asarray(self.stop_loss)[np.isfinite(self.stop_loss)]
-        return [f"strikes on stops dissipated the energy {float(known[-1]):.10g}"] if known.size else []
+        reached = np.asarray(self.stop_loss)[np.isfinite(self.stop_loss)]
+        return [f"strikes on stops dissipated the energy {float(reached[-1]):.10g}"] if reached.size else []
 
     @property
     def advice(self) -> str:
@@ -302,7 +302,7 @@ def history_of(plane: "BodyOnPlane", times: Float[Array, " T"], states: ContactS
     saved: dict[str, Any] = {"rests": None, "spin": states.spin, "rolling": None, "directions": states.slips}
     saved |= {"stops": _stops_of(plane, states), "stop_loss": states.stop_loss}
     switches |= {"stops_before": _stops_of(plane, before), "stops_after": _stops_of(plane, after)}
-    switches["struck"] = None if before.stop_loss is None else _struck(plane, before)
+    switches["struck"] = None if before.stop_loss is None else _find_struck(plane, before)
     if states.rolls is not None:
         rests, rolling = states.rolls == 0, jax.lax.map(lambda row: plane.direction(*row), (times, states))
         saved |= {"rests": rests, "rolling": jnp.where(rests[..., None], 0.0, rolling)}
@@ -327,12 +327,12 @@ def _stops_of(plane: "BodyOnPlane", states: ContactState) -> Float[Array, "rows 
     return jax.lax.map(lambda row: sides(plane.body, row.slips, row.body.theta[slots]), states)
 
 
-def _struck(plane: "BodyOnPlane", before: ContactState) -> Float[Array, "rows joints"]:
+def _find_struck(plane: "BodyOnPlane", before: ContactState) -> Float[Array, "rows joints"]:
     """Returns which stop each joint is about to strike."""
     slots = sticking_slots(plane.body)
 
     def closing(row: ContactState) -> Array:
-        touched = Stops.of(plane.body).touched(row.body.theta[slots])
+        touched = Stops.of(plane.body).find_touched(row.body.theta[slots])
         return jnp.where(touched * row.body.thetadot[slots] > 0, touched, 0.0)
 
     return jax.lax.map(closing, before)

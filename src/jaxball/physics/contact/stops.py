@@ -24,7 +24,7 @@ from ..dynamics.law import release
 from ..dynamics.sticking import among_free, of_sticking, put, sticking_slots
 from ..dynamics.stops import Reach, Stops, rubs, sides
 from . import friction
-from .guards import struck
+from .guards import find_struck
 from .impact import collision
 from .modes import ContactState, Mode
 from .progress import Progress
@@ -74,7 +74,7 @@ class _Blow(NamedTuple):
 def strike_stop(plane: "BodyOnPlane", done: Progress, event: Int[Array, ""]) -> Progress:
     """Applies the strike of a joint on its stop."""
     t, body, stops, slots = done.t, plane.body, Stops.of(plane.body), sticking_slots(plane.body)
-    side = jax.lax.stop_gradient(struck(plane, done.state, event))
+    side = jax.lax.stop_gradient(find_struck(plane, done.state, event))
     which = side != 0
     theta = put(body, done.state.body.theta, which, stops.at(side))
     state = eqx.tree_at(lambda x: x.body.theta, _in_mode(plane, done), theta)
@@ -86,7 +86,7 @@ def strike_stop(plane: "BodyOnPlane", done: Progress, event: Int[Array, ""]) -> 
     rests = sides(body, state.slips, theta[slots])
     loose = _loose(state, jnp.where(rests == 0, 1.0, 0.0))
     strike = _Strike(side, speed, jnp.where(rebounds, e, 0.0), loose)
-    strike = strike._replace(state=_held(plane, t, strike, rests))
+    strike = strike._replace(state=_hold_resting(plane, t, strike, rests))
     e, blow = _without_gain(plane, t, strike)
     rebounds &= e > 0
     rates = put(body, state.body.thetadot + blow.thetadot, which, -e * speed * side)
@@ -139,7 +139,9 @@ def _natural_speed(
     return jax.lax.stop_gradient(root(g * body.radius))
 
 
-def _held(plane: "BodyOnPlane", t: Float[Array, ""], strike: _Strike, rests: Float[Array, " sticking"]) -> ContactState:
+def _hold_resting(
+    plane: "BodyOnPlane", t: Float[Array, ""], strike: _Strike, rests: Float[Array, " sticking"]
+) -> ContactState:
     """Returns the state in which joints that rest against other stops are held as far as these push them."""
     if sum(len(order) * len(group.stops) for group, order in _groups(plane)) == 1:
         return strike.state
@@ -191,7 +193,7 @@ def _blow(plane: "BodyOnPlane", t: Float[Array, ""], strike: _Strike) -> _Blow:
     impulse = strike.change / _of_struck(which, of_sticking(body, joints))
     thetadot = join_coordinates(jnp.zeros_like(state.body.theta), motion.links, joints)
     holding = of_sticking(body, motion.lacking(efforts, Omega, joints))
-    return _Blow(impulse * Omega, impulse * thetadot, _lost(strike, impulse), impulse * holding)
+    return _Blow(impulse * Omega, impulse * thetadot, _compute_loss(strike, impulse), impulse * holding)
 
 
 def _of_struck(which: Bool[Array, " sticking"], rates: Float[Array, " sticking"]) -> Float[Array, ""]:
@@ -199,7 +201,7 @@ def _of_struck(which: Bool[Array, " sticking"], rates: Float[Array, " sticking"]
     return jnp.where(jnp.any(which), jnp.sum(jnp.where(which, rates, 0.0)), 1.0)
 
 
-def _lost(strike: _Strike, impulse: Float[Array, ""]) -> Float[Array, ""]:
+def _compute_loss(strike: _Strike, impulse: Float[Array, ""]) -> Float[Array, ""]:
     """Computes what the impulse of a stop takes from the energy, −½ I (θ̇⁻ + θ̇⁺)."""
     return -0.5 * (1 - strike.e) * strike.speed * jnp.sum(strike.side) * impulse
 
@@ -209,20 +211,20 @@ def _blow_on_contact(plane: "BodyOnPlane", t: Float[Array, ""], strike: _Strike,
     response = plane.response(t, state, efforts=efforts)
     pushed, yielding = response.pushed, response.yielding
     assert pushed is not None
-    own = _of_struck(strike.which, pushed.thetaddot[slots])
+    gain = _of_struck(strike.which, pushed.thetaddot[slots])
     by_slip = jnp.sum(jnp.where(strike.which, yielding.thetaddot[:, slots], 0.0), axis=1)
     # With the rate of the joint after the strike, the impulse of the ground is R₀ + S Δv_s.
-    R0 = strike.change / own * pushed.reaction
-    S = yielding.reaction - by_slip[:, None] * pushed.reaction[None] / own
+    R0 = strike.change / gain * pushed.reaction
+    S = yielding.reaction - by_slip[:, None] * pushed.reaction[None] / gain
     before, after, still = _slip_after(plane, t, state, R0, inverse(S))
     change = after - before
-    impulse = (strike.change - jnp.sum(by_slip * change)) / own
+    impulse = (strike.change - jnp.sum(by_slip * change)) / gain
     of_ground = jnp.where(state.is_in(Mode.FLIGHT), 0.0, R0 + combine_rows(change, S))
     Omega, thetadot, holding = (
         impulse * getattr(pushed, name) + combine_rows(change, getattr(yielding, name))
         for name in ("Omegadot", "thetaddot", "holding")
     )
-    lost = _lost(strike, impulse) - 0.5 * dot(of_ground, before + after)
+    lost = _compute_loss(strike, impulse) - 0.5 * dot(of_ground, before + after)
     return _Blow(Omega, thetadot, lost, holding, after, still)
 
 

@@ -20,7 +20,7 @@ from ..dynamics.stops import rubs
 from ..hybrid import Accuracy, Transition, at_zero
 from . import friction, slip as slips
 from .beginnings import begin
-from .guards import cause_of_event, guard_of, struck, with_fixed_speeds
+from .guards import cause_of_event, find_struck, guard_of, with_fixed_speeds
 from .holding import decide, end_rolling
 from .impact import impact
 from .modes import ContactState, SwitchCause
@@ -56,7 +56,7 @@ def transition(
     if state.mode is not None:
         done = _only_if(done.lands, strike, plane, done)
     if state.stop_loss is not None:
-        strikes = jnp.any(struck(plane, done.state, event) != 0)
+        strikes = jnp.any(find_struck(plane, done.state, event) != 0)
         done = _only_if(strikes, strike_stop, plane, done, event)
         # What has become of the joint is in its direction.
         after = jnp.where(strikes & (event >= 0), int(SwitchCause.JOINT_STRIKES), event)

@@ -85,10 +85,10 @@ def among_free(system: BodyParameters, values: Float[Array, " sticking"]) -> Joi
     for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
         end = start + len(order) * len(group.holdable)
         if group.free:
-            own = jnp.reshape(values[start:end], (len(order), len(group.holdable)))
+            entries = jnp.reshape(values[start:end], (len(order), len(group.holdable)))
             columns = [jnp.zeros(len(order), values.dtype) for _ in group.free]
             for which, place in enumerate(group.holdable):
-                columns[place] = own[:, which]
+                columns[place] = entries[:, which]
             joints.append(jnp.stack(columns, axis=-1))
         start = end
     return joints
@@ -103,7 +103,7 @@ def directions_of(system: BodyParameters, state: State) -> Float[Array, " sticki
     directions = jnp.sign(state.thetadot[slots])
     if not has_stops(system):
         return directions
-    rests = (directions == 0) & (rubs(system) | (Stops.of(system).touched(state.theta[slots]) != 0))
+    rests = (directions == 0) & (rubs(system) | (Stops.of(system).find_touched(state.theta[slots]) != 0))
     return jnp.where(rests, 0.0, _moving(system, directions))
 
 
@@ -186,9 +186,9 @@ def sticking_guards(
     # Two guards for a held joint: which of them falls says in which direction it breaks loose.
     spare = up - holding, down + holding
     if has_stops(system):
-        own, one, slides = (state.theta[slots], state.thetadot[slots]), jnp.ones_like(holding), rubs(system)
-        onward = jnp.where(slides, onward, guard_of_gap(system, *own, one))
-        ahead = guard_of_gap(system, *own, jnp.where(slides & (directions > 0), one, -one))
+        moved, upward, slides = (state.theta[slots], state.thetadot[slots]), jnp.ones_like(holding), rubs(system)
+        onward = jnp.where(slides, onward, guard_of_gap(system, *moved, upward))
+        ahead = guard_of_gap(system, *moved, jnp.where(slides & (directions > 0), upward, -upward))
         spare = [jnp.where(jnp.isfinite(level), x, 1.0) for level, x in zip((up, down), spare, strict=True)]
     return jnp.concatenate([jnp.where(sticks, spare[0], onward), jnp.where(sticks, spare[1], ahead)])
 
@@ -229,7 +229,7 @@ def put(
 
 
 def _slots_of(system: BodyParameters, coordinates: Float[Array, " coordinates"]) -> Bool[Array, "coordinates sticking"]:
-    """Returns which coordinate is that of which of the joints that may be held."""
+    """Returns the places of the joints that may be held among all coordinates."""
     slots = sticking_slots(system)
     places = np.zeros((coordinates.size, slots.size), dtype=bool)
     places[slots, np.arange(slots.size)] = True

@@ -20,9 +20,9 @@ from ..state import State
 from .linkage import linkages
 from .parameters import BodyParameters
 
-ROUNDING_OF_PLACE = 64  # of the range of a joint, in units of rounding: one that is closer to a stop touches it
+ROUNDING_OF_STOP = 64  # of the range of a joint, in units of rounding: one that is closer to a stop touches it
 ROUNDING_OF_EFFORT = 64  # of the efforts that its masses need, in units of rounding: what is smaller holds a joint
-RISEN = 1e-6  # of √(r/g): a joint that moves off a stop counts as being as far from it as after this time, at least
+MOVED_OFF = 1e-6  # of √(r/g): a joint that moves off a stop counts as being as far from it as after this time, at least
 
 
 class Stops(NamedTuple):
@@ -48,7 +48,7 @@ class Stops(NamedTuple):
         """How close to a stop a joint touches it."""
         sizes = [jnp.where(jnp.isfinite(end), jnp.abs(end), 0.0) for end in (self.lower, self.upper)]
         limits = jnp.finfo(self.lower.dtype)
-        return jax.lax.stop_gradient(ROUNDING_OF_PLACE * float(limits.eps) * sum(sizes) + float(limits.tiny) ** 0.5)
+        return jax.lax.stop_gradient(ROUNDING_OF_STOP * float(limits.eps) * sum(sizes) + float(limits.tiny) ** 0.5)
 
     def at(self, side: Float[Array, " sticking"]) -> Float[Array, " sticking"]:
         """Returns the places of the stops on these sides."""
@@ -58,7 +58,7 @@ class Stops(NamedTuple):
         """Computes how far joints are from their stops on a side; infinite without a stop there."""
         return side * (self.at(side) - theta)
 
-    def touched(self, theta: Float[Array, " sticking"]) -> Float[Array, " sticking"]:
+    def find_touched(self, theta: Float[Array, " sticking"]) -> Float[Array, " sticking"]:
         """Returns the side on which each joint touches a stop; 0 for none."""
         up, down = (self.gap(theta, jnp.full_like(theta, side)) <= self.rounding for side in (1.0, -1.0))
         return jnp.where(up, 1.0, jnp.where(down, -1.0, 0.0))
@@ -102,9 +102,11 @@ def sides(
 
     A joint without friction is held at stops alone, so it is at the nearer one, whatever the rounding of its place.
     """
-    stops, one = Stops.of(system), jnp.ones_like(theta)
-    nearer = jnp.where(stops.gap(theta, one) <= stops.gap(theta, -one), 1.0, -1.0)
-    return jax.lax.stop_gradient(jnp.where(directions == 0, jnp.where(rubs(system), stops.touched(theta), nearer), 0.0))
+    stops, up = Stops.of(system), jnp.ones_like(theta)
+    nearer = jnp.where(stops.gap(theta, up) <= stops.gap(theta, -up), 1.0, -1.0)
+    return jax.lax.stop_gradient(
+        jnp.where(directions == 0, jnp.where(rubs(system), stops.find_touched(theta), nearer), 0.0)
+    )
 
 
 class Reach(NamedTuple):
@@ -143,7 +145,7 @@ def guard_of_gap(
     """Computes the gap between joints and their stops on a side, as a guard; 1 without a stop there."""
     stops = Stops.of(system)
     g, r, slack = jax.lax.stop_gradient((jnp.abs(system.gravity), system.radius, stops.rounding))
-    time = RISEN * root(r / jnp.where(g > 0, g, 1.0))
+    time = MOVED_OFF * root(r / jnp.where(g > 0, g, 1.0))
     ends, leaves = jnp.isfinite(stops.at(side)), side * thetadot < 0
     gap = stops.gap(theta, side) + slack
     # A joint that moves off its stop does not strike it, where rounding has it beyond.
@@ -153,11 +155,11 @@ def guard_of_gap(
 
 def range_conditions(system: BodyParameters, slots: np.ndarray, theta: Float[Array, " joints"]) -> Iterator[Condition]:
     """Yields the condition on an initial state that no joint is beyond its stops."""
-    stops, own = Stops.of(system), theta[slots]
-    holds = (own >= stops.lower - stops.rounding) & (own <= stops.upper + stops.rounding)
+    stops, joints = Stops.of(system), theta[slots]
+    holds = (joints >= stops.lower - stops.rounding) & (joints <= stops.upper + stops.rounding)
     for k, slot in enumerate(slots):
         must = f"between the HardStops of {system.coordinates[slot]}"
-        yield Condition(holds[k], f"state.theta[{slot}]", own[k], must)
+        yield Condition(holds[k], f"state.theta[{slot}]", joints[k], must)
 
 
 def describe_stops(
