@@ -26,6 +26,7 @@ from jaxball import (
     SwitchCause,
 )
 from jaxball.ensemble import simulate_ensemble
+from jaxball.verify import verify
 
 HEAVY = 1e10  # a shell so heavy is a stand
 G, MASS, ARM = 9.81, 0.6, 0.6
@@ -306,6 +307,70 @@ def test_a_joint_that_rests_against_a_stop_is_held_there_as_another_strikes(cont
         np.testing.assert_allclose(after.phidot[0], -velocity if contact is None else 0.0, rtol=1e-12, atol=1e-15)
         np.testing.assert_allclose(after.thetadot[0], [-velocity if side > 0 else 0.0, -e], rtol=1e-12)
         np.testing.assert_array_equal(run.switches.stops_after[0], [0.0 if side > 0 else -1.0, 0.0])
+
+
+@pytest.mark.long
+def test_a_block_at_its_stop_strikes_it_as_its_disk_lands():
+    """An impact holds no joint, so that the block goes on as fast as it fell, 1, and strikes its stop at once."""
+    tube = jaxball.mass_in_tube(0.5, (0.0, 0.0, 1.0), drive=HardStops(-0.5, 0.5, 0.3))
+    system = Disk(mass=1.0, inertia=0.5, mechanisms=[tube])
+    start = ReleasedState(DiskState(theta=[-0.5], thetadot=[0.0]), height=0.5)
+    run = jaxball.simulate(system, (0.0, 4.0), start, contact=Contact(0.3, restitution=0.5), throw=True)
+    np.testing.assert_array_equal(run.switches.cause[:3], [int(SwitchCause.LANDS), STRIKES, int(SwitchCause.LANDS)])
+    np.testing.assert_allclose(run.switches.times[:3], 1.0, atol=1e-9)
+    # Up at 0.5 with the block at −1; the strike turns −1.5 into 0.45 and keeps the momentum, 0; then down at 0.15.
+    np.testing.assert_allclose(run.switches.after.V[:3, 2], [0.5, -0.15, 0.075], atol=1e-9)
+    np.testing.assert_allclose(run.switches.after.body.thetadot[:3, 0], [-1.5, 0.45, 0.225], atol=1e-9)
+    np.testing.assert_allclose(run.switches.lost[:3], [0.375, 0.5 / 3 * (1 - 0.09) * 1.5**2, 0.00843750], atol=1e-9)
+    assert run.history.stops[-1, 0] == -1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("contact", [None, Contact(0.4)], ids=["rolling", "with a law of contact"])
+def test_a_ball_with_all_that_holds_keeps_its_balance_of_energy(contact):
+    joints = [
+        Hinge((0.0, 1.0, 0.0), drive=HardStops(-0.4, 0.5, 0.5)),
+        Hinge((1.0, 0.0, 0.0), drive=HardStops(-0.3, 0.3, 0.6) + JointFriction(0.05)),
+    ]
+    bobs = [CarriedMass(0.5, (0.0, 0.0, -0.6)), CarriedMass(0.1, (0.1, 0.2, -0.5))]
+    ball = jaxball.Ball(
+        mass=1.0,
+        inertia=(0.4, 0.45, 0.5),
+        gravity=G,
+        mechanisms=[Mechanism(joints, bobs)],
+        resistance=Resistance(dry=0.01, dry_spinning=0.005, exact=True),
+    )
+    start = jaxball.BallState(Omega=(0.2, 0.5, 1.0), theta=[0.1, 0.05], thetadot=[2.0, 1.0])
+    run = jaxball.simulate(ball, np.linspace(0.0, 3.0, 7), start, contact=contact, dense=True, throw=True)
+    assert (np.asarray(run.switches.cause) == STRIKES).sum() > 1
+    lost = jaxball.energy_losses(run)
+    # The end of a ball's slip is followed to 1e-8.
+    bound = 1e-10 if contact is None else 3e-8
+    np.testing.assert_allclose(run.observables.energy + lost.total, run.observables.energy[0], rtol=0, atol=bound)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("contact", [None, Contact(0.4)], ids=["rolling", "with a law of contact"])
+def test_the_laws_of_a_body_hold_across_strikes(contact):
+    system, times = pendulum(HardStops(-0.4, 0.5, 0.5)), np.linspace(0.0, 2.0, 21)
+    laws = ["energy", "momentum"] if contact is None else ["energy"]
+    report = verify(system, times, swinging(0.1, 2.0), contact=contact, laws=laws)
+    assert report.ok, str(report)
+    assert all(report[law].applies for law in laws)
+    assert report["energy"].residual < 1e-9
+
+
+@pytest.mark.long
+def test_a_saved_run_tells_of_stops(tmp_path):
+    run = jaxball.simulate(
+        pendulum(HardStops(-0.4, 0.5)), np.linspace(0.0, 2.0, 21), swinging(0.1, 2.0), contact=Contact(0.4)
+    )
+    path = tmp_path / "run.nc"
+    jaxball.save_run(run, path)
+    again = jaxball.load_run(path)
+    np.testing.assert_array_equal(again.history.stops, run.history.stops)
+    np.testing.assert_array_equal(again.history.stop_loss, run.history.stop_loss)
+    assert "strikes on stops dissipated" in repr(again)
 
 
 @pytest.mark.slow
