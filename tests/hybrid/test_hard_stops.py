@@ -365,9 +365,7 @@ def test_a_saved_run_tells_of_stops(tmp_path):
     run = jaxball.simulate(
         pendulum(HardStops(-0.4, 0.5)), np.linspace(0.0, 2.0, 21), swinging(0.1, 2.0), contact=Contact(0.4)
     )
-    path = tmp_path / "run.nc"
-    jaxball.save_run(run, path)
-    again = jaxball.load_run(path)
+    again = jaxball.load_run(run.save(tmp_path / "run.nc"))
     np.testing.assert_array_equal(again.history.stops, run.history.stops)
     np.testing.assert_array_equal(again.history.stop_loss, run.history.stop_loss)
     assert "strikes on stops dissipated" in repr(again)
