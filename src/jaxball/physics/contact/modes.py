@@ -165,7 +165,7 @@ class ContactState(AbstractState):
     def lost(self) -> Float[Array, "*batch"] | float:
         """The energy dissipated so far by sliding friction, impacts and strikes on stops."""
         losses = (self.friction_loss, self.impact_loss, self.stop_loss)
-        return sum(loss for loss in losses if loss is not None)
+        return sum((loss for loss in losses if loss is not None), 0.0)
 
     @property
     def motion(self) -> Any:
