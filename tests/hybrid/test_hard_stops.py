@@ -264,6 +264,23 @@ def test_derivatives_by_restitution_and_stop_are_those_of_differences(adjoint):
 
 
 @pytest.mark.slow
+def test_derivatives_with_a_law_of_contact_are_those_of_differences():
+    """Of a run with a strike that lifts the disk, a landing, slips, bounces of the joint, and its rest."""
+
+    def end(e, stop, mu):
+        system, start = pendulum(HardStops(-0.4, stop, e)), swinging(0.1, 2.0)
+        state = jaxball.simulate(system, (0.0, 2.0), start, contact=Contact(mu)).state
+        return jnp.stack([state.phi[-1], state.phidot[-1], state.theta[-1, 0]])
+
+    at, h = np.array([0.5, 0.5, 0.4]), 1e-5
+    found, run = jaxball.jit(jax.jacrev(end, argnums=(0, 1, 2)))(*at), jaxball.jit(end)
+    for k, unit in enumerate(np.eye(3)):
+        steps = [np.asarray(run(*(at + j * h * unit))) for j in (-2, -1, 1, 2)]
+        difference = (steps[0] - 8 * steps[1] + 8 * steps[2] - steps[3]) / (12 * h)
+        np.testing.assert_allclose(found[k], difference, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("friction", [None, 0.3])
 def test_stops_friction_of_joints_and_exact_resistance_in_one_body(friction):
     drive = HardStops(-0.3, 0.4, 0.5) + JointFriction(0.2, 0.3)
