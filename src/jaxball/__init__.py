@@ -121,6 +121,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         EndStops as EndStops,
         FunctionJointForce as FunctionJointForce,
         FunctionMechanism as FunctionMechanism,
+        HardStops as HardStops,
         Hinge as Hinge,
         JointForces as JointForces,
         JointFriction as JointFriction,

@@ -6,7 +6,18 @@ import mujoco
 import numpy as np
 import pytest
 
-from jaxball import Ball, CarriedMass, Hinge, JointFriction, Mechanism, ReleasedState, Spring, load_scenario
+from jaxball import (
+    Ball,
+    BallState,
+    CarriedMass,
+    HardStops,
+    Hinge,
+    JointFriction,
+    Mechanism,
+    ReleasedState,
+    Spring,
+    load_scenario,
+)
 from jaxball.mjcf import MJCFError, from_mjcf, read_mjcf, to_mjcf
 from jaxball.scenario import Units
 from tests.mjcf.robots import free_ball, free_disk, loaded, prescribed_ball, random_state, scenario
@@ -366,6 +377,13 @@ def test_what_mjcf_cannot_express_is_refused_by_name(name, sentence):
     with pytest.raises(MJCFError) as caught:
         to_mjcf(load_scenario(name))
     assert sentence in str(caught.value)
+
+
+def test_hard_stops_are_refused_by_name():
+    pendulum = Mechanism([Hinge((0.0, 1.0, 0.0), drive=HardStops(-1.0, 1.0))], [CarriedMass(0.5, (0.0, 0.0, -0.6))])
+    system = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), mechanisms=[pendulum])
+    with pytest.raises(MJCFError, match="must have no HardStops to be written as MJCF"):
+        to_mjcf(scenario(system, BallState(theta=[0.0], thetadot=[0.0])))
 
 
 def test_friction_that_depends_on_the_slip_speed_is_refused():

@@ -1,5 +1,6 @@
 """Mechanisms, grounds, resistance and linear laws in files are those that the same words make in Python."""
 
+import math
 import tomllib
 
 import jax
@@ -86,6 +87,14 @@ FORCES = {
     "end stops": (
         'force = { kind = "end-stops", lower = -1, upper = 1, stiffness = 50, damping = 0.2 }',
         jaxball.EndStops(-1.0, 1.0, 50.0, 0.2),
+    ),
+    "hard stops": (
+        'force = { kind = "hard-stops", lower = -1, upper = 0.5, restitution = 0.4 }',
+        jaxball.HardStops(-1.0, 0.5, 0.4),
+    ),
+    "a hard stop": (
+        'force = [{ kind = "hard-stops", lower = -1 }, { kind = "damper", coefficient = 0.1 }]',
+        jaxball.HardStops(-1.0, math.inf) + jaxball.Damper(0.1),
     ),
     "friction": (
         'force = { kind = "joint-friction", kinetic = 2, static = 3, viscous = 1, stribeck = 0.5, exponent = 1 }',

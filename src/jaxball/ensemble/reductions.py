@@ -12,6 +12,7 @@ from ..interface.printing import Printed
 from ..numerics.vectors import cross, root
 from ..physics.body import AbstractBody, System
 from ..physics.contact.body_on_plane import has_contact
+from ..physics.contact.modes import ContactState
 from ..physics.contact.over_surface import has_surface
 from ..physics.contact.released import energy_of_released
 from ..physics.dynamics.footing import arm_of, footing
@@ -161,11 +162,13 @@ def speed(system: Any, t: Float[Array, ""], state: Any) -> Float[Array, ""]:
 
 @takes_modes
 def energy(system: Any, t: Float[Array, ""], state: Any) -> Float[Array, ""]:
-    """Computes E, kinetic and potential; with a law of contact, plus the energy dissipated by friction and impacts."""
+    """Computes E, kinetic and potential; with a law of contact, plus the energy dissipated by friction and impacts,
+    and in any case what strikes of joints have dissipated.
+    """
     if has_contact(system):
-        lost = state.friction_loss + state.impact_loss
-        return energy_of_released(system.shown, t, state.released) + lost
-    return observe(system.shown, t, system.state_to_show(state)).energy
+        return energy_of_released(system.shown, t, state.released) + state.lost
+    seen = observe(system.shown, t, system.state_to_show(state)).energy
+    return seen + state.lost if isinstance(state, ContactState) else seen
 
 
 CONTACT: dict[str, AbstractReduction] = {

@@ -15,6 +15,7 @@ from ..physics.mechanisms import (
     Damper,
     Drive,
     EndStops,
+    HardStops,
     JointForces,
     JointFriction,
     Motor,
@@ -54,6 +55,11 @@ def write_drive(
             "whatever force that takes; give it a PDServo."
         )
     forces = () if drive is None else drive.terms if isinstance(drive, JointForces) else (drive,)
+    if any(isinstance(force, HardStops) for force in forces):
+        raise MJCFError(
+            f"Joint `{name}` must have no HardStops to be written as MJCF, whose limits are springs with dampers; give "
+            "it EndStops."
+        )
     _write_springs([force for force in forces if isinstance(force, Spring)], joint)
     frictions = [force for force in forces if _is_plain(force)]
     dampers = [float(force.coefficient) for force in forces if isinstance(force, Damper)]

@@ -23,6 +23,7 @@ from .dynamics.parameters import BodyParameters, PointMass
 from .dynamics.reaction import reaction
 from .dynamics.rest import TurningMode
 from .dynamics.sticking import sticking_slots
+from .dynamics.stops import has_stops, range_conditions
 from .feedback import AbstractLaw, FollowSchedules
 from .forces.force import shapes_of_motion
 from .limits.breaches import breaches, in_plane, wild_masses
@@ -82,6 +83,8 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
     def start_conditions(self, t: Float[Array, ""], state: Any) -> Iterator[Condition | ExplainedCondition]:
         if any(group.free for group in self.mechanism_groups):
             yield from mass_conditions(self.prepare(), t, state)
+        if has_stops(self):
+            yield from range_conditions(self, sticking_slots(self), state.theta)
         if self.ground is not None:
             under = surface_under(self, t, state)
             yield from (self.ground if under is None else under).start_conditions(t, self.radius, state)

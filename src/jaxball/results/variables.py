@@ -373,8 +373,7 @@ def _read_switches(
         after=after,
         lost=filled("lost"),
         **dict.fromkeys(("rolls_before", "rolls_after", "spin_before", "spin_after")),
-        directions_before=None,
-        directions_after=None,
+        **dict.fromkeys(("directions_before", "directions_after", "stops_before", "stops_after", "struck")),
         joints=(),
         grazing=filled("grazing", nothing=False),
     )

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import numpy as np
 
 from ..physics.body import System
 from ..physics.mechanisms import (
@@ -15,6 +16,7 @@ from ..physics.mechanisms import (
     Damper,
     Drive,
     EndStops,
+    HardStops,
     Hinge,
     JointForces,
     JointFriction,
@@ -79,6 +81,15 @@ _FORCES: Family = {
     "end-stops": Module(
         EndStops,
         {"lower": _END, "upper": _END, "stiffness": _STIFFNESS, "damping": Key(Numbers(dimension=_PER_RATE), 0.0)},
+    ),
+    "hard-stops": Module(
+        HardStops,
+        {
+            "lower": Key(Numbers(dimension=ANGLE), -np.inf),
+            "upper": Key(Numbers(dimension=ANGLE), np.inf),
+            "restitution": Key(Numbers(), 0.0),
+            "slowest": Key(Numbers(), 1e-6),
+        },
     ),
     "joint-friction": Module(
         JointFriction,

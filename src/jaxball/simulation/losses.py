@@ -34,6 +34,7 @@ class EnergyLosses(Printed):
     - ``dry``: by dry friction against rolling and spinning, smoothed or exact, shape (T,).
     - ``viscous``: by all else of its resistance, at the contact and from the medium, shape (T,).
     - ``joints``: by the friction and the dampers in each joint of every mechanism, in their order, shape (T, joints).
+    - ``stops``: where joints strike their HardStops, by the impulse there, shape (T,).
 
     **Example:**
 
@@ -49,11 +50,12 @@ class EnergyLosses(Printed):
     dry: Float[Array, " T"]
     viscous: Float[Array, " T"]
     joints: Float[Array, "T joints"]
+    stops: Float[Array, " T"]
 
     @property
     def total(self) -> Float[Array, " T"]:
         """What all of them have dissipated, shape (T,)."""
-        return self.slip + self.impacts + self.dry + self.viscous + jnp.sum(self.joints, axis=-1)
+        return self.slip + self.impacts + self.dry + self.viscous + jnp.sum(self.joints, axis=-1) + self.stops
 
 
 def energy_losses(trajectory: Trajectory[Any, Any]) -> EnergyLosses:
@@ -91,7 +93,9 @@ def energy_losses(trajectory: Trajectory[Any, Any]) -> EnergyLosses:
     lost = _integrate(trajectory.interpolant, times, trajectory.reached, trajectory.status, parameters)
     contact, none = trajectory.contact, 0.0 * lost[:, 0]
     slip, impacts = (none, none) if contact is None else (contact.friction_loss, contact.impact_loss)
-    return EnergyLosses(slip, impacts, lost[:, 0], lost[:, 1], lost[:, OF_RESISTANCE:])
+    stops = getattr(trajectory.history, "stop_loss", None)
+    stops = none if stops is None else stops
+    return EnergyLosses(slip, impacts, lost[:, 0], lost[:, 1], lost[:, OF_RESISTANCE:], stops)
 
 
 @programs.filter_jit

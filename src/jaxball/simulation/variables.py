@@ -130,9 +130,11 @@ HISTORY_OF_REST = {
     "rolling": Variable(("direction",), "1", "direction of rolling, 0 where dry resistance holds the body"),
 }
 
-# The same of a body with joints that dry friction may hold.
+# The same of a body with joints that dry friction or hard stops may hold.
 HISTORY_OF_JOINTS = {
     "directions": Variable(("sticking",), "1", "direction in which a joint with dry friction slips, 0 where it sticks"),
+    "stops": Variable(("sticking",), "1", "1 or -1 where a joint rests against its upper or lower stop, else 0"),
+    "stop_loss": Variable((), "energy", "energy dissipated where joints strike their stops"),
 }
 
 # By the names of the fields of ContactSwitches. Those of the states before and after come with the kind of the state.

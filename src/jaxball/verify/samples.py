@@ -69,10 +69,12 @@ def quantities(system: Any, t: Float[Array, ""], state: Any) -> Quantities:
         laws, rates = system.laws(t, state)._asdict(), system.law_rates(t, state)
         balances = {n: Balance(value, rates[n]) if n in rates else _constant(value) for n, value in laws.items()}
         return Quantities(balances, None, None)
+    lost = state.lost if isinstance(state, ContactState) else 0.0
     system, state = system.shown, system.state_to_show(state)
     observables, in_space = observe(system, t, state), state.in_space()
+    energy = Balance(observables.energy + lost, observables.power)
     if system.shape is not None:
-        energy, norm = Balance(observables.energy, observables.power), jnp.sqrt(jnp.sum(in_space.q**2))
+        norm = jnp.sqrt(jnp.sum(in_space.q**2))
         balances = {"energy": energy, "momentum": contact_momentum_balance(system, t, state), "norm": _constant(norm)}
         return Quantities(balances | {"rolling": rolling_balance(system, t, state)}, None, None)
     motion, r = accelerations(system, t, state), system.radius
@@ -85,7 +87,7 @@ def quantities(system: Any, t: Float[Array, ""], state: Any) -> Quantities:
     axial = routh_integrals(*_about(axis, *arguments))
     momentum = contact_momentum_balance(system, t, state)
     balances = {
-        "energy": Balance(observables.energy, observables.power),
+        "energy": energy,
         "momentum": momentum,
         "chaplygin": _constant(momentum.value),
         "jellett-rate": Balance(jellett(*arguments), jellett_rate(*arguments, acting.force, acting.torque)),
@@ -100,16 +102,15 @@ def quantities(system: Any, t: Float[Array, ""], state: Any) -> Quantities:
 
 
 def _of_contact(plane: BodyOnPlane, t: Float[Array, ""], state: ContactState) -> Quantities:
-    """Computes the balances of a body that may slip and fly: its energy, with all that friction and impacts have
-    dissipated.
+    """Computes the balances of a body that may slip and fly: its energy, with all that friction, impacts and strikes of
+    joints have dissipated.
     """
     motion = movement(plane, t, state)
     seen, body = compute_observables(plane.body, t, motion), motion.state
-    lost = state.friction_loss + state.impact_loss
     assert motion.slip is not None
     rubbing = -dot(motion.R, motion.slip.velocity)
     balances = {
-        "energy": Balance(seen.energy + lost, seen.power + rubbing),
+        "energy": Balance(seen.energy + state.lost, seen.power + rubbing),
         "norm": _constant(jnp.sqrt(jnp.sum(body.q**2))),
     }
     return Quantities(balances, None, None, rolling_contact(plane.body, t, state.body)[0] - _turning(plane, t, state))

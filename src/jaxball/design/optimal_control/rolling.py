@@ -112,8 +112,8 @@ class Rolling(AbstractControlProblem):
         if system.sticking:
             raise DesignError(
                 "Argument `system` must have no joints that stick, because collocation is for smooth motions, but "
-                f"{all_of(system.sticking)} {'has' if len(system.sticking) == 1 else 'have'} a JointFriction; give "
-                "that `smoothing`."
+                f"{all_of(system.sticking)} {'has' if len(system.sticking) == 1 else 'have'} a JointFriction or "
+                "HardStops; give the former `smoothing`, and EndStops in place of the latter."
             )
         if system.own_states is not None:
             raise DesignError(

@@ -13,9 +13,9 @@ It has three parts, of which each is there or not. That is known before anything
 - **Exact dry resistance.** In each mode but flight the body rolls until ω_h falls to zero, and is then held, at rest if
   it does not slip, until the torque that holds it exceeds the largest one; spinning, ω₃, has a mode of rest of its own.
   In flight the ground resists nothing, and impacts have no impulse of dry resistance.
-- **Joints that dry friction may hold.** Each slips until θ̇ falls to zero, and sticks until the friction that holds it
-  reaches its static level. Those that stick are held in the matrix of the equations. In an impact no joint is held: the
-  friction that holds one is finite, and gives no impulse. Those that it has set in motion slip afterwards.
+- **Joints that dry friction or hard stops may hold.** One with friction slips until θ̇ falls to zero, and sticks until
+  the friction that holds it reaches its static level. One that comes to a hard stop strikes it (``stops``), and rests
+  against it until an effort takes it off. In an impact no joint is held: friction is finite, and gives no impulse.
 
 Without a law of contact a body does not slip, and its equations are those of rolling (``equations``); with one they are
 those of the released body (``released``).
@@ -37,12 +37,14 @@ from ...numerics.directions import unit
 from ...numerics.vectors import apply, root
 from ..body import AbstractBody, AbstractBodyWithModes
 from ..conditions import Condition, ExplainedCondition
+from ..dynamics.coupling import Joints
 from ..dynamics.equations import holding_friction, turning
 from ..dynamics.footing import ContactAxes, footing_of_released, in_three, rate_of_carrier
 from ..dynamics.load import Load
 from ..dynamics.reaction import reaction
 from ..dynamics.rest import Turning, TurningLaw, TurningMode
-from ..dynamics.sticking import sticking_slots, with_directions
+from ..dynamics.sticking import directions_of, with_directions
+from ..dynamics.stops import has_stops
 from ..forces.resistance import Resistance
 from ..grounds import AbstractSurface, Footing
 from ..hybrid import Accuracy, Assessment, GuardedStep, Transition
@@ -326,11 +328,12 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
 
     # The contact.
 
-    def response(self, t: Float[Array, ""], state: Any, mode: TurningMode | None = None) -> Response:
-        """Computes how the body moves under each reaction, in the ``mode`` of turning of the state if it is not
-        given.
-        """
-        moved = response(self.moving(state), t, state.released, touching=~state.is_in(Mode.FLIGHT))
+    def response(
+        self, t: Float[Array, ""], state: Any, mode: TurningMode | None = None, efforts: Joints | None = None
+    ) -> Response:
+        """Computes how the body moves under each reaction, and ``efforts`` on joints; ``mode`` is that of the state."""
+        acting = {"touching": ~state.is_in(Mode.FLIGHT)} | ({} if efforts is None else {"efforts": efforts})
+        moved = response(self.moving(state), t, state.released, **acting)
         if state.rolls is None:
             return moved
         carried = self._compute_carried_rate(t, state, moved.footing)
@@ -471,7 +474,8 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
             start = dataclasses.replace(start, rolls=unit, spin=unit, rolling=Beginning.none(unit))
         if not self.body.sticking:
             return start
-        return dataclasses.replace(start, slips=jnp.sign(start.body.thetadot[sticking_slots(self.body)]))
+        lost = zero if has_stops(self.body) else None
+        return dataclasses.replace(start, slips=directions_of(self.body, start.body), stop_loss=lost)
 
     def transition(
         self, t: Float[Array, ""], state: ContactState, event: Int[Array, ""], accuracy: Accuracy

@@ -1,8 +1,8 @@
 """What ends a mode of a body on its ground: the guards, and what the end of a step means.
 
 In this order: those of the contact (``CAUSES``), under exact dry resistance those of rolling and of spinning, and two
-for each joint that dry friction may hold. The guard of a thing that moves is its rate in its direction, and of one
-that is held the friction that is to spare.
+for each joint that dry friction or a stop may hold. The guard of a thing that moves is its rate in its direction, and
+of one that is held the friction that is to spare.
 """
 
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -14,8 +14,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ...numerics.vectors import root
 from ..dynamics.rest import needs
-from ..dynamics.sticking import sticking_guards
-from ..hybrid import NONE, WINDOW, Accuracy, Assessment, GuardedStep
+from ..dynamics.sticking import sticking_guards, sticking_slots
+from ..dynamics.stops import Stops, has_stops, rubs, sides
+from ..hybrid import NONE, START, WINDOW, Accuracy, Assessment, GuardedStep
 from . import friction, over_surface as over, slip as slips
 from .modes import CAUSES, ContactState, Mode, SwitchCause, cause_of
 from .released import ReleasedState, Response, slip_velocity
@@ -86,7 +87,7 @@ def guards(
         of_turning = guards_of_turning(plane, t, state, spare, reference.rolling)
         values.append(jnp.where(state.is_in(Mode.FLIGHT), 1.0, of_turning))
     if state.slips is not None:
-        values.append(sticking_guards(plane.body, state.slips, state.body.thetadot, forces.holding))
+        values.append(sticking_guards(plane.body, t, state.body, state.slips, forces.holding))
     return jnp.concatenate(values)
 
 
@@ -230,16 +231,39 @@ def guard_of(state: ContactState, event: Int[Array, ""]) -> Int[Array, ""]:
     return jnp.where(event >= FIRST_OF_JOINTS, first_of_joints(state) + event - FIRST_OF_JOINTS, guard)
 
 
-def cause_of_event(state: ContactState, event: Int[Array, ""]) -> Int[Array, ""]:
+def cause_of_event(plane: "BodyOnPlane", state: ContactState, event: Int[Array, ""]) -> Int[Array, ""]:
     """Returns the :class:`SwitchCause` of an event in a state."""
     if state.slips is None:
         return event
     # Which joint it was and what it does is in the directions before and after.
+    which, stuck = of_joint(state, event), state.slips == 0
+    stops, leaves = int(SwitchCause.JOINT_STOPS), int(SwitchCause.JOINT_BREAKS_LOOSE)
+    cause = jnp.where(jnp.any(which & stuck), leaves, stops)
+    if has_stops(plane.body):
+        side = sides(plane.body, state.slips, state.body.theta[sticking_slots(plane.body)])
+        cause = jnp.where(jnp.any(which & (side != 0)), int(SwitchCause.JOINT_LEAVES_STOP), cause)
+        strikes = jnp.any(find_struck(plane, state, event) != 0)
+        cause = jnp.where(strikes, int(SwitchCause.JOINT_STRIKES), cause)
+    return jnp.where(event >= FIRST_OF_JOINTS, cause, event)
+
+
+def of_joint(state: ContactState, event: Int[Array, ""]) -> Bool[Array, " sticking"]:
+    """Returns which joint an event is of."""
     count = state.slips.size
-    which = (event >= FIRST_OF_JOINTS) & (np.arange(count) == (event - FIRST_OF_JOINTS) % count)
-    stuck = jnp.any(which & (state.slips == 0))
-    of_joint = jnp.where(stuck, int(SwitchCause.JOINT_BREAKS_LOOSE), int(SwitchCause.JOINT_STOPS))
-    return jnp.where(event >= FIRST_OF_JOINTS, of_joint, event)
+    return (event >= FIRST_OF_JOINTS) & (np.arange(count) == (event - FIRST_OF_JOINTS) % count)
+
+
+def find_struck(plane: "BodyOnPlane", state: ContactState, event: Int[Array, ""]) -> Float[Array, " sticking"]:
+    """Returns the side of the stop that a joint strikes at an event, or at the start of a run: 1, −1 or 0 for none."""
+    first, slides, slots = event - FIRST_OF_JOINTS < state.slips.size, rubs(plane.body), sticking_slots(plane.body)
+    # Of a joint with friction the second guard is the gap ahead, of another one both are gaps, the upper first.
+    side = jnp.where(slides, jnp.where(first, 0.0, state.slips), jnp.where(first, 1.0, -1.0))
+    side = jnp.where(of_joint(state, event) & (state.slips != 0), side, 0.0)
+    touched = Stops.of(plane.body).find_touched(state.body.theta[slots])
+    closes = touched * state.body.thetadot[slots] > 0
+    # Of several that strike at the start the first alone does it here: an event follows for each of the others.
+    closes &= jnp.cumsum(closes) == 1
+    return jnp.where(event == START, jnp.where(closes, touched, 0.0), side)
 
 
 def is_one_of(cause: Int[Array, ""], *causes: SwitchCause) -> Bool[Array, ""]:

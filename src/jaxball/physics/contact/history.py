@@ -12,7 +12,8 @@ from jaxtyping import Array, Bool, Float, Int
 from ...interface.printing import format_value, is_single
 from ...interface.wording import all_of
 from ..body import AbstractBody
-from ..dynamics.sticking import describe_changes
+from ..dynamics.sticking import describe_changes, sticking_slots
+from ..dynamics.stops import Stops, describe_stops, sides
 from ..hybrid import SLOW_ROLLING, STIFF, AbstractHistory, Record, Switches
 from . import over_surface as over
 from .law import Contact
@@ -24,7 +25,12 @@ if TYPE_CHECKING:
     from .body_on_plane import BodyOnPlane
 
 NOWHERE = -1  # the mode at times to which a solve did not come
-OF_JOINTS = SwitchCause.JOINT_STOPS, SwitchCause.JOINT_BREAKS_LOOSE
+OF_JOINTS = (
+    SwitchCause.JOINT_STOPS,
+    SwitchCause.JOINT_BREAKS_LOOSE,
+    SwitchCause.JOINT_STRIKES,
+    SwitchCause.JOINT_LEAVES_STOP,
+)
 
 
 class HeldSwitches(Switches):
@@ -35,11 +41,13 @@ class HeldSwitches(Switches):
     - ``rolls_before``, ``rolls_after``: 1 where it rolls, 0 where it rests, shape (max_switches,).
     - ``spin_before``, ``spin_after``: the sign of its spinning, 0 where that is held, shape (max_switches,).
     - ``directions_before``, ``directions_after``: in which each joint with dry friction slips, 0 where it sticks,
-      shape (max_switches, joints).
+      shape (max_switches, joints). A joint without friction has hard stops: 1 where it is free, 0 where it is held.
+    - ``stops_before``, ``stops_after``: at which hard stop each joint rests, 1 for the upper, −1 for the lower one, 0
+      for none, shape (max_switches, joints). ``struck``: which one it strikes.
     - ``joints``: what these joints are called.
 
-    The last seven of these are None where friction cannot hold the body, or has no joint to hold, and in a run that was
-    loaded.
+    All but the first of these are None where friction cannot hold the body, or nothing has a joint to hold, and in a
+    run that was loaded; those of stops also without HardStops.
     """
 
     rolls_before: Float[Array, "*batch switches"] | None
@@ -48,6 +56,9 @@ class HeldSwitches(Switches):
     spin_after: Float[Array, "*batch switches"] | None
     directions_before: Float[Array, "*batch switches joints"] | None
     directions_after: Float[Array, "*batch switches joints"] | None
+    stops_before: Float[Array, "*batch switches joints"] | None
+    stops_after: Float[Array, "*batch switches joints"] | None
+    struck: Float[Array, "*batch switches joints"] | None
     joints: tuple[str, ...] = eqx.field(static=True)
 
     @property
@@ -56,8 +67,14 @@ class HeldSwitches(Switches):
         return self.event
 
     def words(self, k: int) -> str:
-        changes = [*self._turns(k), *describe_changes(self.joints, self.directions_before, self.directions_after, k)]
-        return ", ".join(changes) or "nothing changed"
+        return ", ".join([*self._turns(k), *self._changes(k)]) or "nothing changed"
+
+    def _changes(self, k: int) -> list[str]:
+        """Describes what joints do at switch ``k``."""
+        directions = self.directions_before, self.directions_after
+        if self.struck is None:
+            return describe_changes(self.joints, *directions, k)
+        return describe_stops(self.joints, *directions, self.stops_before, self.stops_after, self.struck, k)
 
     def _turns(self, k: int) -> list[str]:
         if self.rolls_before is None:
@@ -75,16 +92,22 @@ class HeldSwitches(Switches):
 
 
 class HeldHistory(AbstractHistory):
-    """When dry friction held a body and its joints at the saved times of a run, and the switches.
+    """When dry friction held a body and its joints, and hard stops joints, at the saved times of a run, and the
+    switches.
 
     - ``switches``: the ``HeldSwitches``.
     - ``rests``: whether it held the body against rolling, shape (T,); a body that slips may be held, too.
     - ``spin``: the sign of ω₃ as friction against spinning has it, 0 where that is held or there is none, shape (T,).
     - ``rolling``: the direction of ω_h of a body that rolls, a unit vector, also where that begins; else 0,
       shape (T, 2).
-    - ``directions``: in which each joint with dry friction slips, 1 or −1, and 0 where it sticks, shape (T, joints).
+    - ``directions``: in which each joint with dry friction slips, 1 or −1, and 0 where it sticks, shape (T, joints). A
+      joint without friction has hard stops: 1 where it is free, 0 where it rests against one.
+    - ``stops``: at which hard stop each of these joints rests, 1 for the upper, −1 for the lower one, 0 for none,
+      shape (T, joints).
+    - ``stop_loss``: the energy dissipated so far where joints strike their stops, mass length²/time², shape (T,).
 
-    ``rests``, ``spin`` and ``rolling`` are None without exact dry resistance, ``directions`` without joints that stick.
+    ``rests``, ``spin`` and ``rolling`` are None without exact dry resistance, ``directions`` without joints that stick
+    or have stops, ``stops`` and ``stop_loss`` without HardStops.
     """
 
     switches: HeldSwitches
@@ -92,6 +115,8 @@ class HeldHistory(AbstractHistory):
     spin: Float[Array, "*batch T"] | None
     rolling: Float[Array, "*batch T 2"] | None
     directions: Float[Array, "*batch T joints"] | None
+    stops: Float[Array, "*batch T joints"] | None
+    stop_loss: Float[Array, "*batch T"] | None
 
     @property
     def described(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -99,7 +124,8 @@ class HeldHistory(AbstractHistory):
 
     @property
     def _parts(self) -> list[str]:
-        parts = {"exact dry resistance": self.rests, "joints that stick": self.directions}
+        of_joints = "joints that stick" if self.stops is None else "joints with hard stops"
+        parts = {"exact dry resistance": self.rests, of_joints: self.directions}
         return [name for name, held in parts.items() if held is not None]
 
     @property
@@ -112,7 +138,17 @@ class HeldHistory(AbstractHistory):
         if int(self.switches.count) == 0:
             return ["nothing came to rest or broke loose"]
         who = "it" if self.directions is None else "joints" if self.rests is None else "it or its joints"
-        return [f"{who} came to rest, broke loose or turned back {self.switches.how_often}", *self.switches.first_lines]
+        changed = "came to rest, broke loose or turned back"
+        if self.stops is not None:
+            changed = "came to rest, broke loose, turned back or met a stop"
+        return [f"{who} {changed} {self.switches.how_often}", *self.switches.first_lines, *self._losses]
+
+    @property
+    def _losses(self) -> list[str]:
+        if self.stop_loss is None:
+            return []
+        reached = np.asarray(self.stop_loss)[np.isfinite(self.stop_loss)]
+        return [f"strikes on stops dissipated the energy {float(reached[-1]):.10g}"] if reached.size else []
 
     @property
     def advice(self) -> str:
@@ -123,7 +159,8 @@ class HeldHistory(AbstractHistory):
 
     @property
     def _held(self) -> dict[str, Array]:
-        values = {name: getattr(self, name) for name in ("rests", "spin", "rolling", "directions")}
+        names = ("rests", "spin", "rolling", "directions", "stops", "stop_loss")
+        values = {name: getattr(self, name) for name in names}
         return {name: value for name, value in values.items() if value is not None}
 
 
@@ -132,7 +169,7 @@ class ContactSwitches(HeldSwitches):
 
     - ``source``, ``target``: the :class:`~jaxball.Mode` before and after it, shape (capacity,).
     - ``before``, ``after``: the :class:`~jaxball.ReleasedState` before and after it, with a leading axis.
-    - ``lost``: the energy lost in an impact, mass length²/time², shape (capacity,).
+    - ``lost``: the energy lost in an impact, or in the strike of a joint, mass length²/time², shape (capacity,).
 
     Besides these it has what :class:`HeldSwitches` have.
     """
@@ -142,7 +179,7 @@ class ContactSwitches(HeldSwitches):
     lost: Float[Array, "*batch capacity"]
 
     def words(self, k: int) -> str:
-        changed = describe_changes(self.joints, self.directions_before, self.directions_after, k)
+        changed = self._changes(k)
         source, target, cause = (int(np.asarray(column)[k]) for column in (self.source, self.target, self.event))
         if changed and source == target and cause in OF_JOINTS:
             return ", ".join(changed)
@@ -210,7 +247,7 @@ class ContactHistory(HeldHistory):
         dissipation = f"sliding friction dissipated the energy {friction_loss:.10g}, and impacts {impact_loss:.10g}"
         end = when.format(Mode(int(modes[last])).name.lower())
         changing = f"the mode of contact{'' if self.directions is None else ' or of a joint'}"
-        return [f"{changing} {changed}, and {end}", *self.switches.first_lines, dissipation]
+        return [f"{changing} {changed}, and {end}", *self.switches.first_lines, dissipation, *self._losses]
 
     @property
     def advice(self) -> str:
@@ -241,7 +278,9 @@ class ContactHistory(HeldHistory):
         mode = jnp.where(self.mode == int(Mode.REST), int(Mode.ROLLING), self.mode).astype(self.height.dtype)
         begun, near = Beginning.along(ever, self.sigma), over.near_to(system, states.z, self.height)
         losses = self.friction_loss, self.impact_loss
-        solved = ContactState(states, self.V, self.height, *losses, mode, begun, near, slips=self.directions)
+        solved = ContactState(
+            states, self.V, self.height, *losses, mode, begun, near, slips=self.directions, stop_loss=self.stop_loss
+        )
         if self.rests is None or self.rolling is None:
             return solved
         rolls = jnp.where(self.rests, 0.0, 1.0).astype(mode.dtype)
@@ -258,18 +297,42 @@ def history_of(plane: "BodyOnPlane", times: Float[Array, " T"], states: ContactS
     }
     switches |= {"before": before.motion, "after": after.motion, "joints": plane.body.sticking}
     saved: dict[str, Any] = {"rests": None, "spin": states.spin, "rolling": None, "directions": states.slips}
+    saved |= {"stops": _stops_of(plane, states), "stop_loss": states.stop_loss}
+    switches |= {"stops_before": _stops_of(plane, before), "stops_after": _stops_of(plane, after)}
+    switches["struck"] = None if before.stop_loss is None else _find_struck(plane, before)
     if states.rolls is not None:
         rests, rolling = states.rolls == 0, jax.lax.map(lambda row: plane.direction(*row), (times, states))
         saved |= {"rests": rests, "rolling": jnp.where(rests[..., None], 0.0, rolling)}
     if plane.contact is None:
         return HeldHistory(switches=HeldSwitches.of(record, **switches), **saved)
     lost = after.impact_loss - before.impact_loss
+    if before.stop_loss is not None:
+        lost = lost + after.stop_loss - before.stop_loss
     of_contact = ContactSwitches.of(record, **switches, source=_modes_of(before), target=_modes_of(after), lost=lost)
     saved |= {name: getattr(states, name) for name in ("V", "height", "friction_loss", "impact_loss")}
     slip, sigma = slips_of(plane, times, states)
     return ContactHistory(
         switches=of_contact, law=plane.contact, mode=_modes_of(states), slip=slip, sigma=sigma, **saved
     )
+
+
+def _stops_of(plane: "BodyOnPlane", states: ContactState) -> Float[Array, "rows joints"] | None:
+    """Returns at which stop each joint rests; None without stops."""
+    if states.stop_loss is None:
+        return None
+    slots = sticking_slots(plane.body)
+    return jax.lax.map(lambda row: sides(plane.body, row.slips, row.body.theta[slots]), states)
+
+
+def _find_struck(plane: "BodyOnPlane", before: ContactState) -> Float[Array, "rows joints"]:
+    """Returns which stop each joint is about to strike."""
+    slots = sticking_slots(plane.body)
+
+    def closing(row: ContactState) -> Array:
+        touched = Stops.of(plane.body).find_touched(row.body.theta[slots])
+        return jnp.where(touched * row.body.thetadot[slots] > 0, touched, 0.0)
+
+    return jax.lax.map(closing, before)
 
 
 def slips_of(

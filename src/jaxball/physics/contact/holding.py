@@ -220,7 +220,7 @@ class Deciding(NamedTuple):
                 holding = plane.holding_in_rolling(self.t, now, choice.mode)
             else:
                 holding = responds.part("holding", acting.amounts)
-            loads.append(overloads(plane.body, choice.slips, holding))
+            loads.append(overloads(plane.body, self.t, self.at.body, choice.slips, holding))
         return jnp.concatenate(loads), (choice, torque, holding)
 
     def let_go(self, _: Choice, acting: tuple[Choice, Any, Any], off: Bool[Array, " loads"]) -> Choice:
@@ -231,7 +231,7 @@ class Deciding(NamedTuple):
             mode = let_go(mode, torque, off[1:3])
             mode = mode._replace(rests=mode.rests & ~leaves, still=mode.still & ~leaves)
         if slips is not None:
-            slips = loosen(slips, holding, off[-slips.size :])
+            slips = loosen(self.plane.body, slips, holding, off[-slips.size :])
         return Choice(choice.sticks & ~off[0], choice.flies | leaves, choice.sigma, mode, slips)
 
     def choose(self, choice: Choice, at_once: Bool[Array, " loads"]) -> Choice:
@@ -343,6 +343,8 @@ def _all_held(
         # A body that rolls comes to rest by an event that says so, and not because its rate is rounding, as just after
         # it broke loose. In flight the ground holds nothing.
         may_rest = (event == START) | done.stands | done.lands | (state.rolls == 0)
+        if state.stop_loss is not None:
+            may_rest |= event == int(SwitchCause.JOINT_STRIKES)
         moving = moving._replace(rests=moving.rests & may_rest & ~done.flies, still=moving.still & ~done.flies)
         breaks, spins = event == int(SwitchCause.BREAKS_LOOSE), event == int(SwitchCause.BEGINS_TO_SPIN)
         loose.append(jnp.stack([moving.rests & breaks, moving.still & spins]))

@@ -39,7 +39,7 @@ class SwitchCause(enum.IntEnum):
 
     ``JAMS``: friction is so large that the normal force of a sliding body has no solution. Under exact dry resistance,
     also: rolling or spinning ends, or the friction against one of them gives way. Where dry friction may hold joints,
-    also: one of them comes to rest, or breaks loose.
+    also: one of them comes to rest, or breaks loose; where they have hard stops, strikes one or leaves it.
 
     **Example:**
 
@@ -59,6 +59,8 @@ class SwitchCause(enum.IntEnum):
     BEGINS_TO_SPIN = 9
     JOINT_STOPS = 10
     JOINT_BREAKS_LOOSE = 11
+    JOINT_STRIKES = 12
+    JOINT_LEAVES_STOP = 13
 
     @property
     def sentence(self) -> str:
@@ -78,6 +80,8 @@ _CLAUSES = {
     SwitchCause.BEGINS_TO_SPIN: "the friction against spinning gave way",
     SwitchCause.JOINT_STOPS: "a joint came to rest",
     SwitchCause.JOINT_BREAKS_LOOSE: "a joint broke loose",
+    SwitchCause.JOINT_STRIKES: "a joint struck its stop",
+    SwitchCause.JOINT_LEAVES_STOP: "a joint left its stop",
 }
 
 
@@ -120,9 +124,11 @@ class ContactState(AbstractState):
     - ``spin``: the sign of ω₃ where friction acts against spinning; 0 where it holds it, and where there is none.
     - ``rolling``: the direction in which a ball has just begun to roll; that in which a disk rolls.
 
-    With joints that dry friction may hold,
+    With joints that dry friction or hard stops may hold,
 
-    - ``slips``: for each of them, 1 or −1 where it slips in that direction, 0 where it sticks.
+    - ``slips``: for each of them, 1 or −1 where it slips in that direction, 0 where it sticks or is held at a stop; of
+      one without friction 1 where it is free.
+    - ``stop_loss``: the energy dissipated where joints strike their stops, also by friction then; None without stops.
     """
 
     body: Any
@@ -137,6 +143,7 @@ class ContactState(AbstractState):
     spin: Float[Array, "*batch"] | Any = None
     rolling: Beginning | Any = None
     slips: Float[Array, "*batch sticking"] | Any = None
+    stop_loss: Float[Array, "*batch"] | Any = None
 
     def projected(self) -> "ContactState":
         return dataclasses.replace(self, body=self.body.projected())
@@ -153,6 +160,12 @@ class ContactState(AbstractState):
     def released(self) -> ReleasedState:
         """Where the body is, and how it moves, with a law of contact."""
         return ReleasedState(self.body, self.V, self.height)
+
+    @property
+    def lost(self) -> Float[Array, "*batch"] | float:
+        """The energy dissipated so far by sliding friction, impacts and strikes on stops."""
+        losses = (self.friction_loss, self.impact_loss, self.stop_loss)
+        return sum((loss for loss in losses if loss is not None), 0.0)
 
     @property
     def motion(self) -> Any:

@@ -24,7 +24,7 @@ class Progress(NamedTuple):
 
     ``still`` says that it does not slip, ``flies`` that it leaves the ground, ``lands`` that it comes down, ``decides``
     that the mode has ended, and ``begins`` that a slip begins. ``stands`` says that rolling has ended against exact dry
-    resistance, and ``turns`` that it begins.
+    resistance, and ``turns`` that it begins. ``strikes`` says that a joint has struck its stop; None without stops.
     """
 
     t: Float[Array, ""]
@@ -37,15 +37,17 @@ class Progress(NamedTuple):
     begins: Bool[Array, ""]
     stands: Bool[Array, ""]
     turns: Bool[Array, ""]
+    strikes: Bool[Array, ""] | None
 
     @classmethod
     def of(cls, plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState, event: Int[Array, ""]) -> "Progress":
         """Begins a transition."""
         starts, no = event == START, jnp.asarray(False)
+        strikes = None if state.stop_loss is None else no
         decides = starts | (event >= 0)
         if state.mode is None:
             state_in_mode = _without_windows(plane, t, state, decides, no)
-            return cls(t, state, state_in_mode, no, no, no, decides, no, no, no)
+            return cls(t, state, state_in_mode, no, no, no, decides, no, no, no, strikes)
         rise = _rise(plane, t, state)
         # What has happened to a joint does not concern a body in flight.
         goes_on = (event >= FIRST_OF_JOINTS) & state.is_in(Mode.FLIGHT)
@@ -60,6 +62,7 @@ class Progress(NamedTuple):
             begins=no,
             stands=no,
             turns=no,
+            strikes=strikes,
         )
 
     def finish(self, cause: Int[Array, ""], slope: Float[Array, ""], pauses: Bool[Array, ""]) -> Transition:
@@ -68,16 +71,20 @@ class Progress(NamedTuple):
         ``pauses`` says that the mode has ended in ever shorter steps, which is so where a slip does.
         """
         starts = cause == START
+        # A start is no switch, except for a body that starts with an impact.
+        first, begins, crowds = int(SwitchCause.LANDS), self.lands, cause != int(SwitchCause.LANDS)
+        if self.strikes is not None:
+            first, begins = jnp.where(self.lands, first, int(SwitchCause.JOINT_STRIKES)), begins | self.strikes
+            crowds &= cause != int(SwitchCause.JOINT_STRIKES)
         return Transition(
             t=self.t,
             before=self.before,
             after=self.state,
-            # A start is no switch, except for a body that starts with an impact.
-            event=jnp.where(starts, int(SwitchCause.LANDS), cause),
+            event=jnp.where(starts, first, cause),
             slope=slope,
-            switches=jnp.where(starts, self.lands, self.decides & (cause != WINDOW)),
-            # Bounces follow each other in ever shorter times, but ``slowest`` of the Contact puts an end to them.
-            crowds=cause != int(SwitchCause.LANDS),
+            switches=jnp.where(starts, begins, self.decides & (cause != WINDOW)),
+            # Bounces follow each other in ever shorter times, but ``slowest`` of the law puts an end to them.
+            crowds=crowds,
             pauses=pauses & self.decides,
             status=jnp.where(cause == int(SwitchCause.JAMS), int(Status.JAMMED), int(Status.SUCCESS)),
         )

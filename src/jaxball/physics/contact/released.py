@@ -168,7 +168,7 @@ class Response(NamedTuple):
 
     ``convected`` is V̇ without v̇_s and r ω̇ × n, space axes: that of the turntable, u̇, and on a surface what it is by
     the ``footing``, which is None on a plane. ``rise`` is the rate of the height there. ``own`` are the rates
-    of states of one's own.
+    of states of one's own. ``pushed`` is what given efforts on joints add while v̇_s = 0; None if none are given.
     """
 
     rolling: Motion
@@ -180,6 +180,7 @@ class Response(NamedTuple):
     twisting: Motion | None = None
     turned: Turned | None = None
     own: Float[Array, " own"] | None = None
+    pushed: Motion | None = None
 
     @property
     def axes(self) -> Float[Array, "3 3"] | None:
@@ -256,7 +257,11 @@ class Response(NamedTuple):
 
 @jax.jit
 def response(
-    system: AbstractBody, t: Float[Array, ""], state: ReleasedState, touching: Bool[Array, ""] | None = None
+    system: AbstractBody,
+    t: Float[Array, ""],
+    state: ReleasedState,
+    touching: Bool[Array, ""] | None = None,
+    efforts: Joints | None = None,
 ) -> Response:
     """Computes the response of the body to each reaction of the ground.
 
@@ -332,6 +337,7 @@ def response(
         rise=None if under is None and system.shape is None else slip_velocity(system, t, state)[2],
         twisting=twist(Lambda) if is_exact else None,
         own=system.own_rates(t, body),
+        pushed=None if efforts is None else change(jnp.zeros_like(Omegadot), efforts, jnp.zeros_like(R)),
     )
 
 
@@ -380,9 +386,22 @@ def with_slip(
 
     ``before`` is the slip velocity that it has, and ``body_response`` its response.
     """
-    body, change = state.body, after - before
+    change = after - before
     amounts = body_response.jump(change)
     Omega, thetadot = (combine_rows(amounts, body_response.each(name)) for name in ("Omegadot", "thetaddot"))
+    return with_velocities(system, state, body_response, Omega, thetadot, change)
+
+
+def with_velocities(
+    system: AbstractBody,
+    state: ReleasedState,
+    body_response: Response,
+    Omega: Float[Array, "3"],
+    thetadot: Float[Array, " coordinates"],
+    change: Float[Array, "3"],
+) -> ReleasedState:
+    """Returns the state after changes of Ω, θ̇ and of the slip velocity, contact axes."""
+    body = state.body
     V = state.V + _turning(system, body, Omega, body_response) + in_space(body_response.axes, change)
     moved = eqx.tree_at(lambda x: x.thetadot, body.with_Omega(body.Omega + Omega), body.thetadot + thetadot)
     return ReleasedState(moved, V, state.height)

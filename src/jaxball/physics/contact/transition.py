@@ -16,15 +16,17 @@ from ...numerics.arrays import select_tree
 from ...numerics.vectors import root
 from ...programs.derivatives.differentiation import without_derivatives
 from ..dynamics.sticking import sticking_slots
+from ..dynamics.stops import rubs
 from ..hybrid import Accuracy, Transition, at_zero
 from . import friction, slip as slips
 from .beginnings import begin
-from .guards import cause_of_event, guard_of, with_fixed_speeds
+from .guards import cause_of_event, find_struck, guard_of, with_fixed_speeds
 from .holding import decide, end_rolling
 from .impact import impact
 from .modes import ContactState, SwitchCause
 from .progress import Progress
 from .released import ReleasedState, Response, rates, slip_velocity, with_rise
+from .stops import strike_stop
 
 if TYPE_CHECKING:
     from .body_on_plane import BodyOnPlane
@@ -53,9 +55,16 @@ def transition(
         done = _only_if(rolling_ends, end_rolling, plane, done, accuracy.tolerance)
     if state.mode is not None:
         done = _only_if(done.lands, strike, plane, done)
-    done = _only_if(done.decides, decide, plane, done, event)
+    if state.stop_loss is not None:
+        strikes = jnp.any(find_struck(plane, done.state, event) != 0)
+        done = _only_if(strikes, strike_stop, plane, done, event)
+        # What has become of the joint is in its direction.
+        after = jnp.where(strikes & (event >= 0), int(SwitchCause.JOINT_STRIKES), event)
+        done = _only_if(done.decides, decide, plane, done, after)
+    else:
+        done = _only_if(done.decides, decide, plane, done, event)
     done = done._replace(state=begin(plane, done, accuracy.tolerance))
-    return done.finish(cause_of_event(state, event), slope, pauses=slows)
+    return done.finish(cause_of_event(plane, state, event), slope, pauses=slows)
 
 
 def _only_if(happens: Bool[Array, ""], stage: Callable[..., "Progress"], plane: Any, done: "Progress", *others: Any):
@@ -137,4 +146,7 @@ def _find_struck_joints(
     least = jnp.sqrt(jnp.sum(change**2)) * jnp.max(gains, axis=0) + jnp.abs(before.body.thetadot[slots])
     # The largest rate that such an impact could give the joint: what is rounding of it did not set it in motion.
     directions = jnp.where(jnp.abs(rate) <= ROUNDING_OF_STRIKE * eps * least, 0.0, jnp.sign(rate))
+    if before.stop_loss is not None:
+        rests = (directions == 0) & (before.slips == 0)
+        directions = jnp.where(rubs(plane.body), directions, jnp.where(rests, 0.0, 1.0))
     return jax.lax.stop_gradient(directions)

@@ -28,7 +28,7 @@ from .load import Load, load
 from .moments import AbstractMoments, Moments, moments, velocity_moments
 from .parameters import BodyParameters
 from .rest import Turning, TurningMode, mode_of, resist
-from .sticking import has_directions, of_sticking, release_joints, sticking_joints, sticking_slots, with_directions
+from .sticking import has_directions, of_sticking, release_joints, sticking_joints, with_directions
 
 SOLVABLE = (
     "so small, or the masses so nearly above the contact point, that friction at the start adds less to the normal "
@@ -287,8 +287,7 @@ def holding_friction(
 
 def _directions(system: BodyParameters, t: Float[Array, ""], state: State, acting: Load) -> Float[Array, " sticking"]:
     """Finds the directions in which joints with friction slip, as far as a state tells."""
-    moving = jnp.sign(state.thetadot[sticking_slots(system)])
-    return release_joints(system, moving, lambda system: holding_friction(system, t, state, acting))
+    return release_joints(system, t, state, lambda system: holding_friction(system, t, state, acting))
 
 
 def solvable_friction(system: BodyParameters, t: Float[Array, ""], state: State) -> Iterator[Condition]:

@@ -36,3 +36,4 @@ from .robots import (
     spherical_pendulum as spherical_pendulum,
     turning_rail as turning_rail,
 )
+from .stops import HardStops as HardStops

@@ -85,6 +85,11 @@ class AbstractJointForce(Printed):
         return ()
 
     @property
+    def stopping(self) -> "tuple[AbstractJointForce, ...]":
+        """The stops at the ends of the joint's range, if there are any: a :class:`~jaxball.HardStops`."""
+        return ()
+
+    @property
     def dissipating(self) -> "tuple[AbstractJointForce, ...]":
         """The forces in it that only take energy from the body, such as friction."""
         return ()
@@ -122,6 +127,11 @@ class JointForces(AbstractJointForce):
                 f"Argument `terms` must have one JointFriction at most without smoothing, but it has "
                 f"{len(self.sticking)}; add up their levels in one."
             )
+        if len(self.stopping) > 1:
+            raise ValueError(
+                f"Argument `terms` must have one HardStops at most, but it has {len(self.stopping)}; keep the inner "
+                "stops."
+            )
 
     def __call__(self, t, theta, thetadot, state):
         return sum((term(t, theta, thetadot, state) for term in self.terms), jnp.zeros_like(theta))
@@ -149,6 +159,10 @@ class JointForces(AbstractJointForce):
     @property
     def sticking(self) -> tuple[AbstractJointForce, ...]:
         return tuple(friction for term in self.terms for friction in term.sticking)
+
+    @property
+    def stopping(self) -> tuple[AbstractJointForce, ...]:
+        return tuple(stops for term in self.terms for stops in term.stopping)
 
     @property
     def dissipating(self) -> tuple[AbstractJointForce, ...]:

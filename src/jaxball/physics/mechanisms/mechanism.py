@@ -20,6 +20,7 @@ from ..state import State
 from .forces import AbstractJointForce
 from .friction import JointFriction
 from .joints import AbstractJoint, Accelerated, Drive, Hinge, Moved, in_place, require_drive
+from .stops import HardStops
 
 AnyMechanism = TypeVar("AnyMechanism", bound="AbstractMechanism")
 EachJoint = tuple[Float[Array, "_"], Float[Array, "_"], Float[Array, "_"]]  # θ, θ̇ and θ̈ of some or all joints
@@ -141,18 +142,29 @@ class AbstractMechanism(Printed):
     @property
     def frictions(self) -> dict[int, JointFriction]:
         """The friction that may hold a free joint at rest, by the place of the joint among the free ones."""
-        joint_frictions = {}
-        for place, a in enumerate(self.free):
-            drive = self.drives[a]
-            for friction in drive.sticking if isinstance(drive, AbstractJointForce) else ():
-                assert isinstance(friction, JointFriction)
-                joint_frictions[place] = friction
-        return joint_frictions
+        of_joints = {place: drive.sticking for place, drive in self._free_forces.items()}
+        return {place: friction for place, terms in of_joints.items() for friction in terms}  # pyright: ignore[reportReturnType]
+
+    @property
+    def stops(self) -> dict[int, HardStops]:
+        """The hard stops of free joints, by the place of the joint among the free ones."""
+        of_joints = {place: drive.stopping for place, drive in self._free_forces.items()}
+        return {place: stops for place, terms in of_joints.items() for stops in terms}  # pyright: ignore[reportReturnType]
+
+    @property
+    def _free_forces(self) -> dict[int, AbstractJointForce]:
+        drives = ((place, self.drives[a]) for place, a in enumerate(self.free))
+        return {place: drive for place, drive in drives if isinstance(drive, AbstractJointForce)}
+
+    @property
+    def holdable(self) -> tuple[int, ...]:
+        """The places, among the free joints, of those that may be held: by dry friction, or at a hard stop."""
+        return tuple(place for place, drive in self._free_forces.items() if drive.sticking or drive.stopping)
 
     def slipping(self: AnyMechanism, directions: Float[Array, " sticking"]) -> AnyMechanism:
-        """Returns the same mechanism where the joints of :attr:`frictions` slip in these directions, or stick, 0."""
+        """Returns the same mechanism where the joints of :attr:`holdable` move in these directions, or are held, 0."""
         drives = list(self.drives)
-        for which, place in enumerate(self.frictions):
+        for which, place in enumerate(self.holdable):
             drive = drives[self.free[place]]
             assert isinstance(drive, AbstractJointForce)
             drives[self.free[place]] = drive.slipping(directions[which])
