@@ -114,15 +114,16 @@ class Robot:
             return inverse @ (up + share * along)
 
         slides = self.slip(v)
-        if slides != 0:
+        sticks = slides == 0
+        if not sticks:
             share = -self.mu * np.sign(slides)
             braking, rising = along @ gain(share), gain(share)[Y]
             stops = -slides / braking if slides * braking < 0 else np.inf
             impulse = min(stops, (target - v[Y]) / rising)
             v += impulse * gain(share)
-            if impulse == stops:
-                v[X] = self.R * v[PHI]
-        if v[Y] < target:
+            sticks = impulse == stops
+        # A slip that lasts until the target falls short of that by rounding alone.
+        if sticks and v[Y] < target:
             holding = -(along @ inverse @ up) / (along @ inverse @ along)
             assert abs(holding) <= self.mu
             v += (target - v[Y]) / gain(holding)[Y] * gain(holding)

@@ -198,7 +198,7 @@ def run_loop(
 
     def step(carry: Any, k: Array) -> Any:
         moving, memory, waiting = carry
-        state = plant.seen(moving)
+        state = plant.body_state(moving)
         added, memory = feedback(k, state, memory)
         # The newest entry is the last, at `room`; the one that takes effect was appended `delay` samples ago.
         queue = jnp.concatenate([waiting, added[None]])
@@ -213,7 +213,7 @@ def run_loop(
     numbered = jnp.arange(samples)
     begun = plant.begin(plant.hold(nominal.input(0)), t0, start)
     (last, memory, _), (states, u, du, xi) = jax.lax.scan(step, (begun, feedback.begin(), waiting), numbered)
-    last = plant.seen(last)
+    last = plant.body_state(last)
     states = jax.tree.map(lambda along, end: jnp.concatenate([along, end[None]]), states, last)
     # States begin at the samples; the scan does not give the last one, at the end.
     xi = jnp.concatenate([xi, feedback.deviation(jnp.asarray(samples), last)[None]])

@@ -139,7 +139,7 @@ class SampledSystem(Printed):
         # Of the same kind as after a sample, for a scan.
         return jax.tree.map(lambda x: jnp.asarray(x, t.dtype), after)
 
-    def seen(self, state: Any) -> PlacedState:
+    def body_state(self, state: Any) -> PlacedState:
         """Returns the state of the body in what :meth:`advance` takes and gives."""
         return state if self.contact is None else state.body
 
