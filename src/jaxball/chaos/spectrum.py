@@ -11,13 +11,16 @@ import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
 from .. import programs
 from ..interface.arguments import refusal, require_callable, traceable
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, numbers, to_array, to_numpy
-from ..physics.packing import Packing, dimension, normal_of, phase_point
+from ..physics.contact.law import Contact
+from ..physics.contact.released import ReleasedState
+from ..physics.packing import Packing
 from ..physics.system import AbstractState, AbstractSystem
 from ..physics.validity import possible_start
 from ..simulation import DEFAULT_TOLERANCE
@@ -29,12 +32,10 @@ from ..simulation.deviations import (
     Normal,
     Steps,
     admissible,
-    advance_deviations,
     count_of_constraints,
     generic_vectors,
-    orthonormalise,
 )
-from ..simulation.simulate import at_rest
+from ..simulation.deviations_with_modes import FlowWithModes, dimension, normal_of, point_of_run
 from .result import LyapunovSpectrum
 
 BATCHES = 16  # means of the growth rates from which the standard error is estimated
@@ -43,8 +44,9 @@ BATCHES = 16  # means of the growth rates from which the standard error is estim
 def lyapunov_spectrum(
     system: AbstractSystem,
     times: Numbers,
-    state: AbstractState | None = None,
+    state: AbstractState | ReleasedState | None = None,
     *,
+    contact: Contact | None = None,
     exponents: int | None = None,
     transient: float = 0.0,
     interval: float = 1.0,
@@ -79,9 +81,9 @@ def lyapunov_spectrum(
     **Raises:** ``ValueError`` for invalid times, numbers of exponents or intervals, ``TypeError`` for a state of
     another kind of system, and :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
     """
-    state = phase_point(system, at_rest(system) if state is None else state)
     edges, skipped = interval_edges(times, transient, interval)
-    exponents = check_count(exponents, dimension(state) - count_of_constraints(system))
+    system, state = point_of_run(system, state, contact, to_array(edges[0]))
+    exponents = check_count(exponents, dimension(state) - count_of_constraints(system.shown))
     rtol, atol = map(to_array, check_tolerances(rtol, atol))
     steps = Steps(check_solver(solver), rtol, atol, check_steps(max_steps))
     method = Method(steps, exponents, skipped, normal_of(state))
@@ -206,7 +208,11 @@ def _count(length: float, interval: float) -> int:
 
 
 def spectrum(
-    method: Method, flow: Flow, x: Float[Array, " size"], edges: Float[Array, " edges"], startable: Bool[Array, ""]
+    method: Method,
+    flow: Flow | FlowWithModes,
+    x: Float[Array, " size"],
+    edges: Float[Array, " edges"],
+    startable: Bool[Array, ""],
 ) -> LyapunovSpectrum:
     """Computes the spectrum, traceable, from ``x`` at the first of ``edges``, which bound the intervals.
 
@@ -227,6 +233,8 @@ def system_spectrum(
     method: Method, system: AbstractSystem, state: AbstractState, edges: Float[Array, " edges"]
 ) -> LyapunovSpectrum:
     """Computes the spectrum of a system, traceable; ``state`` is a phase point and ``method.normal`` belongs to it."""
+    if system.is_hybrid:  # a run says itself whether it can start
+        return spectrum(method, FlowWithModes.of(system, state), ravel_pytree(state)[0], edges, jnp.asarray(True))
     packing = Packing.of(system.prepare(), state)
     x, startable = packing.pack(edges[0], state), possible_start(system, packing.system, edges, state)
     return spectrum(method, Flow.of(system, packing), x, edges, startable)
@@ -247,14 +255,18 @@ class _Progress(NamedTuple):
 
 
 def _start(
-    method: Method, flow: Flow, x: Float[Array, " size"], edges: Float[Array, " edges"], startable: Bool[Array, ""]
+    method: Method,
+    flow: Flow | FlowWithModes,
+    x: Float[Array, " size"],
+    edges: Float[Array, " edges"],
+    startable: Bool[Array, ""],
 ) -> _Progress:
     # Generic, so that none of them lacks the fastest direction.
     generic = jnp.asarray(generic_vectors(method.exponents, x.size), x.dtype)
     status = jnp.where(startable, Status.SUCCESS, Status.IMPOSSIBLE)
     return _Progress(
         # Admissible first: a deviation across the constraints is not one of the flow.
-        rows=jnp.concatenate([x[None], orthonormalise(admissible(generic, edges[0], x, method.normal, flow))[0]]),
+        rows=jnp.concatenate([x[None], flow.orthonormalise(admissible(generic, edges[0], x, method.normal, flow))[0]]),
         step=FIRST_STEP_SHARE * (edges[1] - edges[0]),
         status=status,
         reached=edges[0],
@@ -263,12 +275,14 @@ def _start(
     )
 
 
-def _interval(method: Method, flow: Flow, progress: _Progress, ends) -> tuple[_Progress, Float[Array, " k"]]:
+def _interval(
+    method: Method, flow: Flow | FlowWithModes, progress: _Progress, ends
+) -> tuple[_Progress, Float[Array, " k"]]:
     """Returns the progress after one interval, and the growth rates within it; after a failure nothing moves."""
     (t0, t1), alive = ends, progress.status == Status.SUCCESS
-    after, length = advance_deviations(flow, method.steps, t0, t1, progress.rows, progress.step, alive), t1 - t0
+    after, length = flow.advance(method.steps, t0, t1, progress.rows, progress.step, alive), t1 - t0
     # The lengths are those before the vectors were made orthonormal: growth within this interval alone.
-    vectors, lengths = orthonormalise(admissible(after.rows[1:], t1, after.rows[0], method.normal, flow))
+    vectors, lengths = flow.orthonormalise(admissible(after.rows[1:], t1, after.rows[0], method.normal, flow))
     status = jnp.where(alive, after.status, progress.status)
     after = _Progress(
         # A failed run stays at 1 from there on, because step-size control rejects NaN.
@@ -284,7 +298,11 @@ def _interval(method: Method, flow: Flow, progress: _Progress, ends) -> tuple[_P
 
 
 def _result(
-    method: Method, flow: Flow, edges: Float[Array, " edges"], end: _Progress, growth: Float[Array, "intervals k"]
+    method: Method,
+    flow: Flow | FlowWithModes,
+    edges: Float[Array, " edges"],
+    end: _Progress,
+    growth: Float[Array, "intervals k"],
 ) -> LyapunovSpectrum:
     """Returns the spectrum: the means of the growth rates after the transient, in descending order.
 
@@ -296,10 +314,12 @@ def _result(
     order = jnp.argsort(-jnp.mean(growth, axis=0))
     growth = growth[:, order]
     running = jnp.cumsum(growth, axis=0) / jnp.arange(1, len(times) + 1, dtype=growth.dtype)[:, None]
-    rows = jnp.where(end.status == Status.SUCCESS, end.rows, jnp.nan)
+    rows, error = jnp.where(end.status == Status.SUCCESS, end.rows, jnp.nan), _standard_error(growth)
+    if isinstance(flow, FlowWithModes):  # where deviations are lost, their rates have no scatter
+        error = jnp.where(jnp.isneginf(running[-1]), 0.0, error)
     return LyapunovSpectrum(
         exponents=running[-1],
-        standard_error=_standard_error(growth),
+        standard_error=error,
         times=times,
         rates=growth,
         running=running,

@@ -9,10 +9,12 @@ from .. import programs
 from ..interface.printing import Printed, format_value
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, to_array, to_numpy
-from ..physics.packing import dimension, normal_of, phase_point
+from ..physics.contact.law import Contact
+from ..physics.contact.released import ReleasedState
 from ..physics.system import AbstractState, AbstractSystem
 from ..simulation.arguments import check_steps, check_tolerances
 from ..simulation.deviations import generic_vectors
+from ..simulation.deviations_with_modes import LOST, dimension, normal_of, point_of_run
 from .shooting import TURN, Search, Shot, countable, rates_at, returning, shoot
 from .steady import kind_of
 
@@ -74,9 +76,10 @@ class PeriodicMotion(Printed):
 
 def periodic_motion(
     system: AbstractSystem,
-    state: AbstractState,
+    state: AbstractState | ReleasedState,
     period: Numbers,
     *,
+    contact: Contact | None = None,
     turns: Numbers | None = None,
     t: Numbers = 0.0,
     rtol: Numbers = PERIODIC_TOLERANCE,
@@ -124,9 +127,9 @@ def periodic_motion(
     >>> rolling.turns, rolling.message
     ((1,), 'The motion is spectrally stable, a centre: its multipliers are all of size 1.')
     """
-    state = phase_point(system, state)
     rtol, atol = map(to_array, check_tolerances(rtol, atol))
     length, start = float(to_numpy(period, "period")), float(to_numpy(t, "t"))
+    system, state = point_of_run(system, state, contact, to_array(start))
     if not (np.isfinite(length) and length > 0):
         raise ValueError(f"Argument `period` must be a positive time, but it is {length:g}.")
     forced, angles = equations_of(system, state, start, length)
@@ -205,12 +208,14 @@ def multipliers_of(
     basis = np.linalg.svd(np.stack(apart))[2][len(apart) :] if apart else np.eye(int(np.sum(back)))
     matrix = np.asarray(returned.monodromy)[np.ix_(back, back)]
     multipliers = np.linalg.eigvals(basis @ matrix @ basis.T).astype(complex)
+    if system.is_hybrid:  # what a mode holds has no deviations, whose multiplier is 0, and not rounding
+        multipliers[np.abs(multipliers) <= LOST * np.linalg.norm(matrix)] = 0.0
     # Rounded, so that the two of a complex pair compare as equal in size, and the sign of the imaginary part decides.
     order = np.lexsort((-np.imag(multipliers), -np.abs(multipliers).round(12)))
     multipliers = multipliers[order]
     # A multiplier of 0 decays at once: its exponent is −∞.
     with np.errstate(divide="ignore"):
-        return multipliers, np.log(multipliers) / period
+        return multipliers, np.log(np.abs(multipliers)) / period + 1j * (np.angle(multipliers) / period)
 
 
 def _motion(shot: Shot, system: AbstractSystem, search: Search, counted: bool) -> PeriodicMotion:
