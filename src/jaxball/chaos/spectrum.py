@@ -82,12 +82,12 @@ def lyapunov_spectrum(
     another kind of system, and :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
     """
     edges, skipped = interval_edges(times, transient, interval)
-    system, state = point_of_run(system, state, contact, to_array(edges[0]))
-    exponents = check_count(exponents, dimension(state) - count_of_constraints(system.shown))
+    system, point = point_of_run(system, state, contact, to_array(edges[0]))
+    exponents = check_count(exponents, dimension(point) - count_of_constraints(system.shown))
     rtol, atol = map(to_array, check_tolerances(rtol, atol))
     steps = Steps(check_solver(solver), rtol, atol, check_steps(max_steps))
-    method = Method(steps, exponents, skipped, normal_of(state))
-    return _solve_system(method, system, state, to_array(edges))
+    method = Method(steps, exponents, skipped, normal_of(point))
+    return _solve_system(method, system, point, to_array(edges))
 
 
 def lyapunov_spectrum_of(

@@ -9,6 +9,7 @@ States are points of one space whatever the mode: place and motion, of a body wi
 ``ReleasedState``. Where a mode holds something, deviations of it are lost: the run has a derivative of 0 along them.
 """
 
+import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -22,10 +23,11 @@ from jaxtyping import Array, Bool, Float, Int
 from ..physics import packing
 from ..physics.contact.body_on_plane import BodyOnPlane, has_contact
 from ..physics.contact.law import Contact
+from ..physics.contact.modes import Mode
 from ..physics.contact.released import ReleasedState
 from ..physics.rolling import AbstractRollingSystem
 from ..physics.state import DiskState, RotationState
-from ..physics.system import AbstractState, AbstractSystem, require_system
+from ..physics.system import AbstractSystem, require_system
 from .arguments import require_single, system_to_solve
 from .deviations import Advanced, Field, Monitor, Normal, Steps, count_of_constraints, generic_vectors
 from .events import Detachment
@@ -36,7 +38,7 @@ LIFTS = "lifts"
 
 
 def point_of_run(
-    system: AbstractSystem, state: AbstractState | ReleasedState | None, contact: Contact | None, t: Float[Array, ""]
+    system: AbstractSystem, state: Any, contact: Contact | None, t: Float[Array, ""]
 ) -> tuple[AbstractSystem, Any]:
     """Returns the system that is solved, and the point of its phase space that ``state`` is; at rest if not given.
 
@@ -99,14 +101,12 @@ def projected(state: Any) -> Any:
 class Run(NamedTuple):
     """A run from one vector to another.
 
-    - ``x``: the vector at its end.
-    - ``before``, ``after``: the rates of its vector at the start and at the end, each in the mode it is in.
+    - ``x``, ``rate``: the vector at its end, and its rate there.
     - ``status``, ``reached``, ``steps``, ``accepted``, ``least``: as in :class:`Advanced`.
     """
 
     x: Float[Array, " size"]
-    before: Float[Array, " size"]
-    after: Float[Array, " size"]
+    rate: Float[Array, " size"]
     status: Int[Array, ""]
     reached: Float[Array, ""]
     steps: Int[Array, ""]
@@ -153,15 +153,15 @@ class FlowWithModes(NamedTuple):
         times = jnp.stack([t0, t1])
         solved = solve(method, self.system, times, self.unravel(x), steps.rtol, steps.atol, events)
         states, reached, status, number, rejected, _, occurrences, *_ = solved
-        prepared = self.system.prepare()
-
-        def rate(k: int) -> Float[Array, " size"]:
-            rates: Any = prepared.field(times[k], jax.tree.map(lambda leaf: leaf[k], states))
-            return ravel_pytree(rates.motion)[0]
-
-        end = ravel_pytree(jax.tree.map(lambda leaf: leaf[1], states.motion))[0]
+        end = jax.tree.map(lambda leaf: leaf[1], states)
+        rate = self.system.prepare().field(t1, end)
+        if has_contact(self.system):
+            # Also from one that was put a little higher, a body comes to touch its ground.
+            height = jnp.where(end.is_in(Mode.FLIGHT), end.height, jax.lax.stop_gradient(end.height))
+            end = dataclasses.replace(end, height=height)
+        x, velocity = (ravel_pytree(state.motion)[0] for state in (end, rate))
         least = jnp.full_like(t0, jnp.inf) if self.monitor is None else occurrences[LIFTS].least
-        return Run(end, rate(0), rate(1), status, reached, number, number - rejected, least)
+        return Run(x, velocity, status, reached, number, number - rejected, least)
 
     def run_with_deviations(
         self, steps: Steps, t0: Float[Array, ""], t1: Float[Array, ""], rows: Float[Array, "rows size"]

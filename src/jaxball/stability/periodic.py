@@ -129,13 +129,13 @@ def periodic_motion(
     """
     rtol, atol = map(to_array, check_tolerances(rtol, atol))
     length, start = float(to_numpy(period, "period")), float(to_numpy(t, "t"))
-    system, state = point_of_run(system, state, contact, to_array(start))
+    system, point = point_of_run(system, state, contact, to_array(start))
     if not (np.isfinite(length) and length > 0):
         raise ValueError(f"Argument `period` must be a positive time, but it is {length:g}.")
-    forced, angles = equations_of(system, state, start, length)
-    counts = None if turns is None else to_array(_counts(turns, state, angles))
+    forced, angles = equations_of(system, point, start, length)
+    counts = None if turns is None else to_array(_counts(turns, point, angles))
     search = Search(forced, angles, check_steps(iterations), check_steps(max_steps), to_array(start), rtol, atol)
-    shot = _shoot(search, system, state, to_array(length), counts)
+    shot = _shoot(search, system, point, to_array(length), counts)
     return _motion(jax.tree.map(np.asarray, shot), system, search, turns is not None)
 
 

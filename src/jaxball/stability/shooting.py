@@ -175,11 +175,14 @@ def _newton(
 
 
 class _Covered(NamedTuple):
-    """A period of the motion from a state; all as in :class:`Return`, but with whole turns, and for all components."""
+    """A period of the motion from a state; all as in :class:`Return`, but with whole turns, and for all components.
+
+    ``before`` is None with modes: a start may be one that no mode keeps, such as of a slip that ends at once.
+    """
 
     arrived: Float[Array, " size"]
     monodromy: Float[Array, "size size"]
-    before: Float[Array, " size"]
+    before: Float[Array, " size"] | None
     after: Float[Array, " size"]
     status: Int[Array, ""]
     reached: Float[Array, ""]
@@ -222,7 +225,7 @@ def _cover_by_run(search: Search, system: AbstractSystem, state: Any, period: Fl
     x, steps = ravel_pytree(state)[0], Steps(DEFAULT_SOLVER, search.rtol, search.atol, search.max_steps)
     rows, flow = jnp.concatenate([x[None], jnp.eye(x.size, dtype=x.dtype)]), FlowWithModes.of(system, state)
     columns, run = flow.run_with_deviations(steps, search.t, search.t + period, rows)
-    return _Covered(run.x, columns.T, run.before, run.after, run.status, run.reached, run.least)
+    return _Covered(run.x, columns.T, None, run.rate, run.status, run.reached, run.least)
 
 
 def _follow_period(
@@ -245,7 +248,7 @@ def _follow_period(
         gain=jnp.where(back, arrived - x - TURN * turns, 0.0),
         # Components that need not return have rows of M − 1 that are 0, and set no condition.
         monodromy=jnp.where(back[:, None], monodromy, jnp.eye(x.size, dtype=x.dtype)),
-        before=before,
+        before=after if before is None else before,
         after=jnp.where(back, after, 0.0),
         status=status,
         reached=reached,
