@@ -12,10 +12,10 @@ import scipy.special
 
 import jaxball
 from jaxball import Status
-from jaxball.chaos import lyapunov_spectrum
 from jaxball.classical import DryFriction, LagrangianState, LagrangianSystem, UnilateralContact
 from jaxball.classical.rows import Limits, amounts, choose
 from jaxball.physics.dynamics.law import Rows
+from jaxball.stability import stability
 from jaxball.verify import verify
 
 TIGHT = {"rtol": 1e-12, "atol": 1e-12}
@@ -388,7 +388,7 @@ def test_impossible_numbers_of_rows_are_named():
 def test_what_follows_a_smooth_motion_refuses_one_with_modes():
     point = LagrangianSystem(falling, ("x",), unilateral=height)
     with pytest.raises(TypeError, match="must be smooth"):
-        lyapunov_spectrum(point, 1.0, LagrangianState([1.0]))
+        stability(point, LagrangianState([1.0]))
 
 
 # What is held.

@@ -230,7 +230,7 @@ _solve = programs.filter_jit(spectrum)
 
 
 def system_spectrum(
-    method: Method, system: AbstractSystem, state: AbstractState, edges: Float[Array, " edges"]
+    method: Method, system: AbstractSystem, state: Any, edges: Float[Array, " edges"]
 ) -> LyapunovSpectrum:
     """Computes the spectrum of a system, traceable; ``state`` is a phase point and ``method.normal`` belongs to it."""
     if system.is_hybrid:  # a run says itself whether it can start

@@ -1,5 +1,7 @@
 """Periodic motions and their stability by Floquet multipliers."""
 
+from typing import Any
+
 import jax
 import numpy as np
 from jax.flatten_util import ravel_pytree
@@ -43,7 +45,7 @@ class PeriodicMotion(Printed):
     - ``message``: a sentence that says all this.
     """
 
-    state: AbstractState
+    state: AbstractState | ReleasedState
     period: float
     turns: tuple[int, ...]
     residual: float
@@ -142,9 +144,7 @@ def periodic_motion(
 _shoot = programs.filter_jit(shoot)
 
 
-def equations_of(
-    system: AbstractSystem, state: AbstractState, t: float, period: float
-) -> tuple[bool, tuple[bool, ...]]:
+def equations_of(system: AbstractSystem, state: Any, t: float, period: float) -> tuple[bool, tuple[bool, ...]]:
     """Finds whether the equations depend on time, and which components of a state are angles.
 
     They are compared at the state and at one near it, because at a steady state the forcing may not show.
@@ -173,7 +173,7 @@ def equations_of(
     return forced, tuple(angles.tolist())
 
 
-def _counts(turns: Numbers, state: AbstractState, angles: tuple[bool, ...]) -> Float[np.ndarray, " size"]:
+def _counts(turns: Numbers, state: Any, angles: tuple[bool, ...]) -> Float[np.ndarray, " size"]:
     """Returns ``turns`` of all components of a state."""
     chosen, candidates = to_numpy(turns, "turns"), countable(state)
     if chosen.shape != (np.sum(candidates),) or np.any(chosen != np.round(chosen)):

@@ -15,7 +15,7 @@ from ..physics.contact.released import ReleasedState
 from ..physics.grounds.ground import Ground
 from ..physics.packing import Packing
 from ..physics.state import AbstractBodyState, BallState, DiskState
-from ..physics.system import AbstractState, AbstractSystem, vector_field
+from ..physics.system import AbstractSystem, vector_field
 from ..physics.validity import possible_start
 from ..simulation.arguments import DEFAULT_SOLVER
 from ..simulation.deviations import FIRST_STEP_SHARE, Flow, Steps, advance_deviations
@@ -88,7 +88,7 @@ class Shot(NamedTuple):
 def shoot(
     search: Search,
     system: AbstractSystem,
-    state: AbstractState,
+    state: Any,
     period: Float[Array, ""],
     turns: Float[Array, " size"] | None,
 ) -> Shot:
@@ -189,9 +189,7 @@ class _Covered(NamedTuple):
     least_normal_force: Float[Array, ""]
 
 
-def _cover_along_field(
-    search: Search, system: AbstractSystem, state: AbstractState, period: Float[Array, ""]
-) -> _Covered:
+def _cover_along_field(search: Search, system: AbstractSystem, state: Any, period: Float[Array, ""]) -> _Covered:
     """Covers a period of a smooth system, with the variational equations."""
     prepared, (x, unravel) = system.prepare(), ravel_pytree(state)
     packing, end = Packing.of(prepared, state), search.t + period
@@ -229,7 +227,7 @@ def _cover_by_run(search: Search, system: AbstractSystem, state: Any, period: Fl
 
 
 def _follow_period(
-    search: Search, system: AbstractSystem, state: AbstractState, period: Float[Array, ""], turns, has_turns
+    search: Search, system: AbstractSystem, state: Any, period: Float[Array, ""], turns, has_turns
 ) -> Return:
     """Follows the motion from ``state`` over a period; whole turns are counted unless they are ``has_turns``."""
     cover, x = _cover_by_run if system.is_hybrid else _cover_along_field, ravel_pytree(state)[0]
@@ -256,7 +254,7 @@ def _follow_period(
     )
 
 
-def returning(system: AbstractSystem, state: AbstractState) -> Bool[np.ndarray, " size"]:
+def returning(system: AbstractSystem, state: Any) -> Bool[np.ndarray, " size"]:
     """Returns which components of ``state`` must return: all except the position, where nothing depends on it."""
     ground = getattr(system.shown, "ground", None)
     placed = isinstance(_body_of(state), BallState | DiskState) and (
@@ -265,7 +263,7 @@ def returning(system: AbstractSystem, state: AbstractState) -> Bool[np.ndarray, 
     return ~_mark_components(state, ".z") if placed else _mark_components(state)
 
 
-def countable(state: AbstractState) -> Bool[np.ndarray, " size"]:
+def countable(state: Any) -> Bool[np.ndarray, " size"]:
     """Returns which components of ``state`` may be angles that gain whole turns: φ of a disk, and the coordinates θ."""
     is_body = isinstance(_body_of(state), AbstractBodyState)
     return _mark_components(state, ".phi", ".theta") if is_body else ~_mark_components(state)
@@ -287,8 +285,8 @@ def _mark_components(state: Any, *names: str) -> Bool[np.ndarray, " size"]:
 
 @programs.filter_jit
 def rates_at(
-    system: AbstractSystem, state: AbstractState, times: Float[Array, " n"], states: Float[Array, "m size"]
-) -> Float[Array, "n m size"]:
+    system: AbstractSystem, state: Any, times: Float[Array, " n"], states: Float[Array, "m size"]
+) -> Float[Array, "n m numbers"]:
     """Computes the rates of ``states``, packed as ``state`` is, at ``times``; with modes, all that tells when they end,
     too.
     """
