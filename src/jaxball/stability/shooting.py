@@ -52,6 +52,7 @@ class Return(NamedTuple):
 
     - ``turns``: the whole turns that each component gains; zero except for angles.
     - ``gain``: what each gains in addition; zero for those that need not return.
+    - ``arrived``: the vector after the period, of a system with modes; else None.
     - ``monodromy``: the derivative of the state after the period with respect to that at the start.
     - ``before``, ``after``: the state's rates of change at the start and at the end.
     - ``status``, ``reached``: how the solve ended.
@@ -60,6 +61,7 @@ class Return(NamedTuple):
 
     turns: Float[Array, " size"]
     gain: Float[Array, " size"]
+    arrived: Float[Array, " size"] | None
     monodromy: Float[Array, "size size"]
     before: Float[Array, " size"]
     after: Float[Array, " size"]
@@ -140,6 +142,7 @@ def shoot(
     first = Return(
         turns=nothing if turns is None else turns,
         gain=nothing,
+        arrived=nothing if system.is_hybrid else None,
         monodromy=jnp.zeros((x.size, x.size), x.dtype),
         before=nothing,
         after=nothing,
@@ -149,6 +152,9 @@ def shoot(
     )
     x, period, returned, count = jax.lax.while_loop(going, body, (x, period, first, jnp.zeros_like(start)))
     closed = (returned.status == Status.SUCCESS) & (returned.residual <= CLOSED_RESIDUAL * limit(x))
+    if returned.arrived is not None:
+        # What a mode holds is exactly 0 after a run, and rounding after a step of Newton's method.
+        x = jnp.where(closed & jnp.asarray(returning(system, state)), returned.arrived - TURN * returned.turns, x)
     # The first pass is no step of Newton's method.
     return Shot(unravel(x), period, returned, count - 1, closed)
 
@@ -244,6 +250,7 @@ def _follow_period(
     return Return(
         turns=turns,
         gain=jnp.where(back, arrived - x - TURN * turns, 0.0),
+        arrived=arrived if system.is_hybrid else None,
         # Components that need not return have rows of M − 1 that are 0, and set no condition.
         monodromy=jnp.where(back[:, None], monodromy, jnp.eye(x.size, dtype=x.dtype)),
         before=after if before is None else before,
