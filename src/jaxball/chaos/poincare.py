@@ -68,6 +68,7 @@ def poincare_map(
     state: AbstractState | ReleasedState | None = None,
     *,
     contact: Contact | None = None,
+    level: Numbers = 0.0,
     direction: int = 1,
     capacity: int = 1024,
     solver: diffrax.AbstractAdaptiveSolver | None = None,
@@ -89,6 +90,7 @@ def poincare_map(
     - ``state``: the state at the start. A :class:`~jaxball.ReducedState` is the smallest for a ball.
     - ``contact``: a :class:`~jaxball.Contact`, as for :func:`jaxball.simulate`. A jump across the section, as in an
       impact, counts as a crossing, and the state is that after it.
+    - ``level``: the value of ``section`` on the section.
     - ``direction``: 1 for crossings at which ``section`` rises, −1 where it falls, 0 for both.
     - ``capacity``: how many crossings are kept.
     - ``solver``, ``rtol``, ``atol``, ``max_steps``: as for :func:`jaxball.simulate`.
@@ -105,7 +107,7 @@ def poincare_map(
         rtol=rtol,
         atol=atol,
         max_steps=max_steps,
-        events={"section": Event(of=section, direction=direction, capacity=capacity)},  # pyright: ignore[reportCallIssue]
+        events={"section": Event(of=section, direction=direction, capacity=capacity, level=level)},  # pyright: ignore[reportCallIssue]
     )
     crossings = trajectory.events["section"]
     count = int(crossings.count)
