@@ -122,6 +122,7 @@ def test_analyses_of_a_bounce(folder, capsys):
     data = np.genfromtxt(folder / "points.csv", delimiter=",", names=True, deletechars="")
     np.testing.assert_allclose(data["height"], 0.5, rtol=1e-7)
     np.testing.assert_allclose(data["time"][-3:], [4.0, 6.0, 8.0], rtol=1e-7)
+    capsys.readouterr()
     assert main(["chaos", "bounce.toml", "--end", "20", "--json", "-", "--quiet"]) == 0
     exponents = json.loads(capsys.readouterr().out)["exponents"]
     assert exponents[-1] is None  # a slip does not survive a strike

@@ -16,7 +16,7 @@ from ..physics.contact.modes import ContactState
 from ..physics.contact.released import rolling_contact
 from ..physics.dynamics.energy import velocities
 from ..physics.dynamics.equations import accelerations
-from ..physics.dynamics.footing import contact_normal, footing, in_three
+from ..physics.dynamics.footing import contact_normal, footing, footing_of_released, in_three
 from ..physics.dynamics.load import Load, load
 from ..physics.dynamics.moments import Moments, kinematics, point_mass_values, principal_inertia
 from ..physics.dynamics.momentum import jellett, jellett_rate, routh_integrals
@@ -108,8 +108,12 @@ def _of_contact(plane: BodyOnPlane, t: Float[Array, ""], state: ContactState) ->
     lost = state.friction_loss + state.impact_loss
     assert motion.slip is not None
     rubbing = -dot(motion.R, motion.slip.velocity)
-    acting = motion.acting.with_torque(motion.dry)
-    momentum = _momentum_balance(system, t, body, acting, motion.slip.velocity)
+    acting, slip = motion.acting.with_torque(motion.dry), motion.slip.velocity
+    # Over a surface the point of reference is the one nearest to it, also in flight, to which that means nothing.
+    under = footing_of_released(system, t, state.body, state.V, state.height, True)
+    if under is not None:
+        acting, slip = acting._replace(footing=under), state.V - under.centre_velocity
+    momentum = _momentum_balance(system, t, body, acting, slip)
     balances = {
         "energy": Balance(seen.energy + lost, seen.power + rubbing),
         "momentum": momentum,
