@@ -66,6 +66,11 @@ def lyapunov_spectrum(
     Of a system with constraints, such as a :class:`~jaxball.classical.LagrangianSystem`, deviations are those that the
     constraints admit: each constraint of velocities takes away one exponent, each holonomic one two.
 
+    Of a system with modes, each interval is a run, and its derivative, through all events, takes the place of the
+    variational equations (``simulation.deviations_with_modes``). The phase space is then that of place and motion in
+    any mode: (q, Ω, z), and with a law of contact also V and the height. Deviations of what a mode holds are lost, and
+    have the exponent −∞, as all that fall below 1e-12 of their size in an interval.
+
     Deviations of Γ are tangent to the sphere: Γ̇ = Γ × Ω keeps Γ·δΓ = 0, and rounding is removed after each interval.
     The solver's vector contains the locked angular velocity W instead of Ω (module ``locked``); the exponents are the
     same, because the change from one to the other is smooth and bounded.
@@ -75,6 +80,7 @@ def lyapunov_spectrum(
     - ``system``: a body, or a system of :mod:`jaxball.classical`.
     - ``times``: the start and the end.
     - ``state``: the state at the start, of any kind; at rest and upright if not given.
+    - ``contact``: a :class:`~jaxball.Contact`, as for :func:`jaxball.simulate`.
     - ``exponents``, ``transient``, ``interval``, ``solver``, ``rtol``, ``atol``, ``max_steps``: as for
       :func:`lyapunov_spectrum_of`. Only the largest exponent, with ``exponents=1``, takes half of the time.
 

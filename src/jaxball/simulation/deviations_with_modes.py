@@ -216,7 +216,9 @@ class FlowWithModes(NamedTuple):
         if isinstance(prepared, BodyOnPlane) and has_contact(prepared):
             states.append(prepared.on_ground(state))
         rates: list[Any] = [prepared.field(t, mode) for mode in states]
-        return jnp.concatenate([*(ravel_pytree(rate.motion)[0] for rate in rates), prepared.guards(t, state)])
+        numbers = [*(ravel_pytree(rate.motion)[0] for rate in rates), prepared.guards(t, state)]
+        # What is not known in a mode that the state is not in, such as beyond an edge, tells nothing.
+        return jnp.nan_to_num(jnp.concatenate(numbers), posinf=0.0, neginf=0.0)
 
 
 def _beside(rows: list[Array], vector: Float[Array, " size"]) -> Float[Array, " size"]:

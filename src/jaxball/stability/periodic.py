@@ -31,7 +31,7 @@ STANDING = 1e-8  # the change over a period at the initial rate, up to which a s
 class PeriodicMotion(Printed):
     """A motion that repeats after a period, and its linear stability.
 
-    - ``state``: its initial point in the phase space.
+    - ``state``: its initial point in the phase space; with a law of contact a :class:`~jaxball.ReleasedState`.
     - ``period``: T.
     - ``turns``: the whole turns that angles gain in a period: φ of a disk, and each coordinate θ.
     - ``residual``: the largest difference between the state after a period, less whole turns, and that at the start.
@@ -40,7 +40,7 @@ class PeriodicMotion(Printed):
       Where the equations do not depend on time, a shift along the motion has the multiplier 1, which is left out.
     - ``exponents``: log(multiplier) / T, in 1/time, in the same order; their imaginary parts are known up to 2π/T.
     - ``kind``: by the exponents, as for :class:`SteadyMotion`; "unknown" if no motion was found.
-    - ``least_normal_force``: over the period; infinite for a system that does not roll.
+    - ``least_normal_force``: over the period; infinite for a system that does not roll, or may leave its ground.
     - ``iterations``: the number of Newton steps.
     - ``message``: a sentence that says all this.
     """
@@ -99,6 +99,12 @@ def periodic_motion(
     Where the equations do not depend on time, the period is found as well. Where they do, as for masses with a schedule
     or on a shaken plane, the period is fixed, and must be one of the forcing.
 
+    Of a system with modes, as with a law of contact, exact dry resistance, joints that stick, or contacts and dry
+    friction of a :class:`~jaxball.classical.LagrangianSystem`, the return map is a run, and its derivative that of the
+    run, through all events (``simulation.deviations_with_modes``). What a mode holds has no deviations, and multipliers
+    of 0. With a law of contact states are :class:`~jaxball.ReleasedState`, also of a body that rolls. A period must
+    not begin at an event, such as an impact.
+
     A family of motions, such as those of all speeds without resistance, has further multipliers of 1, as do integrals
     of motion; the member of the family nearest to the state is found.
 
@@ -107,6 +113,7 @@ def periodic_motion(
     - ``system``: a body, or a system of :mod:`jaxball.classical`.
     - ``state``: near the motion, of any kind.
     - ``period``: T, or a value near it where the equations do not depend on time.
+    - ``contact``: a :class:`~jaxball.Contact`, as for :func:`jaxball.simulate`.
     - ``turns``: the whole turns that angles gain in a period, as in :class:`PeriodicMotion`, shape (angles,); by
       default the nearest to what they gain from ``state``.
     - ``t``: the time of the start.
