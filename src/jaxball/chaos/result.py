@@ -46,9 +46,9 @@ def limits_of(
     """Computes the limits of ``rates`` over equal intervals that end at ``times``, in a run that began at ``start``."""
     lost = np.any(np.isneginf(rates), axis=0)
     if np.any(lost):  # −∞ is no number to fit, and is known exactly
-        kept = limits_of(start, times, rates[:, ~lost], standard_error[~lost])
+        others = limits_of(start, times, rates[:, ~lost], standard_error[~lost])
         whole = [np.full(lost.size, value) for value in (-np.inf, 0.0, True, False)]
-        for column, values in zip(whole, kept, strict=True):
+        for column, values in zip(whole, others, strict=True):
             column[~lost] = values
         return Limits(*whole)
     count, k = rates.shape

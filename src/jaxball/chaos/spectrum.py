@@ -68,8 +68,8 @@ def lyapunov_spectrum(
 
     Of a system with modes, each interval is a run, and its derivative, through all events, takes the place of the
     variational equations (``simulation.deviations_with_modes``). The phase space is then that of place and motion in
-    any mode: (q, Ω, z), and with a law of contact also V and the height. Deviations of what a mode holds are lost, and
-    have the exponent −∞, as all that fall below 1e-12 of their size in an interval.
+    any mode: (q, Ω, z), and with a law of contact also V and the height. What a mode holds loses its deviations,
+    whose exponent is −∞, as is that of all that fall below 1e-12 of their size in an interval.
 
     Deviations of Γ are tangent to the sphere: Γ̇ = Γ × Ω keeps Γ·δΓ = 0, and rounding is removed after each interval.
     The solver's vector contains the locked angular velocity W instead of Ω (module ``locked``); the exponents are the

@@ -135,12 +135,12 @@ class FlowWithModes(NamedTuple):
         def residuals(t: Float[Array, ""], x: Float[Array, " size"], _: None) -> Float[Array, " residuals"]:
             return system.shown.residuals(t, unravel(x))  # pyright: ignore[reportAttributeAccessIssue]
 
-        def unknown(t: Float[Array, ""], x: Float[Array, " size"], _: None) -> Float[Array, ""]:
+        def infinity(t: Float[Array, ""], x: Float[Array, " size"], _: None) -> Float[Array, ""]:
             return jnp.full_like(t, jnp.inf)  # known of runs alone, with their start
 
         rolls = isinstance(system.shown, AbstractRollingSystem) and not has_contact(system)
         constraints = residuals if count_of_constraints(system.shown) else None
-        return cls(system, unravel, None, unknown if rolls else None, constraints)
+        return cls(system, unravel, None, infinity if rolls else None, constraints)
 
     def monitor_value(self, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, ""]:
         """Returns what the monitor knows before the first run."""
@@ -209,8 +209,8 @@ class FlowWithModes(NamedTuple):
             lengths.append(jnp.where(lost, 0.0, length))
         return jnp.stack(rows), jnp.stack(lengths)
 
-    def seen(self, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, " numbers"]:
-        """Computes what shows on what the motion depends: the rates in each mode of contact, and the guards."""
+    def signs(self, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, " numbers"]:
+        """Computes numbers that show on what the motion depends: rates in each mode of contact, and guards."""
         prepared, state = self.system.prepare(), self.system.start(t, self.unravel(x))
         states = [state]
         if isinstance(prepared, BodyOnPlane) and has_contact(prepared):

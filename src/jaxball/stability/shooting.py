@@ -183,7 +183,7 @@ def _newton(
 class _Covered(NamedTuple):
     """A period of the motion from a state; all as in :class:`Return`, but with whole turns, and for all components.
 
-    ``before`` is None with modes: a start may be one that no mode keeps, such as of a slip that ends at once.
+    ``before`` is None with modes: a start may be one that no mode keeps, such as one with a slip that ends at once.
     """
 
     arrived: Float[Array, " size"]
@@ -302,5 +302,5 @@ def rates_at(
     def rate(t, x):
         return ravel_pytree(vector_field(prepared, t, unravel(x)))[0]
 
-    seen = FlowWithModes.of(system, state).seen if system.is_hybrid else rate
-    return jax.vmap(lambda t: jax.vmap(lambda x: seen(t, x))(states))(times)
+    numbers = FlowWithModes.of(system, state).signs if system.is_hybrid else rate
+    return jax.vmap(lambda t: jax.vmap(lambda x: numbers(t, x))(states))(times)

@@ -144,8 +144,8 @@ def laws_along(scenario: Scenario) -> dict[str, Callable[[Case], Row]]:
         balances = {name: partial(balance, name) for name in names}
         return balances | ({"contact": contact} if isinstance(scenario.system, AbstractRollingSystem) else {})
     if scenario.may_slip:
-        known = OF_CONTACT if scenario.system.shape is None else set(OF_CONTACT) & set(OF_CONVEX)
-        laws = {name: partial(balance if name in known else _of_rolling, name) for name in BALANCES}
+        names = OF_CONTACT if scenario.system.shape is None else set(OF_CONTACT) & set(OF_CONVEX)
+        laws = {name: partial(balance if name in names else _of_rolling, name) for name in BALANCES}
         return {**laws, "contact": law_of_contact}
     if scenario.system.shape is not None:
         laws = {name: partial(balance if name in OF_CONVEX else _of_ball, name) for name in BALANCES}
