@@ -50,6 +50,7 @@ def test_a_disk_that_bounces_chaotically():
     assert 4 < found.dimension < 5
 
 
+@pytest.mark.thorough
 def test_exponents_of_an_oscillator_that_strikes_a_wall_are_those_of_its_multipliers():
     damping, rate, e = 0.1, 2.4, 0.8
     system = LagrangianSystem(
@@ -67,6 +68,7 @@ def test_exponents_of_an_oscillator_that_strikes_a_wall_are_those_of_its_multipl
     np.testing.assert_allclose(np.sum(found.exponents), np.sum(motion.exponents.real), rtol=1e-7)
 
 
+@pytest.mark.thorough
 def test_a_block_on_a_belt_forgets_its_start():
     system = LagrangianSystem(
         lambda t, q, qdot: 0.5 * qdot[0] ** 2 - 0.5 * q[0] ** 2,

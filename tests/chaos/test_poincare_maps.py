@@ -67,6 +67,7 @@ def test_sections_of_a_bounce(direction):
         np.testing.assert_allclose(np.diff(found.times[:5]), 2 * struck[:4] / G, rtol=1e-9)
 
 
+@pytest.mark.thorough
 def test_a_section_of_a_system_with_a_wall():
     """A point that bounces without loss crosses half of its height upwards at the same speed each time."""
 

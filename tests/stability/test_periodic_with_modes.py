@@ -5,6 +5,7 @@ and against differences of runs.
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.flatten_util import ravel_pytree
 from scipy.linalg import expm
 
 from jaxball import (
@@ -13,15 +14,18 @@ from jaxball import (
     Contact,
     Disk,
     DiskState,
+    FunctionJointForce,
     FunctionSchedule,
     Ground,
     HarmonicSeries,
+    JointFriction,
     OnRail,
     Oscillating,
     PointMass,
     ReleasedState,
     Resistance,
     Tube,
+    planar_pendulum,
     simulate,
 )
 from jaxball.classical import DryFriction, LagrangianState, LagrangianSystem, UnilateralContact
@@ -152,6 +156,34 @@ def test_a_shaken_disk_that_dry_resistance_stops_and_turns_back():
     agree(found.multipliers, np.linalg.eigvals(derivative), atol=1e-6)
 
 
+def push(t, theta, thetadot, state, torque):
+    return torque * jnp.sin(1.7 * t)
+
+
+@pytest.mark.long
+def test_a_wheel_with_a_law_of_contact_dry_resistance_and_a_joint_that_sticks():
+    """In a period the joint sticks twice and the wheel turns back twice; it begins with the joint held."""
+    arm = planar_pendulum(0.6, 0.7, drive=JointFriction(0.8) + FunctionJointForce(push, 2.2))
+    resistance = Resistance(dry=0.03, exact=True)
+    wheel = Disk(mass=1.0, inertia=0.5, gravity=G, resistance=resistance, mechanisms=[arm])
+    law, period = Contact(0.12), 2 * np.pi / 1.7
+    start = DiskState(phi=-0.912, phidot=-0.5026, theta=[-1.0541], thetadot=[0.0])
+    found = periodic_motion(wheel, start, period, contact=law)
+    assert found.periodic
+    vector, unravel = ravel_pytree(found.state)
+    free = [0, 1, 3, 4, 5]  # φ, φ̇, θ, θ̇ and the velocity, whose slip a deviation gives; z need not return
+
+    def after(x):
+        run = simulate(wheel, [0.0, period], unravel(jnp.asarray(x)), contact=law, **TIGHT)
+        body = run.state
+        return np.array([body.phi[-1], body.phidot[-1], body.theta[-1, 0], body.thetadot[-1, 0], run.contact.V[-1, 0]])
+
+    steps = 1e-6 * np.eye(vector.size)[free]
+    derivative = np.stack([(after(vector + h) - after(vector - h)) / 2e-6 for h in steps], axis=1)
+    agree(found.multipliers, [*np.linalg.eigvals(derivative), 0.0, 0.0], atol=1e-5)
+
+
+@pytest.mark.thorough
 def test_an_oscillator_that_strikes_a_wall():
     """Its monodromy in closed form: two exponentials and a saltation matrix."""
     damping, rate, e = 0.1, 2.4, 0.8
@@ -175,6 +207,7 @@ def test_an_oscillator_that_strikes_a_wall():
     np.testing.assert_allclose(np.prod(expected), e**2 * np.exp(-damping * period))
 
 
+@pytest.mark.thorough
 def test_a_block_on_a_belt():
     """Stick and slip: its period in closed form, and no deviation survives the time for which it sticks."""
     speed, kinetic, static = 0.3, 0.5, 1.0

@@ -162,11 +162,6 @@ def phase_point(system: AbstractSystem, state: AbstractState) -> AbstractState:
     return system.phase_point(state)
 
 
-def dimension(state: AbstractState) -> int:
-    """Returns the dimension of the phase space, where a unit vector counts one less than its number of components."""
-    return ravel_pytree(state)[0].size - (state.unit_vector is not None)
-
-
 def normal_of(state: AbstractState) -> Normal | None:
     """Returns the normal, at a packed state, of the sphere on which its unit vector stays; None where it has none."""
     if state.unit_vector is None:

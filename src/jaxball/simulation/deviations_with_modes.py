@@ -87,7 +87,7 @@ def _across(index: int) -> Normal:
 
 
 def dimension(state: Any) -> int:
-    """Returns the dimension of the phase space of a state, whatever its mode holds."""
+    """Returns the dimension of the phase space of a state, where a normal takes away one, whatever a mode holds."""
     return ravel_pytree(state)[0].size - (normal_of(state) is not None)
 
 
