@@ -17,6 +17,7 @@ from jaxball import (
 )
 from jaxball.chaos import chart, lyapunov_spectrum
 from jaxball.classical import DryFriction, LagrangianState, LagrangianSystem, UnilateralContact
+from jaxball.plot import lyapunov_convergence
 from jaxball.stability import periodic_motion
 from tests.hybrid.test_systems import Bouncing, Moving
 
@@ -91,6 +92,8 @@ def test_a_disk_that_dry_resistance_stops():
     assert found.ok
     np.testing.assert_allclose(found.exponents, [0.0, 0.0, -np.inf], atol=1e-12)
     np.testing.assert_allclose(found.least_normal_force, G, rtol=1e-9)
+    labels = [line.get_label() for line in lyapunov_convergence(found).get_lines()]
+    assert labels[:3] == [r"$\lambda_1$", r"$\lambda_2$", r"$\lambda_3 = -\infty$"]
 
 
 def test_a_state_that_says_its_mode_is_refused():

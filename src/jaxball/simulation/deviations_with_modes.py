@@ -28,12 +28,12 @@ from ..physics.contact.released import ReleasedState
 from ..physics.rolling import AbstractRollingSystem
 from ..physics.state import DiskState, RotationState
 from ..physics.system import AbstractSystem, require_system
-from .arguments import require_single, system_to_solve
+from .arguments import require_kind_of_state, require_single, system_to_solve
 from .deviations import Advanced, Field, Monitor, Normal, Steps, count_of_constraints, generic_vectors
 from .events import Detachment
 from .simulate import Method, at_rest, solve
 
-LOST = 1e-12  # of its length: a deviation that has no more left beside others has become one of them
+LOST = 0.75  # the power of rounding: a deviation with no more of its length left beside others has become one of them
 LIFTS = "lifts"
 
 
@@ -48,6 +48,7 @@ def point_of_run(
     require_system(system)
     state = at_rest(system) if state is None else state
     if contact is None and not system.is_hybrid:
+        require_kind_of_state(system, state)
         return system, packing.phase_point(system, state)
     solved = system_to_solve(system, contact)
     if solved is system:
@@ -203,7 +204,7 @@ class FlowWithModes(NamedTuple):
             size, (rest, other) = jnp.sqrt(jnp.sum(vector**2)), (_beside(rows, x) for x in (vector, other))
             length = jnp.sqrt(jnp.sum(rest**2))
             # NaN is no length that is lost.
-            lost = (length <= LOST * size) | (size == 0)
+            lost = (length <= rounding(vectors.dtype) * size) | (size == 0)
             direction = jnp.where(lost, other / jnp.sqrt(jnp.sum(other**2)), rest / jnp.where(lost, 1.0, length))
             rows.append(direction)
             lengths.append(jnp.where(lost, 0.0, length))
@@ -219,6 +220,11 @@ class FlowWithModes(NamedTuple):
         numbers = [*(ravel_pytree(rate.motion)[0] for rate in rates), prepared.guards(t, state)]
         # What is not known in a mode that the state is not in, such as beyond an edge, tells nothing.
         return jnp.nan_to_num(jnp.concatenate(numbers), posinf=0.0, neginf=0.0)
+
+
+def rounding(dtype: Any) -> float:
+    """Returns the part of a deviation that is taken for rounding; 1.8e-12 in float64."""
+    return float(jnp.finfo(dtype).eps) ** LOST
 
 
 def _beside(rows: list[Array], vector: Float[Array, " size"]) -> Float[Array, " size"]:

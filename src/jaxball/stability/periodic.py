@@ -16,7 +16,7 @@ from ..physics.contact.released import ReleasedState
 from ..physics.system import AbstractState, AbstractSystem
 from ..simulation.arguments import check_steps, check_tolerances
 from ..simulation.deviations import generic_vectors
-from ..simulation.deviations_with_modes import LOST, dimension, normal_of, point_of_run
+from ..simulation.deviations_with_modes import dimension, normal_of, point_of_run, rounding
 from .shooting import TURN, Search, Shot, countable, rates_at, returning, shoot
 from .steady import kind_of
 
@@ -216,7 +216,7 @@ def multipliers_of(
     matrix = np.asarray(returned.monodromy)[np.ix_(back, back)]
     multipliers = np.linalg.eigvals(basis @ matrix @ basis.T).astype(complex)
     if system.is_hybrid:  # what a mode holds has no deviations, whose multiplier is 0, and not rounding
-        multipliers[np.abs(multipliers) <= LOST * np.linalg.norm(matrix)] = 0.0
+        multipliers[np.abs(multipliers) <= rounding(matrix.dtype) * np.linalg.norm(matrix)] = 0.0
     # Rounded, so that the two of a complex pair compare as equal in size, and the sign of the imaginary part decides.
     order = np.lexsort((-np.imag(multipliers), -np.abs(multipliers).round(12)))
     multipliers = multipliers[order]
