@@ -102,8 +102,8 @@ def periodic_motion(
     Of a system with modes, as with a law of contact, exact dry resistance, joints that stick, or contacts and dry
     friction of a :class:`~jaxball.classical.LagrangianSystem`, the return map is a run, and its derivative that of the
     run, through all events (``simulation.deviations_with_modes``). What a mode holds has no deviations, and multipliers
-    of 0. With a law of contact states are :class:`~jaxball.ReleasedState`, also of a body that rolls. A period must
-    not begin at an event, such as an impact.
+    of 0. With a law of contact states are :class:`~jaxball.ReleasedState`, also of a body that rolls, and a ball has
+    to return with its heading. A period must not begin at an event, such as an impact.
 
     A family of motions, such as those of all speeds without resistance, has further multipliers of 1, as do integrals
     of motion; the member of the family nearest to the state is found.
