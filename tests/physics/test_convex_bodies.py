@@ -249,7 +249,16 @@ time = { start = 0.0, end = 1.0, step = 1.0 }
 """
 
 
+ELLIPSOID = '{ kind = "ellipsoid", semiaxes = [1.0, 1.3, 0.7] }'
 TURNTABLE = 'turntable = { turning = { kind = "constant-rate", theta = 0.0, rate = 1.0 } }'
+
+
+def egg_arm(Gamma):
+    return jax.grad(egg)(Gamma)
+
+
+def function_of(name):
+    return f'{{ kind = "function", function = "{__name__}:{name}" }}'
 
 
 def in_file(shape):
@@ -275,12 +284,14 @@ def test_it_stands_in_files():
         ("1.3", "-1.3", "`body.shape.semiaxes` must be a list of 3 positive numbers"),
         ('"ellipsoid"', '"egg"', "`body.shape.kind`"),
         ("mass = 1.2", "mass = 1.2, radius = 1.0", "`body.radius`"),
+        (ELLIPSOID, function_of("egg_arm"), "`body.shape.function` must give a single"),
+        (ELLIPSOID, function_of("support"), "`body.shape.function` must name a function that fits"),
         ("angle = 0.1", 'kind = "bowl", radius = 5.0', "`ground` must be a plane under a convex body"),
         ("angle = 0.1", TURNTABLE, "`ground.turntable` must be left out for a convex body"),
     ],
 )
 def test_what_no_file_may_say_of_it(old, new, named):
-    text = in_file('{ kind = "ellipsoid", semiaxes = [1.0, 1.3, 0.7] }')
+    text = in_file(ELLIPSOID)
     assert old in text
     with pytest.raises(ScenarioError, match=named):
         read_scenario(text.replace(old, new))
@@ -344,6 +355,10 @@ def test_what_cannot_be():
         TypeError, match=r"`ground` must be a Ground or None under a body that is no|parameter 'ground'"
     ):
         ConvexBody(shape=Ellipsoid(AXES), ground=Bowl(5.0), **numbers)
+    with pytest.raises(TypeError, match=r"`function` must give a single number"):
+        SupportFunction(lambda Gamma: Gamma)
+    with pytest.raises(TypeError, match=r"`function` must be a function of"):
+        SupportFunction(lambda: 1.0)
     dented = ConvexBody(shape=SupportFunction(lambda Gamma: 1 + 0.9 * Gamma[2] ** 4), **numbers)
     assert "`shape` must be convex" in jaxball.problems(dented, BallState(), [0.0, 1.0])[0]
     run = simulate(dented, [0.0, 1.0])

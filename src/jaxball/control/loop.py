@@ -1,5 +1,6 @@
 """A robot under sampled feedback: measured at each sample, with inputs that are limited, delayed and held."""
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -17,10 +18,12 @@ from ..interface.printing import Printed
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, to_array
 from ..physics.body import System
+from ..physics.contact.law import Contact
 from ..physics.forces.force import AbstractWrench, Wrenches
 from ..physics.hybrid import NO_HISTORY
 from ..physics.state import PlacedState
 from ..physics.system import require_one_state
+from ..simulation.simulate import simulate
 from ..simulation.trajectory import Trajectory
 from .feedback import AbstractFeedback
 from .history import FeedbackHistory, until_end
@@ -63,8 +66,15 @@ class ClosedLoop(Printed):
 
     @property
     def run(self) -> Trajectory[Any, Any]:
-        """The run as a trajectory of the robot with the inputs that acted: with observables, figures and files."""
-        system = replay_inputs(self.plant.system, self.plant.places, self.plant.limits, self.times, self.u)
+        """The run as a trajectory of the robot with the inputs that acted: with observables, figures and files.
+
+        With a law of contact it is simulated again, in one piece, with the history of its modes.
+        """
+        plant = self.plant
+        system = replay_inputs(plant.system, plant.places, plant.limits, self.times, self.u)
+        if plant.contact is not None:
+            first = jax.tree.map(lambda leaf: leaf[0], self.states)
+            return simulate(system, self.times, first, contact=plant.contact, rtol=plant.rtol, atol=plant.atol)
         # Where a run fails, all later deviations are NaN.
         reached = self.times[jnp.sum(jnp.all(jnp.isfinite(self.xi), axis=1)) - 1]
         status = jnp.where(reached == self.times[-1], int(Status.SUCCESS), int(Status.SOLVER_FAILED))
@@ -107,6 +117,7 @@ def closed_loop(
     delay: int = 0,
     push: AbstractWrench | None = None,
     samples: int | None = None,
+    contact: Contact | None = None,
     adjoint: diffrax.AbstractAdjoint | None = None,
 ) -> ClosedLoop:
     """Simulates a robot under sampled feedback.
@@ -127,6 +138,8 @@ def closed_loop(
     - ``delay``: how many samples pass before what feedback adds takes effect.
     - ``push``: a further force on the robot, such as a :class:`Push`.
     - ``samples``: how many; by default those of the motion. Later ones hold its last state.
+    - ``contact``: a :class:`~jaxball.Contact`, with which the robot may slip and fly; the motion and the feedback are
+      those of one that rolls.
     - ``adjoint``: as for :func:`jaxball.simulate`.
 
     **Raises:** ``TypeError`` and ``ValueError`` for a start, limits or a robot that do not fit the motion.
@@ -144,7 +157,8 @@ def closed_loop(
     (True, 0.08)
     """
     require("feedback", feedback, AbstractFeedback, "a feedback, such as tvlqr(...) makes")
-    plant = plant_of(feedback, system, limits, push)
+    require("contact", contact, (Contact, type(None)), "a Contact, such as Contact(0.3), or None")
+    plant = dataclasses.replace(plant_of(feedback, system, limits, push), contact=contact)
     first = start_of(feedback, start)
     count = feedback.nominal.samples if samples is None else whole_number("samples", samples, 1)
     late = whole_number("delay", delay, 0)
@@ -183,7 +197,8 @@ def run_loop(
     t0 = nominal.times[0]
 
     def step(carry: Any, k: Array) -> Any:
-        state, memory, waiting = carry
+        moving, memory, waiting = carry
+        state = plant.seen(moving)
         added, memory = feedback(k, state, memory)
         # The newest entry is the last, at `room`; the one that takes effect was appended `delay` samples ago.
         queue = jnp.concatenate([waiting, added[None]])
@@ -191,12 +206,14 @@ def run_loop(
         # Only what feedback adds is late: the inputs of the motion are known beforehand.
         u = jnp.clip(planned + queue[room - delay], -limits, limits)
         memory = feedback.remember_inputs(k, u, memory)
-        after = plant.flow(t0 + plant.sample * k.astype(t0.dtype), state, u, adjoint)
+        after = plant.flow(t0 + plant.sample * k.astype(t0.dtype), moving, u, adjoint)
         return (after, memory, queue[1:]), (state, u, u - planned, feedback.deviation(k, state))
 
     waiting = jnp.zeros((room, nominal.u.shape[1]), nominal.u.dtype)
     numbered = jnp.arange(samples)
-    (last, memory, _), (states, u, du, xi) = jax.lax.scan(step, (start, feedback.begin(), waiting), numbered)
+    begun = plant.begin(plant.hold(nominal.input(0)), t0, start)
+    (last, memory, _), (states, u, du, xi) = jax.lax.scan(step, (begun, feedback.begin(), waiting), numbered)
+    last = plant.seen(last)
     states = jax.tree.map(lambda along, end: jnp.concatenate([along, end[None]]), states, last)
     # States begin at the samples; the scan does not give the last one, at the end.
     xi = jnp.concatenate([xi, feedback.deviation(jnp.asarray(samples), last)[None]])

@@ -18,14 +18,18 @@ from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, default_dtype, numbers
 from ..numerics.vectors import apply
 from ..physics.body import Ball, System
+from ..physics.contact.body_on_plane import BodyOnPlane
+from ..physics.contact.law import Contact
 from ..physics.forces.force import HarmonicForce, Push, Wrenches
 from ..physics.forces.resistance import Resistance
+from ..physics.hybrid import START, Accuracy
 from ..physics.state import DiskState, PlacedState
 from ..simulation import DEFAULT_TOLERANCE
 from ..simulation.extremes import MOST_STEPS_OF_SAMPLE
 from ..simulation.simulate import simulate
 from .inputs import Place, hold_inputs, limits_of, places_of, with_inputs
 
+START_ORDER = 5.0  # of the method, of which the mode at a start does not depend
 LEAST_REACHED = 1e-8  # of the largest singular value of the reachable subspace's factor; below it is rounding
 ROUNDING_OF_COMBINATION = 1e-6  # of the largest entry of a combination
 
@@ -54,6 +58,7 @@ class SampledSystem(Printed):
     - ``limits``: the largest magnitude of each input, that of its motor; infinite where there is none, shape (m,).
     - ``sample``: the time between samples.
     - ``rtol``, ``atol``: tolerances of the solve of a sample.
+    - ``contact``: the law of contact of a body that may slip; None for one that always rolls.
     """
 
     system: System
@@ -62,6 +67,7 @@ class SampledSystem(Printed):
     rtol: Float[Array, ""]
     atol: Float[Array, ""]
     places: tuple[Place, ...] = eqx.field(static=True)
+    contact: Contact | None = None
 
     def __check_init__(self):
         if not is_traced(self.sample) and not np.all(np.asarray(self.sample) > 0):
@@ -123,17 +129,32 @@ class SampledSystem(Printed):
         """Returns the body while its inputs are ``u``."""
         return hold_inputs(self.system, self.places, u) if self.places else self.system
 
+    def begin(self, system: System, t: Float[Array, ""], state: PlacedState) -> Any:
+        """Returns what :meth:`advance` takes for a body in a state: with a law of contact, also the mode that it has."""
+        if self.contact is None:
+            return state
+        plane = BodyOnPlane(system, self.contact).prepare()
+        accuracy = Accuracy(self.rtol, self.atol, START_ORDER, 1.0)
+        after = plane.transition(t, plane.start(t, state), jnp.asarray(START), accuracy).after
+        # Of the same kind as after a sample, for a scan.
+        return jax.tree.map(lambda x: jnp.asarray(x, t.dtype), after)
+
+    def seen(self, state: Any) -> PlacedState:
+        """Returns the state of the body in what :meth:`advance` takes and gives."""
+        return state if self.contact is None else state.body
+
     def flow(
         self,
         t: Float[Array, ""],
-        state: PlacedState,
+        state: Any,
         u: Float[Array, " m"],
         adjoint: diffrax.AbstractAdjoint | None = None,
-    ) -> PlacedState:
+    ) -> Any:
         """Computes the state a sample after ``t``, from ``state``, with the inputs ``u`` held: NaN where the solve
         fails.
 
-        It can be traced, within ``jax.lax.scan`` and ``jax.lax.map`` too. ``adjoint`` as for :func:`jaxball.simulate`.
+        It can be traced, within ``jax.lax.scan`` and ``jax.lax.map`` too. ``adjoint`` as for :func:`jaxball.simulate`,
+        and states as for :meth:`advance`.
         """
         # The flow of a versor keeps its length up to the error of the solve, which would grow over many samples.
         return self.advance(self.hold(u), t, state, adjoint)[0].projected()
@@ -142,24 +163,26 @@ class SampledSystem(Printed):
         self,
         system: System,
         t: Float[Array, ""],
-        state: PlacedState,
+        state: Any,
         adjoint: diffrax.AbstractAdjoint | None = None,
-    ) -> tuple[PlacedState, Int[Array, ""]]:
+    ) -> tuple[Any, Int[Array, ""]]:
         """Advances a body with held inputs by a sample from ``t``: its state, as the solve leaves it, and its status.
 
-        Traceable; ``adjoint`` as for :meth:`flow`.
+        With a law of contact, states are as :meth:`begin` returns them. Traceable; ``adjoint`` as for :meth:`flow`.
         """
         run = simulate(
             system,
             jnp.stack([t, t + self.sample]),
-            state,
+            state if self.contact is None else state.released,
+            contact=self.contact,
             rtol=self.rtol,
             atol=self.atol,
             adjoint=adjoint,
             max_steps=MOST_STEPS_OF_SAMPLE,
             inside=False,
         )
-        return jax.tree.map(lambda leaf: leaf[-1], run.state), run.status
+        states = run.state if run.contact is None else run.contact.states_of(system, run.state)
+        return jax.tree.map(lambda leaf: leaf[-1], states), run.status
 
     def deviation(self, state: PlacedState, other: PlacedState) -> Float[Array, " n"]:
         """Computes ξ of ``other`` around ``state``, as feedback counts it: the local coordinates.

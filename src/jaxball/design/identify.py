@@ -118,7 +118,7 @@ def identify(
 
 def _require_positions(space: DesignSpace, path: np.ndarray) -> None:
     times = space.scenario.times
-    place = np.shape(space.state.z)
+    place = np.shape(space.placed.z)
     if path.shape != (times.size, *place):
         raise DesignError(
             f"Argument `path` must be a position for each of the {times.size} save times, "

@@ -1,5 +1,6 @@
 """An environment: a robot with sampled inputs and a goal, reset and stepped by pure functions of arrays."""
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -19,6 +20,7 @@ from ..interface.printing import Printed
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, number_or_none, numbers, to_array
 from ..physics.body import System
+from ..physics.contact.law import Contact
 from ..physics.grounds import AbstractSurface
 from ..physics.grounds.ground import require_plane
 from ..physics.state import BallState, DiskState, PlacedState, RotationState
@@ -36,7 +38,7 @@ SAMPLE_TOLERANCE = 1e-6  # of the solve of a sample, far below what a policy cou
 class Episode(Printed):
     """Where an episode is: what :meth:`Environment.step` advances.
 
-    - ``state``: that of the robot.
+    - ``state``: that of the robot; with a law of contact, all that a solve advances, with its mode.
     - ``k``: how many steps were taken.
     - ``waiting``: the inputs asked for at the last samples, the newest first, shape (most + 1, m).
     - ``delay``: how many samples pass before an input acts, drawn at the reset.
@@ -46,7 +48,7 @@ class Episode(Printed):
     - ``key``: the random key of the following steps.
     """
 
-    state: PlacedState
+    state: Any
     k: Int[Array, ""]
     waiting: Float[Array, "samples m"]
     delay: Int[Array, ""]
@@ -106,6 +108,8 @@ class Environment(Printed):
       drawn. Until the first acts, inputs are 0.
     - ``friction``: a coefficient μ; if given, an episode ends where the robot needs |f| > μ N after a step, and where
       it would leave the plane.
+    - ``contact``: a :class:`~jaxball.Contact`, in place of ``friction``; if given, the robot slips, flies and lands,
+      and rolls again, and no episode ends because of that.
     - ``rtol``, ``atol``: tolerances of the solve of a sample.
     - ``adjoint``: as for :func:`jaxball.simulate`.
 
@@ -137,6 +141,7 @@ class Environment(Printed):
     parameters: dict[str, AbstractDistribution]
     penalty: Float[Array, ""]
     friction: Float[Array, ""] | None
+    contact: Contact | None
     adjoint: diffrax.AbstractAdjoint | None
     samples: int = eqx.field(static=True)
     delay: tuple[int, int] = eqx.field(static=True)
@@ -160,6 +165,7 @@ class Environment(Printed):
         parameters: Mapping[str, AbstractDistribution] | None = None,
         delay: int | tuple[int, int] = 0,
         friction: Numbers | None = None,
+        contact: Contact | None = None,
         rtol: Numbers = SAMPLE_TOLERANCE,
         atol: Numbers = SAMPLE_TOLERANCE,
         adjoint: diffrax.AbstractAdjoint | None = None,
@@ -168,7 +174,14 @@ class Environment(Printed):
         ground = getattr(system, "ground", None)
         if not isinstance(ground, AbstractSurface):
             require_plane(ground, "an environment")
-        self.sampled = _with_limits(SampledSystem.of(system, sample, inputs, rtol, atol), limits)
+        require("contact", contact, (Contact, type(None)), "a Contact, such as Contact(0.3), or None")
+        if contact is not None and friction is not None:
+            raise ValueError(
+                "Argument `friction` must be left out with `contact`, because it ends an episode where the robot would "
+                "slip, but both are given."
+            )
+        sampled = _with_limits(SampledSystem.of(system, sample, inputs, rtol, atol), limits)
+        self.sampled, self.contact = dataclasses.replace(sampled, contact=contact), contact
         self.goal = goal
         self.observation = ObservedState() if observation is None else observation_of(observation)
         require("observation", self.observation, AbstractObservation, "an observation, or sensors by name")
@@ -207,7 +220,9 @@ class Environment(Printed):
         drawn = self._parameters(of_robot)
         zero = jnp.zeros_like(self.sampled.limits)
         # Its inputs are 0, as they stay until the first action acts.
-        moment = Moment(jnp.zeros_like(self.sampled.sample), self.robot(drawn, zero), state, zero)
+        robot, t = self.robot(drawn, zero), jnp.zeros_like(self.sampled.sample)
+        state = self.sampled.begin(robot, t, state)
+        moment = self._moment(t, robot, state, zero)
         target = self.goal.draw(of_goal, moment)
         memory = self.observation.begin(of_memory, moment)
         seen, memory = self._observe(of_reading, target, moment, memory)
@@ -236,7 +251,7 @@ class Environment(Printed):
         # Projected afterwards: the derivatives of a failed solve are not known, and 0 of them are to be 0.
         state = jax.tree.map(lambda new, old: jnp.where(failed, old, new), state, episode.state).projected()
         u = jnp.where(failed, 0.0, u)  # which may not be finite
-        moment = Moment(t + h, self.robot(episode.parameters, u), state, u)
+        moment = self._moment(t + h, self.robot(episode.parameters, u), state, u)
         # As int32 on every path, for a scan.
         status = self._in_contact(moment, status.astype(jnp.int32))
         misses = self.goal.misses(episode.target, moment)
@@ -250,6 +265,11 @@ class Environment(Printed):
         after = Episode(state, k, waiting, episode.delay, episode.parameters, episode.target, memory, later)
         info = {"status": status, "misses": misses, "u": u}
         return Transition(after, seen, reward, terminated, (k >= self.samples) & ~terminated, info)
+
+    def _moment(self, t: Float[Array, ""], robot: System, state: Any, u: Float[Array, " m"]) -> Moment:
+        if self.contact is None:
+            return Moment(t, robot, state, u)
+        return Moment(t, robot, state.body, u, state, self.contact)
 
     def _one_action(self, action: Any) -> Float[Array, " m"]:
         """Returns the argument ``action`` as an array of a number for each input; one input may have a bare number."""

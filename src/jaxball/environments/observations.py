@@ -161,15 +161,19 @@ class ObservedSensors(AbstractObservation):
                     "reads every sensor at each sample, but it has; leave them out, and delay the inputs instead."
                 )
 
+    def _read(self, moment: Moment) -> dict[str, Float[Array, "..."]]:
+        system, state = moment.as_solved
+        return Measurement(self.sensors).parts(system, moment.t, state)
+
     def begin(self, key, moment):
         # The readings themselves only tell the shapes.
-        parts = Measurement(self.sensors).parts(moment.system, moment.t, moment.state)
+        parts = self._read(moment)
         zero = {name: jnp.zeros_like(jnp.ravel(part)) for name, part in parts.items()}
         return zero, zero
 
     def __call__(self, key, moment, memory, sample):
         wandered, last = dict(memory[0]), dict(memory[1])
-        parts = Measurement(self.sensors).parts(moment.system, moment.t, moment.state)
+        parts = self._read(moment)
         for name, sensor in self.sensors.items():
             exact, errors = jnp.ravel(parts[name]), sensor.errors
             if errors is None:

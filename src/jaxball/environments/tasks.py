@@ -15,6 +15,9 @@ from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, number_or_none, numbers, to_array
 from ..numerics.vectors import apply, cross, dot, root
 from ..physics.body import System
+from ..physics.contact.body_on_plane import BodyOnPlane
+from ..physics.contact.law import Contact
+from ..physics.contact.modes import ContactState
 from ..physics.dynamics.footing import locate_surface, velocity_by_turning
 from ..physics.grounds import AbstractSurface
 from ..physics.prescribed.schedules import AbstractSchedule
@@ -32,24 +35,41 @@ class Moment(NamedTuple):
     - ``system``: the body with the inputs that act, and the parameters that were drawn.
     - ``state``: its state.
     - ``u``: the inputs that act, shape (m,).
+    - ``slip``: with a law of contact, all that a solve advances: the velocity ``V`` of the centre, its ``height``, the
+      ``mode``; else None.
+    - ``contact``: that law.
     """
 
     t: Float[Array, ""]
     system: System
     state: PlacedState
     u: Float[Array, " m"]
+    slip: ContactState | None = None
+    contact: Contact | None = None
+
+    @property
+    def as_solved(self) -> tuple[Any, Any]:
+        """The body and its state as a solve has them, with a law of contact and its modes."""
+        if self.slip is None or self.contact is None:
+            return self.system, self.state
+        return BodyOnPlane(self.system, self.contact), self.slip
 
     @property
     def place(self) -> Float[Array, " d"]:
         """The position of the centre along e1 and e2, d = 2, or of a disk along e1, d = 1."""
         if self._surface is None:
             return self._in_plane(self.state.in_space().z)
-        return self._in_plane(self._surface.place_of_centre(self.t, self.system.radius, self.state.z)[:2])
+        centre = self._surface.place_of_centre(self.t, self.system.radius, self.state.z)
+        if self.slip is not None:
+            centre = centre + self.slip.height * self._surface.touch_at(self.t, self.state.z).n
+        return self._in_plane(centre[:2])
 
     @property
     def velocity(self) -> Float[Array, " d"]:
         """The velocity of the centre along the same axes."""
         system, state = self.system, self.state
+        if self.slip is not None:
+            return self._in_plane(self.slip.V[:2])
         if self._surface is not None:
             held = self._surface.touch_at(self.t, state.z)
             # On a surface, the centre is a radius above the contact: the velocity of the ground there, plus ω × r n.

@@ -111,6 +111,11 @@ def a_number() -> jax.ShapeDtypeStruct:
     return jax.ShapeDtypeStruct((), default_dtype())
 
 
+def a_vector() -> jax.ShapeDtypeStruct:
+    """Returns an abstract vector in space of the default floating type, for tracing a function."""
+    return jax.ShapeDtypeStruct((3,), default_dtype())
+
+
 def _is_real(x: Any) -> bool:
     if isinstance(x, list | tuple):
         return all(map(_is_real, x))

@@ -15,9 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..interface.arguments import call_with, require_callable_with
+from ..interface.arguments import call_with, require_function
 from ..interface.printing import Printed
-from ..numerics.arrays import numbers, to_array
+from ..numerics.arrays import a_vector, numbers, to_array
 from ..numerics.functions import OfFunction
 from ..numerics.vectors import root, sine_cosine
 from .conditions import Condition, positive
@@ -115,7 +115,7 @@ class SupportFunction(OfFunction, AbstractShape):
     """
 
     def __check_init__(self):
-        require_callable_with("function", self.function, self.parameters, "Gamma")
+        require_function("function", self.function, (), Gamma=a_vector(), parameters=self.parameters)
 
     def height(self, Gamma: Float[Array, "3"]) -> Float[Array, ""]:
         return jnp.asarray(call_with(self.function, Gamma, parameters=self.parameters), Gamma.dtype)

@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from ..interface.arguments import require_function
+from ..numerics.arrays import a_vector
 from ..physics.shape import AbstractShape, Ellipsoid, SupportFunction
 from .own import FUNCTION, Open, names_own, read_own, trying
 from .table import Key, Module, join, keys_of, read_family, write_family
@@ -16,6 +18,7 @@ SHAPES = Open(
         ),
         "function": Module(SupportFunction, FUNCTION),
     },
+    lambda shape: require_function("shape", shape.height, (), Gamma=a_vector()),
 )
 
 

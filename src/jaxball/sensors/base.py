@@ -26,6 +26,7 @@ from ..interface.printing import Printed
 from ..interface.wording import did_you_mean
 from ..numerics.calculus import two_derivatives
 from ..physics.body import AbstractBody, System
+from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.dynamics.moments import kinematics
 from ..physics.mechanisms import Mechanism
 from ..physics.mechanisms.mechanism import EachJoint
@@ -94,11 +95,12 @@ class Measurement(Printed):
 
     sensors: dict[str, AbstractSensor]
 
-    def parts(self, system: System, t: Float[Array, ""], state: PlacedState) -> dict[str, Float[Array, "..."]]:
-        """Computes the exact reading of each sensor."""
+    def parts(self, system: Any, t: Float[Array, ""], state: Any) -> dict[str, Float[Array, "..."]]:
+        """Computes the exact reading of each sensor, of a body or, with its modes, of the system that was solved."""
         prepared = system.prepare()
         moves = movement(prepared, t, state.in_space() if isinstance(state, RotationState) else state)
-        return {name: sensor.reading(prepared, t, moves) for name, sensor in self.sensors.items()}
+        body = prepared.body if isinstance(prepared, BodyOnPlane) else prepared
+        return {name: sensor.reading(body, t, moves) for name, sensor in self.sensors.items()}
 
     def __call__(self, system: System, t: Float[Array, ""], state: PlacedState) -> Float[Array, " m"]:
         """Computes all exact readings."""

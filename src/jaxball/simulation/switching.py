@@ -228,6 +228,8 @@ class Switching(AbstractSwitching):
     jumps: ClassVar[bool] = True
 
     def init(self, t0, y0, length):
+        # Where steps end is a choice: only the transition gives the time of an event its derivatives.
+        t0, length = jax.lax.stop_gradient((t0, length))
         none, success = jnp.asarray(0), jnp.asarray(int(Status.SUCCESS))
         zero, never, bracket = jnp.zeros_like(t0), jnp.full_like(t0, jnp.inf), RootBracket.none(t0)
         rows = Rows.empty(self.capacity, y0)

@@ -81,7 +81,8 @@ def _motions(options: argparse.Namespace, scenario: "Scenario") -> "Sequence[Ste
     if options.initial:
         return (stability(system, scenario.state, turning=options.turning or 0.0, t=t),)  # pyright: ignore
     if not isinstance(system, Ball):
-        raise ValueError(f"Steady motions of a disk are not searched for; {ELSE}.")
+        searched = f"Steady motions are searched for only for a ball, but the scenario is of a {system.title}"
+        raise ValueError(f"{searched}; {ELSE}.")
     _require_still(system)
     if options.rolling is not None:
         return (steady_rolling(system, *options.rolling, t=t),)

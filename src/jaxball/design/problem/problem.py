@@ -295,7 +295,7 @@ class Problem:
         """Where the constraints are evaluated."""
         # A tuple, because JAX would return a dictionary in the order of its keys, and violations are in that of ours.
         constraints, times = tuple(self.constraints.values()), to_array(self.space.scenario.times)
-        sizes = _sizes(constraints, self.space.system, self.space.state, times)
+        sizes = _sizes(constraints, self.space.system, self.space.placed, times, self.space.scenario.may_slip)
         return ConstraintLayout(dict(zip(self.constraints, map(int, sizes), strict=True)), self.balls)
 
     @functools.cached_property
@@ -356,11 +356,12 @@ def _sizes(
     system: System,
     state: BallState | DiskState,
     times: Float[Array, " T"],
+    may_slip: bool,
 ) -> tuple[int, ...]:
     """Counts the points at which each constraint of a run is evaluated, without a simulation."""
     # Only shapes are wanted, so that the states need not be those of a run.
     states = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (times.size, *leaf.shape)), state)
-    run = Run(system, times, states, jnp.zeros((), dtype=int), RAIL_SAMPLES)
+    run = Run(system, times, states, jnp.zeros((), dtype=int), RAIL_SAMPLES, may_slip)
     shapes = eqx.filter_eval_shape(lambda run: tuple(constraint(run) for constraint in constraints), run)
     return tuple(shape.size for shape in shapes)
 

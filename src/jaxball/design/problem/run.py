@@ -32,7 +32,7 @@ from ...scenario import Scenario
 from ...scenario.solvers import SOLVERS
 from ...simulation.simulate import simulate
 from ...simulation.trajectory import times_looked_at
-from .space import Candidate
+from .space import Candidate, DesignError
 
 RAIL_SAMPLES = 48
 
@@ -99,6 +99,8 @@ class Run(eqx.Module):
     - ``system``, ``times``, ``state``: the body, times of shape (t,), and the states then.
     - ``status``: the number of a :class:`~jaxball.Status`.
     - ``rail_samples``: the number of points on closed rails.
+    - ``may_slip``: whether there is a law of contact. A state alone does not say how such a body moves, so that it has
+      been ``seen`` in the run.
     """
 
     system: System
@@ -106,6 +108,8 @@ class Run(eqx.Module):
     state: BallState | DiskState
     status: Int[Array, ""]
     rail_samples: int = eqx.field(static=True, default=RAIL_SAMPLES)
+    may_slip: bool = eqx.field(static=True, default=False)
+    seen: Observables | None = None
 
     @property
     def _times(self) -> Float[Array, " t"]:
@@ -146,18 +150,28 @@ class Run(eqx.Module):
     @_once
     def observables(self) -> Observables:
         """Positions, energies and forces."""
-        return self._each(observe)
+        return self._each(observe) if self.seen is None else self.seen
+
+    def _require_rolling(self, what: str) -> None:
+        if self.may_slip:
+            raise DesignError(
+                f"Key `contact` must be left out here, because {what} are computed only for bodies that always roll, "
+                "and an objective or a constraint of this design needs them."
+            )
 
     @property
     @_once
     def masses(self) -> Kinematics:
         """χ, χ̇ and χ̈ of the masses, each of shape (t, n, 3)."""
+        if any(mechanism.free for mechanism in self.system.mechanisms):
+            self._require_rolling("accelerations of masses that swing freely")
         return self._each(lambda system, t, x: kinematics(system, t, accelerations(system, t, x).angles))
 
     @property
     @_once
     def forces(self) -> Float[Array, "t n 3"]:
         """m (a + γ), the force that each mass needs from what carries it, in body axes; γ is gΓ on a level plane."""
+        self._require_rolling("forces on masses")
         m = point_mass_values(self.system)
 
         def one(system, t, x):
@@ -182,7 +196,8 @@ class Run(eqx.Module):
         What holds a joint that sticks, or moves one with a schedule, follows from accelerations of the whole motion.
         """
         system = self.system
-        if system.sticking or any(mechanism.n_joints > len(mechanism.free) for mechanism in system.mechanisms):
+        moved = any(mechanism.n_joints > len(mechanism.free) for mechanism in system.mechanisms)
+        if self.may_slip or system.sticking or moved:
             return self.observables.joint_efforts
 
         def one(system, t, x):
@@ -245,10 +260,11 @@ def run_of(candidate: Candidate, solve: Solve, rail_samples: int = RAIL_SAMPLES)
     - ``solve``: how.
     - ``rail_samples``: the number of points on closed rails.
     """
-    system, state, times = candidate
+    system, state, times, contact = candidate
     # A search may pass through bodies that do not contain their masses.
-    trajectory = simulate(system, times, state, **solve._asdict(), inside=False)
-    return Run(system, times, trajectory.state, trajectory.status, rail_samples)
+    trajectory = simulate(system, times, state, contact=contact, **solve._asdict(), inside=False)
+    seen = None if contact is None else trajectory.observables
+    return Run(system, times, trajectory.state, trajectory.status, rail_samples, contact is not None, seen)
 
 
 def locate_centre(system: System, t: Float[Array, ""], state: BallState | DiskState) -> Float[Array, " d"]:

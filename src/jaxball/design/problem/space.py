@@ -18,10 +18,12 @@ from ... import programs
 from ...interface.arguments import require
 from ...numerics.arrays import to_array
 from ...physics.body import System
+from ...physics.contact.law import Contact
+from ...physics.contact.released import ReleasedState
 from ...physics.prescribed.frames import principal_angles
 from ...physics.state import BallState, DiskState
 from ...scenario import Scenario, ScenarioError, read_document
-from ...scenario.body import rolling_state
+from ...scenario.body import require_whole_run
 from ...scenario.dimensions import dimension_of
 from ...scenario.errors import UntraceableError, each_of
 from ...scenario.files import with_defaults
@@ -197,11 +199,13 @@ class Candidate(NamedTuple):
     - ``system``: the body.
     - ``state``: at the first of the times.
     - ``times``: the save times, shape (T,).
+    - ``contact``: the law of contact, if the body may slip.
     """
 
     system: System
-    state: BallState | DiskState
+    state: BallState | DiskState | ReleasedState
     times: Float[Array, " T"]
+    contact: Contact | None = None
 
 
 class Parametrisation(eqx.Module):
@@ -247,7 +251,7 @@ class Parametrisation(eqx.Module):
         column = np.repeat(np.arange(self.size), self.counts)
         parts = self.outline.build(jnp.concatenate([x[column] * self.factors, self.values_of_others]))
         times = parts.times.array(self.times.size) if self.moves_times else self.times
-        return Candidate(parts.system, parts.state, times)  # pyright: ignore[reportArgumentType]
+        return Candidate(parts.system, parts.state, times, parts.contact)  # pyright: ignore[reportArgumentType]
 
 
 class DesignSpace:
@@ -275,8 +279,9 @@ class DesignSpace:
         system = self.scenario.system
         if not isinstance(system, System):
             raise DesignError(f"Key `kind` must be ball or disk to be designed, but it is {system.title.lower()}.")
-        state = rolling_state(self.scenario, "a design is", DesignError)
-        assert isinstance(state, BallState | DiskState)
+        require_whole_run(self.scenario, "a design is", DesignError)
+        state = self.scenario.state
+        assert isinstance(state, BallState | DiskState | ReleasedState)
         self.system, self.state = system, state
         expand = functools.partial(expand_variable, document=self.document)
         places = enumerate(variables)
@@ -299,6 +304,11 @@ class DesignSpace:
         )
         self.unit_of = {name: self._unit_of(name, kinds) for name in self.names}
         self.start = self.bounds.variables(np.asarray(x))
+
+    @property
+    def placed(self) -> BallState | DiskState:
+        """The state of the body at the start, without what a law of contact adds."""
+        return self.state.body if isinstance(self.state, ReleasedState) else self.state  # pyright: ignore
 
     @property
     def size(self) -> int:

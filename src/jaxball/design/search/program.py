@@ -384,6 +384,8 @@ class Pieces(eqx.Module, AbstractTerms):
             run = run_of(candidate._replace(times=times, state=state), solve)
             return run.state, run.status
 
+        if self.intervals == 1:
+            return run_of(candidate, solve), states
         later = jax.vmap(lambda components: self.components.unpack(components, candidate.state))(states)
         # The first piece starts at the initial state, which the design determines; the others at unknowns.
         begin = jax.tree.map(lambda x, others: jnp.concatenate([x[None], others]), candidate.state, later)
@@ -421,12 +423,17 @@ class Shooting(AbstractProgram):
                 f"Key `search.intervals` must divide the number of steps between save times, {steps}, but it is "
                 f"{self.intervals}; choose another number, or another number of save times."
             )
+        if self.intervals > 1 and self.problem.space.scenario.may_slip:
+            raise DesignError(
+                f"Key `search.intervals` must be 1 for a body with a law of contact, but it is {self.intervals}: where "
+                "a run is cut, its mode would have to be an unknown as well."
+            )
 
     @functools.cached_property
     def pytree(self) -> Pieces:
         """Its terms, which compiled functions take."""
         space = self.problem.space
-        return Pieces(self.problem.pytree, Components.of(space.system, space.state), self.intervals)
+        return Pieces(self.problem.pytree, Components.of(space.system, space.placed), self.intervals)
 
     @property
     def weights(self):

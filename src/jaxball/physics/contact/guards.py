@@ -98,6 +98,7 @@ def guards_of_contact(
     response: Response,
     acting: friction.Interaction,
 ) -> Float[Array, "3"]:
+    """Computes the guards of the contact in its mode, in the order of ``CAUSES``; 1 for one that it does not have."""
     slack = rounding_of_force(plane, state, response)
     slip, unit = slip_velocity(plane.body, t, state.released), jnp.ones_like(state.height)
     spare = friction.margin(acting.R, plane.law.static_friction) + slack

@@ -168,11 +168,7 @@ class ContactHistory(HeldHistory):
     - ``friction_loss``, ``impact_loss``: the energy dissipated so far by sliding friction and by impacts,
       mass length²/time², shape (T,) each.
 
-    - ``rests``, ``spin``, ``rolling``: as exact dry resistance has them: whether it held the body against rolling, also
-      one that slips, shape (T,); the sign of ω₃, 0 where that is held or not resisted, shape (T,); the direction of ω_h
-      of a body that rolls, also where that begins, else 0, shape (T, 2). None without such resistance.
-    - ``directions``: in which each joint with dry friction slips, 1 or −1, and 0 where it sticks, shape (T, joints);
-      None without such joints.
+    Besides these it has what a :class:`HeldHistory` has.
     """
 
     switches: ContactSwitches  # pyright: ignore[reportIncompatibleVariableOverride]

@@ -171,7 +171,9 @@ class Deciding(NamedTuple):
     def first_slip(self, choice: Choice, responds: Response) -> Float[Array, "2"]:
         """Finds the direction in which a slip begins, if one does."""
         begins = self.still & ~choice.sticks & ~choice.flies
-        return jax.lax.cond(begins, lambda: friction.first_slip(responds, self.mu).sigma, lambda: choice.sigma)
+        sigma = jax.lax.cond(begins, lambda: friction.first_slip(responds, self.mu).sigma, lambda: choice.sigma)
+        # That of a disk is ±1 along e1, without the rounding of an angle.
+        return sigma.at[1].set(0.0) if self.plane.body.planar else sigma
 
     def rolling(self, choice: Choice) -> Rolling:
         """Describes the rolling of the body where some things are held."""
