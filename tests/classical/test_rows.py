@@ -15,7 +15,6 @@ from jaxball import Status
 from jaxball.classical import DryFriction, LagrangianState, LagrangianSystem, UnilateralContact
 from jaxball.classical.rows import Limits, amounts, choose
 from jaxball.physics.dynamics.law import Rows
-from jaxball.stability import stability
 from jaxball.verify import verify
 
 TIGHT = {"rtol": 1e-12, "atol": 1e-12}
@@ -383,12 +382,6 @@ def test_impossible_numbers_of_rows_are_named():
         "Argument `unilateral[0].slowest`",
         "Argument `dry[0].static`",
     ]
-
-
-def test_what_follows_a_smooth_motion_refuses_one_with_modes():
-    point = LagrangianSystem(falling, ("x",), unilateral=height)
-    with pytest.raises(TypeError, match="must be smooth"):
-        stability(point, LagrangianState([1.0]))
 
 
 # What is held.
