@@ -5,6 +5,7 @@ import pytest
 
 import jaxball
 from jaxball.chaos import PoincareMap, poincare_map
+from jaxball.classical import LagrangianState, LagrangianSystem, UnilateralContact
 
 D2, R, G, LOW = 0.6, 1.1, 9.8, 0.2
 
@@ -44,3 +45,41 @@ def test_crossings_without_room_are_counted():
     found = PoincareMap(np.arange(4.0), None, count=10, status=0, reached=5.0, end=5.0)
     assert not found.ok
     assert found.message.endswith("Of 10 crossings 4 were kept; raise `capacity` to keep them all.")
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("direction", [-1, 1])
+def test_sections_of_a_bounce(direction):
+    """Where it is highest each height is e² times the one before; where it rebounds, each speed e times."""
+    e, disk = 0.8, jaxball.Disk(mass=1.0, inertia=D2, gravity=G)
+    start = jaxball.ReleasedState(jaxball.DiskState(), V=(0.0, 0.0, 0.5), height=1.0)
+    law = jaxball.Contact(friction=0.3, restitution=e)
+    found = poincare_map(disk, "V[2]", (0.0, 4.0), start, contact=law, direction=direction)
+    assert found.ok
+    top = 1.0 + 0.5**2 / (2 * G)
+    struck = np.sqrt(2 * G * top) * e ** np.arange(1, 8)
+    if direction < 0:
+        np.testing.assert_allclose(found.state.height[:5], top * e ** (2 * np.arange(5)), rtol=1e-9)
+        np.testing.assert_allclose(found.state.V[:5, 2], 0.0, atol=1e-9)
+        np.testing.assert_allclose(np.diff(found.times[:5]), (1 + 1 / e) * struck[:4] / G, rtol=1e-9)
+    else:
+        np.testing.assert_allclose(found.state.V[:5, 2], struck[:5], rtol=1e-9)
+        np.testing.assert_allclose(np.diff(found.times[:5]), 2 * struck[:4] / G, rtol=1e-9)
+
+
+@pytest.mark.thorough
+def test_a_section_of_a_system_with_a_wall():
+    """A point that bounces without loss crosses half of its height upwards at the same speed each time."""
+
+    def halfway(system, t, state):
+        return state.q[0] - 0.5
+
+    point = LagrangianSystem(
+        lambda t, q, qdot: 0.5 * qdot[0] ** 2 - G * q[0],
+        ("x",),
+        unilateral=UnilateralContact(lambda t, q: q[0], restitution=1.0),
+    )
+    found = poincare_map(point, halfway, (0.0, 4.0), LagrangianState([1.0], [0.0]))
+    assert found.ok
+    np.testing.assert_allclose(found.state.qdot[:, 0], np.sqrt(G), rtol=1e-7)
+    np.testing.assert_allclose(np.diff(found.times), 2 * np.sqrt(2 / G), rtol=1e-7)

@@ -12,7 +12,6 @@ import scipy.special
 
 import jaxball
 from jaxball import Status
-from jaxball.chaos import lyapunov_spectrum
 from jaxball.classical import DryFriction, LagrangianState, LagrangianSystem, UnilateralContact
 from jaxball.classical.rows import Limits, amounts, choose
 from jaxball.physics.dynamics.law import Rows
@@ -383,12 +382,6 @@ def test_impossible_numbers_of_rows_are_named():
         "Argument `unilateral[0].slowest`",
         "Argument `dry[0].static`",
     ]
-
-
-def test_what_follows_a_smooth_motion_refuses_one_with_modes():
-    point = LagrangianSystem(falling, ("x",), unilateral=height)
-    with pytest.raises(TypeError, match="must be smooth"):
-        lyapunov_spectrum(point, 1.0, LagrangianState([1.0]))
 
 
 # What is held.

@@ -96,12 +96,34 @@ def test_what_cannot_be_asked_for(arguments, sentence, capsys):
 @pytest.mark.parametrize(
     "command",
     [
-        ["chaos", "bowling-ball"],
-        ["chaos", "bowling-ball", "--poincare", "Omega[0]=0"],
         ["stability", "bowling-ball"],
+        ["periodic", "bowling-ball", "--period", "5", "--chart", "body.mass=1:2:2", "contact.friction=0.1:0.2:2"],
     ],
     ids=" ".join,
 )
 def test_commands_of_bodies_that_roll(command, capsys):
     assert main(command) == 2
     assert "for bodies that always roll; `jaxball simulate` and studies accept it." in capsys.readouterr().err
+
+
+@pytest.mark.thorough
+def test_analyses_of_a_bounce(folder, capsys):
+    """Without loss from 1/2 up, with g = 1, a bounce takes 2: every command follows it through its strikes."""
+    (folder / "bounce.toml").write_text(
+        SHELL + TIMES + "[initial]\nheight = 0.5\n[contact]\nfriction = 0.25\nrestitution = 1.0\n"
+    )
+    assert main(["periodic", "bounce.toml", "--period", "1.9", "--json", "motion.json", "--out", "motion.csv"]) == 0
+    assert "multipliers 1, 1, 1, 0" in capsys.readouterr().out
+    (motion,) = json.loads((folder / "motion.json").read_text())["motions"]
+    top = motion["state"]["height"] + motion["state"]["V"][2] ** 2 / 2
+    np.testing.assert_allclose(motion["period"], 2 * np.sqrt(2 * top), rtol=1e-9)
+    section = ["--poincare", "V[2]=0", "--direction", "falling", "--end", "9", "--out", "points.csv"]
+    assert main(["chaos", "bounce.toml", *section, "--axes", "height", "phi"]) == 0
+    data = np.genfromtxt(folder / "points.csv", delimiter=",", names=True, deletechars="")
+    np.testing.assert_allclose(data["height"], 0.5, rtol=1e-7)
+    np.testing.assert_allclose(data["time"][-3:], [4.0, 6.0, 8.0], rtol=1e-7)
+    capsys.readouterr()
+    assert main(["chaos", "bounce.toml", "--end", "20", "--json", "-", "--quiet"]) == 0
+    exponents = json.loads(capsys.readouterr().out)["exponents"]
+    assert exponents[-1] is None  # a slip does not survive a strike
+    assert len(exponents) == 6

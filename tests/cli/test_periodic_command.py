@@ -176,7 +176,6 @@ def test_what_is_not_found_fails_and_says_so(folder, capsys):
         (["disk.toml", "--period", "5", "--out", "motion.nc"], "must end in .csv"),
         (["disk.toml", "--period", "5", "--chart", "a=1:2:2", "a=1:2:2"], "names `a` twice"),
         (["disk.toml", "--period", "5", "--after", "3", "--chart", "a=1:2:2", "b=1:2:2"], "leave it out with --chart"),
-        (["bowling-ball", "--period", "5"], "because periodic motions are for bodies that always roll"),
     ],
 )
 def test_bad_arguments(folder, capsys, arguments, sentence):

@@ -15,10 +15,10 @@ from scipy.optimize import brentq
 
 import jaxball
 from jaxball import Ball, BallState, Disk, DiskState, Ground, Resistance
-from jaxball.chaos import lyapunov_spectrum
 from jaxball.classical import RollingEllipsoid
 from jaxball.ensemble import simulate_ensemble
 from jaxball.numerics import versor
+from jaxball.stability import stability
 from jaxball.verify import verify
 
 G, M, R, C, SPINNING = 9.81, 2.0, 0.3, 0.2, 0.01
@@ -328,7 +328,7 @@ def test_a_run_with_rest_obeys_the_laws_of_mechanics():
 
 def test_what_exact_resistance_is_not_combined_with(no_type_checks):
     with pytest.raises(TypeError, match="must be smooth"):
-        lyapunov_spectrum(disk(), (0.0, 1.0), DiskState())
+        stability(disk(), DiskState())
     with pytest.raises(TypeError, match="`dae` must be False"):
         jaxball.simulate(ball(), TIMES, BallState(), dae=True)
     with pytest.raises(TypeError, match="but it is a ReducedState"):

@@ -13,12 +13,12 @@ import pytest
 
 import jaxball
 from jaxball import BallState, CarriedMass, Disk, DiskState, Hinge, JointFriction, Mechanism, Slider, Spring
-from jaxball.chaos import lyapunov_spectrum
 from jaxball.cli import main
 from jaxball.design import DesignError
 from jaxball.design.optimal_control.rolling import Rolling
 from jaxball.ensemble import simulate_ensemble
 from jaxball.physics.dynamics.equations import accelerations
+from jaxball.stability import stability
 from jaxball.verify import verify
 
 MASS, STIFFNESS, KINETIC, STATIC, START = 0.5, 8.0, 0.3, 0.45, 0.62
@@ -233,7 +233,7 @@ def test_laws_of_friction():
 def test_what_joints_that_stick_are_not_combined_with(no_type_checks):
     disk, start = block(), moved(START)
     with pytest.raises(TypeError, match="must be smooth"):
-        lyapunov_spectrum(disk, (0.0, 1.0), start)
+        stability(disk, start)
     with pytest.raises(TypeError, match="`dae` must be False"):
         jaxball.simulate(disk, TIMES, start, dae=True)
     with pytest.raises(ValueError, match="one JointFriction at most"):

@@ -324,7 +324,7 @@ def test_two_guards_that_vanish_together_are_two_events():
 
 
 def test_what_needs_a_smooth_system_refuses_others():
-    with pytest.raises(TypeError, match=r"`system` must be smooth, because deviations .* but a Bouncing has guards"):
+    with pytest.raises(TypeError, match=r"`system` must be a body, .* but a Bouncing has guards"):
         lyapunov_spectrum(Bouncing(), (0.0, 4.0), Moving())
     with pytest.raises(TypeError, match="`dae` must be False for a Bouncing, whose modes are differential equations"):
         jaxball.simulate(Bouncing(), TIMES, dae=True)

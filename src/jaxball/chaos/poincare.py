@@ -5,23 +5,31 @@ from typing import Any
 
 import diffrax
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .. import programs
 from ..interface.printing import Printed
 from ..interface.status import Status
-from ..numerics.arrays import Numbers
+from ..numerics.arrays import Numbers, to_array
+from ..physics.contact.law import Contact
+from ..physics.contact.released import ReleasedState
+from ..physics.hybrid import SOON
 from ..physics.system import AbstractState, AbstractSystem
+from ..programs.batches import map_rows
 from ..simulation import DEFAULT_TOLERANCE
 from ..simulation.events import Event
 from ..simulation.simulate import simulate
+from ..simulation.trajectory import Interpolant
 
 
 class PoincareMap(Printed):
     """The crossings of a section, in the order of time: each is the image of the one before it.
 
     - ``times``: the times of the crossings, shape (n,).
-    - ``state``: the states there; each of its arrays has n as leading axis.
+    - ``state``: the states there; each of its arrays has n as leading axis. With a law of contact they are
+      :class:`~jaxball.ReleasedState`.
     - ``count``: how many crossings there were; more than n if there was not enough room.
     - ``status``, ``reached``: how the run ended; ``ok`` and ``message`` read them.
     - ``end``: the time at which the run was to end.
@@ -55,10 +63,12 @@ class PoincareMap(Printed):
 
 def poincare_map(
     system: AbstractSystem,
-    section: Callable[[Any, Float[Array, ""], Any], Any],
+    section: Callable[..., Any] | str,
     times: Numbers,
-    state: AbstractState | None = None,
+    state: AbstractState | ReleasedState | None = None,
     *,
+    contact: Contact | None = None,
+    level: Numbers = 0.0,
     direction: int = 1,
     capacity: int = 1024,
     solver: diffrax.AbstractAdaptiveSolver | None = None,
@@ -73,9 +83,14 @@ def poincare_map(
 
     **Arguments:**
 
-    - ``section``: a function of (system, t, state) that is zero on the section, as for :class:`jaxball.Event`.
+    - ``section``: a function of (system, t, state) that is zero on the section, or the name of a number that is, as
+      for :class:`jaxball.Event`. With a law of contact ``"V[2]"`` falls through 0 where the body is highest, and rises
+      through 0 where it rebounds.
     - ``times``: the start and the end.
     - ``state``: the state at the start. A :class:`~jaxball.ReducedState` is the smallest for a ball.
+    - ``contact``: a :class:`~jaxball.Contact`, as for :func:`jaxball.simulate`. A jump across the section, as in an
+      impact, counts as a crossing, and the state is that after it.
+    - ``level``: the value of ``section`` on the section.
     - ``direction``: 1 for crossings at which ``section`` rises, −1 where it falls, 0 for both.
     - ``capacity``: how many crossings are kept.
     - ``solver``, ``rtol``, ``atol``, ``max_steps``: as for :func:`jaxball.simulate`.
@@ -86,21 +101,38 @@ def poincare_map(
         system,
         times,
         state,
+        contact=contact,
+        dense=contact is not None,  # events keep the state of the body, and not how it moves on its ground
         solver=solver,
         rtol=rtol,
         atol=atol,
         max_steps=max_steps,
-        events={"section": Event(of=section, direction=direction, capacity=capacity)},  # pyright: ignore[reportCallIssue]
+        events={"section": Event(of=section, direction=direction, capacity=capacity, level=level)},  # pyright: ignore[reportCallIssue]
     )
     crossings = trajectory.events["section"]
     count = int(crossings.count)
     # There may have been more than there was room for.
     rows = slice(0, min(count, capacity))
+    crossed, states = np.asarray(crossings.times)[rows], crossings.state
+    if trajectory.interpolant is not None and crossed.size:
+        states = _motions(trajectory.interpolant, to_array(np.nan_to_num(np.asarray(crossings.times), nan=crossed[-1])))
     return PoincareMap(
-        times=np.asarray(crossings.times)[rows],
-        state=jax.tree.map(lambda leaf: np.asarray(leaf)[rows], crossings.state),
+        times=crossed,
+        state=jax.tree.map(lambda leaf: np.asarray(leaf)[rows], states),
         count=count,
         status=int(trajectory.status),
         reached=float(trajectory.reached),
         end=float(np.asarray(times)[-1]),
     )
+
+
+@programs.filter_jit
+def _motions(interpolant: Interpolant[Any], times: Float[Array, " n"]) -> ReleasedState:
+    """Returns the states of a body with a law of contact, between the saved times; after a jump that is there."""
+
+    def motion(t: Float[Array, ""]) -> ReleasedState:
+        return interpolant.packing.unpack(
+            t, interpolant.vector(t + SOON * float(jnp.finfo(t.dtype).eps) * jnp.abs(t))
+        ).motion
+
+    return map_rows(motion, times)

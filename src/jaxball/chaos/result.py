@@ -44,6 +44,13 @@ def limits_of(
     standard_error: Float[np.ndarray, " k"],
 ) -> Limits:
     """Computes the limits of ``rates`` over equal intervals that end at ``times``, in a run that began at ``start``."""
+    lost = np.any(np.isneginf(rates), axis=0)
+    if np.any(lost):  # −∞ is no number to fit, and is known exactly
+        others = limits_of(start, times, rates[:, ~lost], standard_error[~lost])
+        whole = [np.full(lost.size, value) for value in (-np.inf, 0.0, True, False)]
+        for column, values in zip(whole, others, strict=True):
+            column[~lost] = values
+        return Limits(*whole)
     count, k = rates.shape
     nothing = np.full(k, np.nan)
     step = (times[-1] - times[0]) / max(count - 1, 1)
@@ -109,7 +116,7 @@ class LyapunovSpectrum(Printed):
     """Lyapunov exponents and their convergence. NaN after the time that the solve reached.
 
     - ``exponents``: the mean growth rates over the run without its transient, shape (k,), in 1/time, the largest first;
-      all other arrays follow this order.
+      all other arrays follow this order. −∞ where an event has made deviations one, as where a body comes to rest.
     - ``standard_error``: of each exponent, from the scatter of its means over sixteen parts of the run. It estimates
       how far a chaotic run is from its limit; for a regular run, whose means converge as log(t)/t or 1/t, it says
       little, and ``told_from_zero`` and ``limits``, which are printed, say more.
@@ -176,7 +183,7 @@ class LyapunovSpectrum(Printed):
         """
         exponents = np.asarray(self.exponents)
         sums = np.cumsum(exponents)
-        if not np.all(np.isfinite(sums)):
+        if np.any(np.isnan(sums)):
             return float("nan")
         j = int(np.argmax(sums < 0)) if np.any(sums < 0) else -1
         if j < 0:
@@ -207,7 +214,7 @@ class LyapunovSpectrum(Printed):
     def _numbers_to_print(self) -> tuple[str, Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
         """Returns a title, the exponents and errors that hold: the fitted limits, if the run has enough intervals."""
         limits, solve_error = self.limits, float(self.solve_error)
-        if np.all(np.isfinite(limits.limits)):
+        if not np.any(np.isnan(limits.limits)):
             return "Lyapunov exponents, limits of the growth rates", limits.limits, limits.errors + solve_error
         errors = np.asarray(self.standard_error, float) + solve_error
         return "Lyapunov exponents, means of the growth rates", np.asarray(self.exponents, float), errors

@@ -11,13 +11,16 @@ import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
 from .. import programs
 from ..interface.arguments import refusal, require_callable, traceable
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, numbers, to_array, to_numpy
-from ..physics.packing import Packing, dimension, normal_of, phase_point
+from ..physics.contact.law import Contact
+from ..physics.contact.released import ReleasedState
+from ..physics.packing import Packing
 from ..physics.system import AbstractState, AbstractSystem
 from ..physics.validity import possible_start
 from ..simulation import DEFAULT_TOLERANCE
@@ -29,12 +32,10 @@ from ..simulation.deviations import (
     Normal,
     Steps,
     admissible,
-    advance_deviations,
     count_of_constraints,
     generic_vectors,
-    orthonormalise,
 )
-from ..simulation.simulate import at_rest
+from ..simulation.deviations_with_modes import FlowWithModes, dimension, normal_of, point_of_run
 from .result import LyapunovSpectrum
 
 BATCHES = 16  # means of the growth rates from which the standard error is estimated
@@ -43,8 +44,9 @@ BATCHES = 16  # means of the growth rates from which the standard error is estim
 def lyapunov_spectrum(
     system: AbstractSystem,
     times: Numbers,
-    state: AbstractState | None = None,
+    state: AbstractState | ReleasedState | None = None,
     *,
+    contact: Contact | None = None,
     exponents: int | None = None,
     transient: float = 0.0,
     interval: float = 1.0,
@@ -64,6 +66,11 @@ def lyapunov_spectrum(
     Of a system with constraints, such as a :class:`~jaxball.classical.LagrangianSystem`, deviations are those that the
     constraints admit: each constraint of velocities takes away one exponent, each holonomic one two.
 
+    Of a system with modes, each interval is a run, and its derivative, through all events, takes the place of the
+    variational equations (``simulation.deviations_with_modes``). The phase space is then that of place and motion in
+    any mode: (q, Ω, z), and with a law of contact also V and the height. What a mode holds loses its deviations,
+    whose exponent is −∞, as is that of all that fall below 1e-12 of their size in an interval.
+
     Deviations of Γ are tangent to the sphere: Γ̇ = Γ × Ω keeps Γ·δΓ = 0, and rounding is removed after each interval.
     The solver's vector contains the locked angular velocity W instead of Ω (module ``locked``); the exponents are the
     same, because the change from one to the other is smooth and bounded.
@@ -73,19 +80,20 @@ def lyapunov_spectrum(
     - ``system``: a body, or a system of :mod:`jaxball.classical`.
     - ``times``: the start and the end.
     - ``state``: the state at the start, of any kind; at rest and upright if not given.
+    - ``contact``: a :class:`~jaxball.Contact`, as for :func:`jaxball.simulate`.
     - ``exponents``, ``transient``, ``interval``, ``solver``, ``rtol``, ``atol``, ``max_steps``: as for
       :func:`lyapunov_spectrum_of`. Only the largest exponent, with ``exponents=1``, takes half of the time.
 
     **Raises:** ``ValueError`` for invalid times, numbers of exponents or intervals, ``TypeError`` for a state of
     another kind of system, and :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
     """
-    state = phase_point(system, at_rest(system) if state is None else state)
     edges, skipped = interval_edges(times, transient, interval)
-    exponents = check_count(exponents, dimension(state) - count_of_constraints(system))
+    system, point = point_of_run(system, state, contact, to_array(edges[0]))
+    exponents = check_count(exponents, dimension(point) - count_of_constraints(system.shown))
     rtol, atol = map(to_array, check_tolerances(rtol, atol))
     steps = Steps(check_solver(solver), rtol, atol, check_steps(max_steps))
-    method = Method(steps, exponents, skipped, normal_of(state))
-    return _solve_system(method, system, state, to_array(edges))
+    method = Method(steps, exponents, skipped, normal_of(point))
+    return _solve_system(method, system, point, to_array(edges))
 
 
 def lyapunov_spectrum_of(
@@ -206,7 +214,11 @@ def _count(length: float, interval: float) -> int:
 
 
 def spectrum(
-    method: Method, flow: Flow, x: Float[Array, " size"], edges: Float[Array, " edges"], startable: Bool[Array, ""]
+    method: Method,
+    flow: Flow | FlowWithModes,
+    x: Float[Array, " size"],
+    edges: Float[Array, " edges"],
+    startable: Bool[Array, ""],
 ) -> LyapunovSpectrum:
     """Computes the spectrum, traceable, from ``x`` at the first of ``edges``, which bound the intervals.
 
@@ -224,9 +236,11 @@ _solve = programs.filter_jit(spectrum)
 
 
 def system_spectrum(
-    method: Method, system: AbstractSystem, state: AbstractState, edges: Float[Array, " edges"]
+    method: Method, system: AbstractSystem, state: Any, edges: Float[Array, " edges"]
 ) -> LyapunovSpectrum:
     """Computes the spectrum of a system, traceable; ``state`` is a phase point and ``method.normal`` belongs to it."""
+    if system.is_hybrid:  # a run says itself whether it can start
+        return spectrum(method, FlowWithModes.of(system, state), ravel_pytree(state)[0], edges, jnp.asarray(True))
     packing = Packing.of(system.prepare(), state)
     x, startable = packing.pack(edges[0], state), possible_start(system, packing.system, edges, state)
     return spectrum(method, Flow.of(system, packing), x, edges, startable)
@@ -247,14 +261,18 @@ class _Progress(NamedTuple):
 
 
 def _start(
-    method: Method, flow: Flow, x: Float[Array, " size"], edges: Float[Array, " edges"], startable: Bool[Array, ""]
+    method: Method,
+    flow: Flow | FlowWithModes,
+    x: Float[Array, " size"],
+    edges: Float[Array, " edges"],
+    startable: Bool[Array, ""],
 ) -> _Progress:
     # Generic, so that none of them lacks the fastest direction.
     generic = jnp.asarray(generic_vectors(method.exponents, x.size), x.dtype)
     status = jnp.where(startable, Status.SUCCESS, Status.IMPOSSIBLE)
     return _Progress(
         # Admissible first: a deviation across the constraints is not one of the flow.
-        rows=jnp.concatenate([x[None], orthonormalise(admissible(generic, edges[0], x, method.normal, flow))[0]]),
+        rows=jnp.concatenate([x[None], flow.orthonormalise(admissible(generic, edges[0], x, method.normal, flow))[0]]),
         step=FIRST_STEP_SHARE * (edges[1] - edges[0]),
         status=status,
         reached=edges[0],
@@ -263,12 +281,14 @@ def _start(
     )
 
 
-def _interval(method: Method, flow: Flow, progress: _Progress, ends) -> tuple[_Progress, Float[Array, " k"]]:
+def _interval(
+    method: Method, flow: Flow | FlowWithModes, progress: _Progress, ends
+) -> tuple[_Progress, Float[Array, " k"]]:
     """Returns the progress after one interval, and the growth rates within it; after a failure nothing moves."""
     (t0, t1), alive = ends, progress.status == Status.SUCCESS
-    after, length = advance_deviations(flow, method.steps, t0, t1, progress.rows, progress.step, alive), t1 - t0
+    after, length = flow.advance(method.steps, t0, t1, progress.rows, progress.step, alive), t1 - t0
     # The lengths are those before the vectors were made orthonormal: growth within this interval alone.
-    vectors, lengths = orthonormalise(admissible(after.rows[1:], t1, after.rows[0], method.normal, flow))
+    vectors, lengths = flow.orthonormalise(admissible(after.rows[1:], t1, after.rows[0], method.normal, flow))
     status = jnp.where(alive, after.status, progress.status)
     after = _Progress(
         # A failed run stays at 1 from there on, because step-size control rejects NaN.
@@ -284,7 +304,11 @@ def _interval(method: Method, flow: Flow, progress: _Progress, ends) -> tuple[_P
 
 
 def _result(
-    method: Method, flow: Flow, edges: Float[Array, " edges"], end: _Progress, growth: Float[Array, "intervals k"]
+    method: Method,
+    flow: Flow | FlowWithModes,
+    edges: Float[Array, " edges"],
+    end: _Progress,
+    growth: Float[Array, "intervals k"],
 ) -> LyapunovSpectrum:
     """Returns the spectrum: the means of the growth rates after the transient, in descending order.
 
@@ -296,10 +320,12 @@ def _result(
     order = jnp.argsort(-jnp.mean(growth, axis=0))
     growth = growth[:, order]
     running = jnp.cumsum(growth, axis=0) / jnp.arange(1, len(times) + 1, dtype=growth.dtype)[:, None]
-    rows = jnp.where(end.status == Status.SUCCESS, end.rows, jnp.nan)
+    rows, error = jnp.where(end.status == Status.SUCCESS, end.rows, jnp.nan), _standard_error(growth)
+    if isinstance(flow, FlowWithModes):  # where deviations are lost, their rates have no scatter
+        error = jnp.where(jnp.isneginf(running[-1]), 0.0, error)
     return LyapunovSpectrum(
         exponents=running[-1],
-        standard_error=_standard_error(growth),
+        standard_error=error,
         times=times,
         rates=growth,
         running=running,

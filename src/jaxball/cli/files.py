@@ -282,7 +282,12 @@ def _row(motion: "Motion", names: Names, complex_names: Names) -> dict[str, Any]
 
 
 def _state(motion: "Motion") -> dict[str, np.ndarray]:
-    return {name: np.asarray(leaf) for name, leaf in arrays_of(motion.state).items() if np.size(leaf)}
+    return {name: np.asarray(leaf) for name, leaf in numbers_of(motion.state).items() if np.size(leaf)}
+
+
+def numbers_of(state: Any) -> dict[str, Any]:
+    """Returns the arrays of a state by name, those of the body of a released one first, as its vector has them."""
+    return arrays_of(getattr(state, "body", state)) | arrays_of(state)
 
 
 def _format(values: np.ndarray) -> str:

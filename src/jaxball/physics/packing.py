@@ -155,16 +155,11 @@ def phase_point(system: AbstractSystem, state: AbstractState) -> AbstractState:
     require_state(system, state)
     if system.is_hybrid:
         raise TypeError(
-            f"Argument `system` must be smooth, because deviations from its motion are followed along its field, but "
-            f"a {type(system).__name__} has guards or time events; derivatives of a run of jaxball.simulate go through "
-            "its events."
+            "Argument `system` must be smooth, because its field is linearised here, but a "
+            f"{type(system).__name__} has modes that end; `lyapunov_spectrum`, `periodic_motion` and "
+            "`poincare_map` follow its runs through them."
         )
     return system.phase_point(state)
-
-
-def dimension(state: AbstractState) -> int:
-    """Returns the dimension of the phase space, where a unit vector counts one less than its number of components."""
-    return ravel_pytree(state)[0].size - (state.unit_vector is not None)
 
 
 def normal_of(state: AbstractState) -> Normal | None:

@@ -114,7 +114,9 @@ def lyapunov_convergence(spectrum: LyapunovSpectrum, ax: Axes | None = None) -> 
     ax = plane_axes(ax)
     times, running = np.asarray(spectrum.times), np.asarray(spectrum.running)
     for i in range(running.shape[1]):
-        ax.plot(times, running[:, i], label=rf"$\lambda_{i + 1}$", **mass_line(i + 1))
+        lost = np.isneginf(running[-1, i])  # which has no curve
+        name = rf"\lambda_{i + 1} = -\infty" if lost else rf"\lambda_{i + 1}"
+        ax.plot(times, np.where(lost, np.nan, running[:, i]), label=f"${name}$", **mass_line(i + 1))
     zero_line(ax)
     ax.margins(x=0)
     label_axes(ax, "$t$", r"$\lambda_i$")

@@ -74,7 +74,7 @@ def admissible(
     t: Float[Array, ""],
     x: Float[Array, " size"],
     normal: Normal | None,
-    flow: "Flow",
+    flow: Any,
 ) -> Float[Array, "k size"]:
     """Returns ``vectors`` without their components along the normal, and along the gradients of constraints."""
     vectors = without_normal(vectors, x, normal)
@@ -143,6 +143,22 @@ class Flow(NamedTuple):
     def monitor_value(self, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, ""]:
         """Returns the monitor's value; infinite without one."""
         return jnp.full_like(t, jnp.inf) if self.monitor is None else self.monitor(t, x, self.args)
+
+    def advance(
+        self,
+        steps: "Steps",
+        t0: Float[Array, ""],
+        t1: Float[Array, ""],
+        rows: Float[Array, "rows size"],
+        first_step: Float[Array, ""],
+        alive: Bool[Array, ""],
+    ) -> "Advanced":
+        """Advances as :func:`advance_deviations` does."""
+        return advance_deviations(self, steps, t0, t1, rows, first_step, alive)
+
+    def orthonormalise(self, vectors: Float[Array, "k size"]) -> tuple[Float[Array, "k size"], Float[Array, " k"]]:
+        """Computes orthonormal rows, and their lengths before, as :func:`orthonormalise` does."""
+        return orthonormalise(vectors)
 
 
 class Steps(NamedTuple):

@@ -1,5 +1,7 @@
 """Periodic motions and their stability by Floquet multipliers."""
 
+from typing import Any
+
 import jax
 import numpy as np
 from jax.flatten_util import ravel_pytree
@@ -9,10 +11,12 @@ from .. import programs
 from ..interface.printing import Printed, format_value
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, to_array, to_numpy
-from ..physics.packing import dimension, normal_of, phase_point
+from ..physics.contact.law import Contact
+from ..physics.contact.released import ReleasedState
 from ..physics.system import AbstractState, AbstractSystem
 from ..simulation.arguments import check_steps, check_tolerances
 from ..simulation.deviations import generic_vectors
+from ..simulation.deviations_with_modes import dimension, normal_of, point_of_run, rounding
 from .shooting import TURN, Search, Shot, countable, rates_at, returning, shoot
 from .steady import kind_of
 
@@ -27,7 +31,7 @@ STANDING = 1e-8  # the change over a period at the initial rate, up to which a s
 class PeriodicMotion(Printed):
     """A motion that repeats after a period, and its linear stability.
 
-    - ``state``: its initial point in the phase space.
+    - ``state``: its initial point in the phase space; with a law of contact a :class:`~jaxball.ReleasedState`.
     - ``period``: T.
     - ``turns``: the whole turns that angles gain in a period: φ of a disk, and each coordinate θ.
     - ``residual``: the largest difference between the state after a period, less whole turns, and that at the start.
@@ -36,12 +40,12 @@ class PeriodicMotion(Printed):
       Where the equations do not depend on time, a shift along the motion has the multiplier 1, which is left out.
     - ``exponents``: log(multiplier) / T, in 1/time, in the same order; their imaginary parts are known up to 2π/T.
     - ``kind``: by the exponents, as for :class:`SteadyMotion`; "unknown" if no motion was found.
-    - ``least_normal_force``: over the period; infinite for a system that does not roll.
+    - ``least_normal_force``: over the period; infinite for a system that does not roll, or may leave its ground.
     - ``iterations``: the number of Newton steps.
     - ``message``: a sentence that says all this.
     """
 
-    state: AbstractState
+    state: AbstractState | ReleasedState
     period: float
     turns: tuple[int, ...]
     residual: float
@@ -74,9 +78,10 @@ class PeriodicMotion(Printed):
 
 def periodic_motion(
     system: AbstractSystem,
-    state: AbstractState,
+    state: AbstractState | ReleasedState,
     period: Numbers,
     *,
+    contact: Contact | None = None,
     turns: Numbers | None = None,
     t: Numbers = 0.0,
     rtol: Numbers = PERIODIC_TOLERANCE,
@@ -94,6 +99,12 @@ def periodic_motion(
     Where the equations do not depend on time, the period is found as well. Where they do, as for masses with a schedule
     or on a shaken plane, the period is fixed, and must be one of the forcing.
 
+    Of a system with modes, as with a law of contact, exact dry resistance, joints that stick, or contacts and dry
+    friction of a :class:`~jaxball.classical.LagrangianSystem`, the return map is a run, and its derivative that of the
+    run, through all events (``simulation.deviations_with_modes``). What a mode holds has no deviations, and multipliers
+    of 0. With a law of contact states are :class:`~jaxball.ReleasedState`, also of a body that rolls, and a ball has
+    to return with its heading. A period must not begin at an event, such as an impact.
+
     A family of motions, such as those of all speeds without resistance, has further multipliers of 1, as do integrals
     of motion; the member of the family nearest to the state is found.
 
@@ -102,6 +113,7 @@ def periodic_motion(
     - ``system``: a body, or a system of :mod:`jaxball.classical`.
     - ``state``: near the motion, of any kind.
     - ``period``: T, or a value near it where the equations do not depend on time.
+    - ``contact``: a :class:`~jaxball.Contact`, as for :func:`jaxball.simulate`.
     - ``turns``: the whole turns that angles gain in a period, as in :class:`PeriodicMotion`, shape (angles,); by
       default the nearest to what they gain from ``state``.
     - ``t``: the time of the start.
@@ -124,24 +136,22 @@ def periodic_motion(
     >>> rolling.turns, rolling.message
     ((1,), 'The motion is spectrally stable, a centre: its multipliers are all of size 1.')
     """
-    state = phase_point(system, state)
     rtol, atol = map(to_array, check_tolerances(rtol, atol))
     length, start = float(to_numpy(period, "period")), float(to_numpy(t, "t"))
+    system, point = point_of_run(system, state, contact, to_array(start))
     if not (np.isfinite(length) and length > 0):
         raise ValueError(f"Argument `period` must be a positive time, but it is {length:g}.")
-    forced, angles = equations_of(system, state, start, length)
-    counts = None if turns is None else to_array(_counts(turns, state, angles))
+    forced, angles = equations_of(system, point, start, length)
+    counts = None if turns is None else to_array(_counts(turns, point, angles))
     search = Search(forced, angles, check_steps(iterations), check_steps(max_steps), to_array(start), rtol, atol)
-    shot = _shoot(search, system, state, to_array(length), counts)
+    shot = _shoot(search, system, point, to_array(length), counts)
     return _motion(jax.tree.map(np.asarray, shot), system, search, turns is not None)
 
 
 _shoot = programs.filter_jit(shoot)
 
 
-def equations_of(
-    system: AbstractSystem, state: AbstractState, t: float, period: float
-) -> tuple[bool, tuple[bool, ...]]:
+def equations_of(system: AbstractSystem, state: Any, t: float, period: float) -> tuple[bool, tuple[bool, ...]]:
     """Finds whether the equations depend on time, and which components of a state are angles.
 
     They are compared at the state and at one near it, because at a steady state the forcing may not show.
@@ -170,7 +180,7 @@ def equations_of(
     return forced, tuple(angles.tolist())
 
 
-def _counts(turns: Numbers, state: AbstractState, angles: tuple[bool, ...]) -> Float[np.ndarray, " size"]:
+def _counts(turns: Numbers, state: Any, angles: tuple[bool, ...]) -> Float[np.ndarray, " size"]:
     """Returns ``turns`` of all components of a state."""
     chosen, candidates = to_numpy(turns, "turns"), countable(state)
     if chosen.shape != (np.sum(candidates),) or np.any(chosen != np.round(chosen)):
@@ -205,12 +215,14 @@ def multipliers_of(
     basis = np.linalg.svd(np.stack(apart))[2][len(apart) :] if apart else np.eye(int(np.sum(back)))
     matrix = np.asarray(returned.monodromy)[np.ix_(back, back)]
     multipliers = np.linalg.eigvals(basis @ matrix @ basis.T).astype(complex)
+    if system.is_hybrid:  # what a mode holds has no deviations, whose multiplier is 0, and not rounding
+        multipliers[np.abs(multipliers) <= rounding(matrix.dtype) * np.linalg.norm(matrix)] = 0.0
     # Rounded, so that the two of a complex pair compare as equal in size, and the sign of the imaginary part decides.
     order = np.lexsort((-np.imag(multipliers), -np.abs(multipliers).round(12)))
     multipliers = multipliers[order]
     # A multiplier of 0 decays at once: its exponent is −∞.
     with np.errstate(divide="ignore"):
-        return multipliers, np.log(multipliers) / period
+        return multipliers, np.log(np.abs(multipliers)) / period + 1j * (np.angle(multipliers) / period)
 
 
 def _motion(shot: Shot, system: AbstractSystem, search: Search, counted: bool) -> PeriodicMotion:

@@ -11,13 +11,15 @@ from jaxtyping import Array, Bool, Float, Int
 from .. import programs
 from ..interface.status import Status
 from ..numerics.linear import least_squares
+from ..physics.contact.released import ReleasedState
 from ..physics.grounds.ground import Ground
-from ..physics.packing import Packing, normal_of
+from ..physics.packing import Packing
 from ..physics.state import AbstractBodyState, BallState, DiskState
-from ..physics.system import AbstractState, AbstractSystem, vector_field
+from ..physics.system import AbstractSystem, vector_field
 from ..physics.validity import possible_start
 from ..simulation.arguments import DEFAULT_SOLVER
 from ..simulation.deviations import FIRST_STEP_SHARE, Flow, Steps, advance_deviations
+from ..simulation.deviations_with_modes import FlowWithModes, normal_of, projected
 
 TURN = 2 * np.pi
 CLOSED_RESIDUAL = 100.0  # the residual, in units of the tolerance, up to which a motion counts as closed
@@ -50,6 +52,7 @@ class Return(NamedTuple):
 
     - ``turns``: the whole turns that each component gains; zero except for angles.
     - ``gain``: what each gains in addition; zero for those that need not return.
+    - ``arrived``: the vector after the period, of a system with modes; else None.
     - ``monodromy``: the derivative of the state after the period with respect to that at the start.
     - ``before``, ``after``: the state's rates of change at the start and at the end.
     - ``status``, ``reached``: how the solve ended.
@@ -58,6 +61,7 @@ class Return(NamedTuple):
 
     turns: Float[Array, " size"]
     gain: Float[Array, " size"]
+    arrived: Float[Array, " size"] | None
     monodromy: Float[Array, "size size"]
     before: Float[Array, " size"]
     after: Float[Array, " size"]
@@ -86,7 +90,7 @@ class Shot(NamedTuple):
 def shoot(
     search: Search,
     system: AbstractSystem,
-    state: AbstractState,
+    state: Any,
     period: Float[Array, ""],
     turns: Float[Array, " size"] | None,
 ) -> Shot:
@@ -97,9 +101,10 @@ def shoot(
     x, unravel = ravel_pytree(state)
     # The normal of the sphere |Γ| = 1, off which the equations mean nothing.
     normal = normal_of(state)
-    possible = possible_start(system, system.prepare(), jnp.stack([search.t, search.t + period]), state)
     # Nothing can be solved from NaN, or over no time.
-    possible &= jnp.all(jnp.isfinite(x)) & (period > 0)
+    possible = jnp.all(jnp.isfinite(x)) & (period > 0)
+    if not system.is_hybrid:  # a run says itself whether it can start
+        possible &= possible_start(system, system.prepare(), jnp.stack([search.t, search.t + period]), state)
     nothing = jnp.zeros_like(x)
 
     def limit(x):
@@ -121,7 +126,7 @@ def shoot(
         # period.
         bold = jnp.max(jnp.abs(change)) / (BOLDEST * (1 + jnp.max(jnp.abs(x))))
         share = 1 / jnp.maximum(jnp.maximum(bold, jnp.abs(longer) / (BOLDEST * period)), 1.0)
-        state, period = unravel(x + share * change).projected(), period + share * longer
+        state, period = projected(unravel(x + share * change)), period + share * longer
         # Turns are counted once and kept: counted again, they would make the residual jump while Newton's method
         # converges.
         has_turns = (count > 0) | (turns is not None)
@@ -137,6 +142,7 @@ def shoot(
     first = Return(
         turns=nothing if turns is None else turns,
         gain=nothing,
+        arrived=nothing if system.is_hybrid else None,
         monodromy=jnp.zeros((x.size, x.size), x.dtype),
         before=nothing,
         after=nothing,
@@ -146,6 +152,9 @@ def shoot(
     )
     x, period, returned, count = jax.lax.while_loop(going, body, (x, period, first, jnp.zeros_like(start)))
     closed = (returned.status == Status.SUCCESS) & (returned.residual <= CLOSED_RESIDUAL * limit(x))
+    if returned.arrived is not None:
+        # What a mode holds is exactly 0 after a run, and rounding after a step of Newton's method.
+        x = jnp.where(closed & jnp.asarray(returning(system, state)), returned.arrived - TURN * returned.turns, x)
     # The first pass is no step of Newton's method.
     return Shot(unravel(x), period, returned, count - 1, closed)
 
@@ -171,10 +180,23 @@ def _newton(
     return change[:-1], change[-1]
 
 
-def _follow_period(
-    search: Search, system: AbstractSystem, state: AbstractState, period: Float[Array, ""], turns, has_turns
-) -> Return:
-    """Follows the motion from ``state`` over a period; whole turns are counted unless they are ``has_turns``."""
+class _Covered(NamedTuple):
+    """A period of the motion from a state; all as in :class:`Return`, but with whole turns, and for all components.
+
+    ``before`` is None with modes: a start may be one that no mode keeps, such as one with a slip that ends at once.
+    """
+
+    arrived: Float[Array, " size"]
+    monodromy: Float[Array, "size size"]
+    before: Float[Array, " size"] | None
+    after: Float[Array, " size"]
+    status: Int[Array, ""]
+    reached: Float[Array, ""]
+    least_normal_force: Float[Array, ""]
+
+
+def _cover_along_field(search: Search, system: AbstractSystem, state: Any, period: Float[Array, ""]) -> _Covered:
+    """Covers a period of a smooth system, with the variational equations."""
     prepared, (x, unravel) = system.prepare(), ravel_pytree(state)
     packing, end = Packing.of(prepared, state), search.t + period
 
@@ -190,9 +212,32 @@ def _follow_period(
     solution = advance_deviations(flow, steps, search.t, end, from_rows, FIRST_STEP_SHARE * period, possible)
     rows = solution.rows
     arrived, out = unpack(rows[0]), jax.jacfwd(unpack)(rows[0])
-    # At the end of the period, because dP/dT is the rate there.
-    after = ravel_pytree(vector_field(prepared, end, unravel(arrived)))[0]
-    monodromy = jnp.sum(out[:, :, None] * rows[1:].T[None], axis=1)
+    return _Covered(
+        arrived=arrived,
+        monodromy=jnp.sum(out[:, :, None] * rows[1:].T[None], axis=1),
+        before=ravel_pytree(vector_field(prepared, search.t, state))[0],
+        # At the end of the period, because dP/dT is the rate there.
+        after=ravel_pytree(vector_field(prepared, end, unravel(arrived)))[0],
+        status=solution.status,
+        reached=solution.reached,
+        least_normal_force=jnp.minimum(flow.monitor_value(search.t, y), solution.least),
+    )
+
+
+def _cover_by_run(search: Search, system: AbstractSystem, state: Any, period: Float[Array, ""]) -> _Covered:
+    """Covers a period of a system with modes, by a run and its derivatives."""
+    x, steps = ravel_pytree(state)[0], Steps(DEFAULT_SOLVER, search.rtol, search.atol, search.max_steps)
+    rows, flow = jnp.concatenate([x[None], jnp.eye(x.size, dtype=x.dtype)]), FlowWithModes.of(system, state)
+    columns, run = flow.run_with_deviations(steps, search.t, search.t + period, rows)
+    return _Covered(run.x, columns.T, None, run.rate, run.status, run.reached, run.least)
+
+
+def _follow_period(
+    search: Search, system: AbstractSystem, state: Any, period: Float[Array, ""], turns, has_turns
+) -> Return:
+    """Follows the motion from ``state`` over a period; whole turns are counted unless they are ``has_turns``."""
+    cover, x = _cover_by_run if system.is_hybrid else _cover_along_field, ravel_pytree(state)[0]
+    arrived, monodromy, before, after, status, reached, least = cover(search, system, state, period)
 
     # q and −q are the same orientation.
     spinor = jnp.asarray(_mark_components(state, ".q"))
@@ -205,47 +250,57 @@ def _follow_period(
     return Return(
         turns=turns,
         gain=jnp.where(back, arrived - x - TURN * turns, 0.0),
+        arrived=arrived if system.is_hybrid else None,
         # Components that need not return have rows of M − 1 that are 0, and set no condition.
         monodromy=jnp.where(back[:, None], monodromy, jnp.eye(x.size, dtype=x.dtype)),
-        before=ravel_pytree(vector_field(prepared, search.t, state))[0],
+        before=after if before is None else before,
         after=jnp.where(back, after, 0.0),
-        status=solution.status,
-        reached=solution.reached,
-        least_normal_force=jnp.minimum(flow.monitor_value(search.t, y), solution.least),
+        status=status,
+        reached=reached,
+        least_normal_force=least,
     )
 
 
-def returning(system: AbstractSystem, state: AbstractState) -> Bool[np.ndarray, " size"]:
+def returning(system: AbstractSystem, state: Any) -> Bool[np.ndarray, " size"]:
     """Returns which components of ``state`` must return: all except the position, where nothing depends on it."""
-    ground = getattr(system, "ground", None)
-    placed = isinstance(state, BallState | DiskState) and (
+    ground = getattr(system.shown, "ground", None)
+    placed = isinstance(_body_of(state), BallState | DiskState) and (
         ground is None or (isinstance(ground, Ground) and ground.turntable is None)
     )
     return ~_mark_components(state, ".z") if placed else _mark_components(state)
 
 
-def countable(state: AbstractState) -> Bool[np.ndarray, " size"]:
+def countable(state: Any) -> Bool[np.ndarray, " size"]:
     """Returns which components of ``state`` may be angles that gain whole turns: φ of a disk, and the coordinates θ."""
-    return (
-        _mark_components(state, ".phi", ".theta") if isinstance(state, AbstractBodyState) else ~_mark_components(state)
-    )
+    is_body = isinstance(_body_of(state), AbstractBodyState)
+    return _mark_components(state, ".phi", ".theta") if is_body else ~_mark_components(state)
 
 
-def _mark_components(state: AbstractState, *names: str) -> Bool[np.ndarray, " size"]:
+def _body_of(state: Any) -> Any:
+    """Returns the state of the body, where one is released; any other state as it is."""
+    return state.body if isinstance(state, ReleasedState) else state
+
+
+def _mark_components(state: Any, *names: str) -> Bool[np.ndarray, " size"]:
     """Marks the components that belong to the fields of these names, or to any where none is given."""
-    leaves = jax.tree_util.tree_leaves_with_path(state)
-    marks = [np.full(np.size(leaf), not names or jax.tree_util.keystr(path) in names) for path, leaf in leaves]
-    return np.concatenate(marks)
+    leaves = [
+        (jax.tree_util.keystr(path).removeprefix(".body"), np.size(leaf))
+        for path, leaf in jax.tree_util.tree_leaves_with_path(state)
+    ]
+    return np.concatenate([np.full(size, not names or name in names) for name, size in leaves])
 
 
 @programs.filter_jit
 def rates_at(
-    system: AbstractSystem, state: AbstractState, times: Float[Array, " n"], states: Float[Array, "m size"]
-) -> Float[Array, "n m size"]:
-    """Computes the rates of ``states``, packed as ``state`` is, at ``times``."""
+    system: AbstractSystem, state: Any, times: Float[Array, " n"], states: Float[Array, "m size"]
+) -> Float[Array, "n m numbers"]:
+    """Computes the rates of ``states``, packed as ``state`` is, at ``times``; with modes, all that tells when they end,
+    too.
+    """
     prepared, unravel = system.prepare(), ravel_pytree(state)[1]
 
     def rate(t, x):
         return ravel_pytree(vector_field(prepared, t, unravel(x)))[0]
 
-    return jax.vmap(lambda t: jax.vmap(lambda x: rate(t, x))(states))(times)
+    numbers = FlowWithModes.of(system, state).signs if system.is_hybrid else rate
+    return jax.vmap(lambda t: jax.vmap(lambda x: numbers(t, x))(states))(times)

@@ -31,7 +31,7 @@ MASSES_MOVE = "masses move"
 PLANAR = "a disk rolls in a plane, where it is zero"
 NO_TURNTABLE = "the ground has no turntable"
 NO_VERSOR = "a disk's state has no versor"
-OF_CONTACT = ("energy", "norm")  # balances that are known for a body with a law of contact
+OF_CONTACT = ("energy", "momentum", "chaplygin", "jellett-rate", "jellett", "norm")  # with a law of contact
 OF_CONVEX = ("energy", "momentum", "norm", "rolling")
 MEANINGLESS = (MASSES_MOVE, PLANAR, NO_VERSOR, NO_TURNTABLE)  # reasons for which there is no quantity that could change
 
@@ -144,7 +144,8 @@ def laws_along(scenario: Scenario) -> dict[str, Callable[[Case], Row]]:
         balances = {name: partial(balance, name) for name in names}
         return balances | ({"contact": contact} if isinstance(scenario.system, AbstractRollingSystem) else {})
     if scenario.may_slip:
-        laws = {name: partial(balance if name in OF_CONTACT else _of_rolling, name) for name in BALANCES}
+        names = OF_CONTACT if scenario.system.shape is None else set(OF_CONTACT) & set(OF_CONVEX)
+        laws = {name: partial(balance if name in names else _of_rolling, name) for name in BALANCES}
         return {**laws, "contact": law_of_contact}
     if scenario.system.shape is not None:
         laws = {name: partial(balance if name in OF_CONVEX else _of_ball, name) for name in BALANCES}
@@ -189,8 +190,8 @@ def _why_not(name: str, case: Case) -> str:
     system, samples = case.scenario.system, case.samples
     if not isinstance(system, AbstractBody):
         return _why_not_classical(name, case)
-    if case.scenario.may_slip:
-        return _why_not_with_contact(name, case)
+    if case.scenario.may_slip and name == "energy":
+        return _why_not_energy_with_contact(case)
     if system.shape is not None:
         return ""
     assert samples.moments is not None
@@ -208,13 +209,11 @@ def _why_not(name: str, case: Case) -> str:
     return ""
 
 
-def _why_not_with_contact(name: str, case: Case) -> str:
-    """Says why a balance does not apply to a body with a law of contact."""
+def _why_not_energy_with_contact(case: Case) -> str:
+    """Says why the energy of a body with a law of contact has no balance; the other laws hold through impacts."""
     system, history = case.scenario.system, case.run.history
     assert isinstance(system, AbstractBody)
     assert isinstance(history, ContactHistory)
-    if name == "norm":
-        return NO_VERSOR if system.planar else ""
     strikes = bool(np.any(np.asarray(history.switches.lost) != 0))
     moved = any(not isinstance(group.motion, Fixed) for group in system.groups) or bool(system.accelerated)
     scheduled = any(isinstance(drive, AbstractSchedule) for m in system.mechanisms for drive in m.drives)

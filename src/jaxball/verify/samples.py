@@ -16,8 +16,8 @@ from ..physics.contact.modes import ContactState
 from ..physics.contact.released import rolling_contact
 from ..physics.dynamics.energy import velocities
 from ..physics.dynamics.equations import accelerations
-from ..physics.dynamics.footing import contact_normal, footing, in_three
-from ..physics.dynamics.load import load
+from ..physics.dynamics.footing import contact_normal, footing, footing_of_released, in_three
+from ..physics.dynamics.load import Load, load
 from ..physics.dynamics.moments import Moments, kinematics, point_mass_values, principal_inertia
 from ..physics.dynamics.momentum import jellett, jellett_rate, routh_integrals
 from ..physics.grounds import Footing
@@ -102,18 +102,37 @@ def quantities(system: Any, t: Float[Array, ""], state: Any) -> Quantities:
 
 
 def _of_contact(plane: BodyOnPlane, t: Float[Array, ""], state: ContactState) -> Quantities:
-    """Computes the balances of a body that may slip and fly: its energy, with all that friction, impacts and strikes of
-    joints have dissipated.
+    """Computes the balances of a body that may slip and fly: those to which it does not matter how the ground acts at
+    the contact point, also in an impact, and its energy, with all that friction, impacts and strikes of joints
+    have dissipated.
     """
-    motion = movement(plane, t, state)
-    seen, body = compute_observables(plane.body, t, motion), motion.state
+    motion, system = movement(plane, t, state), plane.body
+    seen, body = compute_observables(system, t, motion), motion.state
     assert motion.slip is not None
     rubbing = -dot(motion.R, motion.slip.velocity)
+    acting, slip = motion.acting.with_torque(motion.dry), motion.slip.velocity
+    # Over a surface the point of reference is the one nearest to it, also in flight, to which that means nothing.
+    under = footing_of_released(system, t, state.body, state.V, state.height, True)
+    if under is not None:
+        acting, slip = acting._replace(footing=under), state.V - under.centre_velocity
+    momentum = _momentum_balance(system, t, body, acting, slip)
     balances = {
         "energy": Balance(seen.energy + state.lost, seen.power + rubbing),
+        "momentum": momentum,
         "norm": _constant(jnp.sqrt(jnp.sum(body.q**2))),
     }
-    return Quantities(balances, None, None, rolling_contact(plane.body, t, state.body)[0] - _turning(plane, t, state))
+    matter = rolling_contact(system, t, state.body)[0] - _turning(plane, t, state)
+    if system.shape is not None:
+        return Quantities(balances, None, None, matter)
+    assert isinstance(motion.body_moments, Moments)
+    arguments = motion.body_moments, system.radius, body.Omega, body.Lambda[2]
+    axis = axis_of(motion.body_moments)
+    balances |= {
+        "chaplygin": _constant(momentum.value),
+        "jellett-rate": Balance(jellett(*arguments), jellett_rate(*arguments, acting.force, acting.torque)),
+        "jellett": _constant(routh_integrals(*_about(axis, *arguments)).jellett),
+    }
+    return Quantities(balances, motion.body_moments, axis, matter)
 
 
 def _turning(plane: BodyOnPlane, t: Float[Array, ""], state: ContactState) -> Float[Array, "3"]:
@@ -155,17 +174,29 @@ def _arm_in_space(system: AbstractBody, state: Any) -> tuple[Float[Array, "3"], 
 
 
 def contact_momentum_balance(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskState) -> Balance:
+    """Computes the balance of the momentum about the contact point of a body that rolls."""
+    acting = load(system, t, state).with_torque(accelerations(system, t, state).dry)
+    return _momentum_balance(system, t, state, acting)
+
+
+def _momentum_balance(
+    system: AbstractBody,
+    t: Float[Array, ""],
+    state: BallState | DiskState,
+    acting: Load,
+    slip: Float[Array, "3"] | None = None,
+) -> Balance:
     """Computes the angular momentum about the contact point in space axes, ΛΠ, and its rate, mass by mass.
 
     About a point that moves with the velocity ċ, L̇ = Σ s × m(**g** − Ẍ) + r e3 × F + T − ċ × P, with s from the contact
     point to a mass, and here ċ = ω × r e3 + u: Goldstein, Poole & Safko, Classical Mechanics, 3rd edition, section 1.2,
     with a moving point of reference, in axes that move by X. On a surface its normal n takes the place of e3, and the
-    point of reference moves by r ṅ less than the centre.
+    point of reference moves by r ṅ less than the centre. With a ``slip``, the velocity of the lowest point over the
+    ground, space axes, that point is the one of reference, also in flight.
     """
     in_space, r = state.in_space(), system.radius
-    acting = load(system, t, state).with_torque(accelerations(system, t, state).dry)
     Lambda, vertical, under = in_space.Lambda, jnp.zeros_like(in_space.Omega).at[2].set(1.0), acting.footing
-    seen = _in_space(system, t, state, under)
+    seen = _in_space(system, t, state, under, slip)
     lift = system.gravity * vertical if system.ground is None else system.ground.lift(t, system.gravity)
     arm = r * vertical
     if system.shape is not None:
@@ -175,6 +206,7 @@ def contact_momentum_balance(system: AbstractBody, t: Float[Array, ""], state: B
         moves = _centre_velocity(system, t, in_space)
     else:
         arm, moves = r * under.normal, under.centre_velocity - r * under.normal_rate
+    moves = moves if slip is None else moves + slip
     rate = cross(seen.moment, -lift) - cross(moves, seen.P)
     if acting.force is not None:
         rate = rate + cross(arm, apply(Lambda, acting.force))
@@ -218,7 +250,11 @@ class _InSpace(NamedTuple):
 
 
 def _in_space(
-    system: AbstractBody, t: Float[Array, ""], state: BallState | DiskState, under: Footing | None = None
+    system: AbstractBody,
+    t: Float[Array, ""],
+    state: BallState | DiskState,
+    under: Footing | None = None,
+    slip: Float[Array, "3"] | None = None,
 ) -> _InSpace:
     in_space, r = state.in_space(), system.radius
     Lambda, Omega = in_space.Lambda, in_space.Omega
@@ -234,6 +270,7 @@ def _in_space(
     Y = velocities(r, Kinematics(chi, chidot, jnp.zeros_like(chi)), Omega, arm)
     Y = Y if drift is None else Y + apply(Lambda.T, in_three(drift))[None]
     Y = Y if under is None else Y + apply(Lambda.T, under.velocity)[None]
+    Y = Y if slip is None else Y + apply(Lambda.T, slip)[None]
     Pi = apply(principal_inertia(system), Omega) + jnp.sum(m * jax.vmap(cross)(s, Y), axis=0)
     return _InSpace(*(apply(Lambda, v) for v in (jnp.sum(m * Y, axis=0), Pi, jnp.sum(m * s, axis=0))))
 
@@ -337,15 +374,15 @@ def sample(trajectory: Trajectory[Any, Any], rtol: float, atol: float) -> Sample
             residuals=drift(A[:, 0], A[:, -1], along(rate)[:, 1:-1], lengths),
             sensitivity=float(max(np.max(np.sum(slope * allowed, axis=1)), rounding)),
         )
+    ground_moves = False
     if evaluated.matter is not None:
-        speeds = np.linalg.norm(along(evaluated.matter), axis=2)
-        return Samples(times[:count, -1], drifts, None, None, ground_moves=bool(np.max(speeds) > MATTER_AT_REST))
+        ground_moves = bool(np.max(np.linalg.norm(along(evaluated.matter), axis=2)) > MATTER_AT_REST)
     if evaluated.moments is None:
-        return Samples(times[:count, -1], drifts, None, None)
+        return Samples(times[:count, -1], drifts, None, None, ground_moves)
     at_nodes = jax.tree.map(
         lambda leaf: np.asarray(leaf)[:number].reshape(*times.shape, *leaf.shape[1:])[:count], evaluated
     )
-    return Samples(times[:count, -1], drifts, at_nodes.moments, at_nodes.axis)
+    return Samples(times[:count, -1], drifts, at_nodes.moments, at_nodes.axis, ground_moves)
 
 
 def _varies(packing: Packing[Any, Any], x: Float[Array, " size"]) -> Float[Array, " size"]:

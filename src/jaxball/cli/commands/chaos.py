@@ -78,11 +78,11 @@ def _exponents(options: argparse.Namespace) -> int:
     document = scenario_document(options)
     set_up_jax()
     from ...chaos import lyapunov_spectrum
-    from ...scenario.body import rolling_state
+    from ...scenario.body import require_whole_run
     from ..files import report
 
     scenario = scenario_of(document, options.scenario)
-    state = rolling_state(scenario, "Lyapunov exponents are")
+    require_whole_run(scenario, "Lyapunov exponents are")
     end = scenario.times[-1] if options.end is None else options.end
     if end <= scenario.times[0]:
         raise BadInputError(f"Argument `--end` must be after the start, {scenario.times[0]:g}, but it is {end:g}.")
@@ -90,7 +90,8 @@ def _exponents(options: argparse.Namespace) -> int:
         spectrum = lyapunov_spectrum(
             scenario.system,
             (scenario.times[0], end),
-            state,
+            scenario.state,
+            contact=scenario.contact,
             exponents=options.exponents,
             transient=options.transient,
             interval=options.interval or INTERVAL,
@@ -135,38 +136,37 @@ def _poincare(options: argparse.Namespace) -> int:
     document = scenario_document(options)
     set_up_jax()
     from ...chaos import poincare_map
-    from ...physics.packing import phase_point
-    from ...scenario.body import rolling_state
-    from ..files import report
+    from ...numerics.arrays import to_array
+    from ...scenario.body import require_whole_run
+    from ...simulation.deviations_with_modes import point_of_run
+    from ..files import numbers_of, report
 
     scenario = scenario_of(document, options.scenario)
-    state = rolling_state(scenario, "a Poincaré map is")
-    state = phase_point(scenario.system, state)
+    require_whole_run(scenario, "a Poincaré map is")
+    _, state = point_of_run(scenario.system, scenario.state, scenario.contact, to_array(scenario.times[0]))
     components = _components(state)
     path = _check_component(path, components)
     others = [name for name in components if name != path]
     # Two others for the figure; the same one twice where there is only one.
     across, up = (_check_component(name, components) for name in options.axes or (others * 2)[:2])
-    name, index = components[path]
-
-    def section(system, t, x):
-        return getattr(x, name)[index] - value
 
     with working(options, "computing the Poincaré map"):
         crossings = poincare_map(
             scenario.system,
-            section,
+            path,
             (scenario.times[0], scenario.times[-1] if options.end is None else options.end),
             state,
+            contact=scenario.contact,
+            level=value,
             direction=DIRECTIONS[options.direction or "rising"],
             capacity=MOST_CROSSINGS,
             solver=SOLVERS[scenario.solver](),
             rtol=scenario.rtol,
             atol=scenario.atol,
         )
-    state = crossings.state
+    crossed = numbers_of(crossings.state)
     columns = {"time": crossings.times} | {
-        name: getattr(state, leaf)[:, *indices] for name, (leaf, indices) in components.items()
+        name: crossed[leaf][:, *indices] for name, (leaf, indices) in components.items()
     }
     title = {"title": scenario.title} if scenario.title else {}
     return report(
@@ -265,11 +265,11 @@ def _components(state: Any) -> dict[str, tuple[str, tuple[int, ...]]]:
     """Returns the numbers of a state by their paths, counted from 0."""
     import numpy as np
 
-    from ...numerics.arrays import arrays_of
+    from ..files import numbers_of
 
     return {
         entry: (name, index)
-        for name, leaf in arrays_of(state).items()
+        for name, leaf in numbers_of(state).items()
         for entry, index in entries(name, np.shape(leaf)).items()
     }
 

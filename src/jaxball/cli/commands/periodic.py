@@ -30,7 +30,6 @@ from ..options import (
 if TYPE_CHECKING:
     import xarray
 
-    from ...physics.system import AbstractState
     from ...stability import PeriodicMotion
 
 ITERATIONS = 20
@@ -119,15 +118,17 @@ def _motion(options: argparse.Namespace, document: dict[str, Any], period: float
     import jax
     import numpy as np
 
+    from ...physics.contact.released import ReleasedState
     from ...programs.program import compile_quickly
-    from ...scenario.body import rolling_state
+    from ...scenario.body import require_whole_run
     from ...scenario.checks import message_in_keys
     from ...stability import periodic_motion
     from ...stability.periodic import PERIODIC_TOLERANCE
     from ..files import motion_content, report, save_motions
 
     scenario = scenario_of(document, options.scenario)
-    state = rolling_state(scenario, "periodic motions are")
+    require_whole_run(scenario, "periodic motions are")
+    state = scenario.state
     start = float(scenario.times[0])
     if options.after is not None:
         if options.after <= start:
@@ -139,6 +140,8 @@ def _motion(options: argparse.Namespace, document: dict[str, Any], period: float
             print(f"jaxball: {message_in_keys(before)}", file=sys.stderr)
             return FAILED_SOLVE
         start, state = options.after, jax.tree.map(lambda leaf: leaf[-1], before.state)
+        if before.contact is not None:
+            state = ReleasedState(state, before.contact.V[-1], before.contact.height[-1])
     if isinstance(period, str):
         period = 2 * math.pi / float(value_at(document, period))
     try:
@@ -147,6 +150,7 @@ def _motion(options: argparse.Namespace, document: dict[str, Any], period: float
                 scenario.system,
                 state,
                 period,
+                contact=scenario.contact,
                 turns=options.turns,
                 t=start,
                 # Multipliers are derivatives of the motion, and need it more exactly than a figure does.
@@ -215,12 +219,12 @@ def _summary(motion: "PeriodicMotion") -> list[str]:
     return [*lines, f"  least normal force {motion.least_normal_force:.6g}"] if rolls else lines
 
 
-def _angles(state: "AbstractState") -> list[str]:
+def _angles(state: Any) -> list[str]:
     """Lists the names of the components that may gain whole turns."""
     import numpy as np
 
-    from ...numerics.arrays import arrays_of
     from ...stability.shooting import countable
+    from ..files import numbers_of
 
-    names = [entry for name, leaf in arrays_of(state).items() for entry in entries(name, np.shape(leaf))]
+    names = [entry for name, leaf in numbers_of(state).items() for entry in entries(name, np.shape(leaf))]
     return [name for name, angle in zip(names, countable(state), strict=True) if angle]

@@ -152,7 +152,8 @@ def _after_process(D, slip, mu, restitution, care: _Care) -> Float[Array, "3"]:
     first = jnp.where(slip[2] < 0, next_step(x), 0.0)
     x, h, _ = jax.lax.while_loop(goes_on, advance, (x, first, jnp.zeros((), int)))
     # The slip may end before the impact does; whichever comes first, σ hardly turns until then.
-    remaining, stop = process.remaining(x), jnp.where(slips(x), process.stop(x), 0.0)
+    # Without friction nothing sticks, whose derivatives are then those of a slip.
+    remaining, stop = process.remaining(x), jnp.where(slips(x) | (mu == 0), process.stop(x), 0.0)
     ends = remaining < stop
     x = process.straight(x, jnp.where(ends, remaining, stop))
     holds = ends | process.holds
