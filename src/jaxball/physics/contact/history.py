@@ -18,6 +18,7 @@ from . import over_surface as over
 from .law import Contact
 from .modes import ContactState, Mode, SwitchCause
 from .released import slip_velocity
+from .slide import slide_of
 from .window import Beginning
 
 if TYPE_CHECKING:
@@ -278,12 +279,13 @@ def history_of(plane: "BodyOnPlane", times: Float[Array, " T"], states: ContactS
 
 def slips_of(
     plane: "BodyOnPlane", times: Float[Array, " T"], states: ContactState
-) -> tuple[Float[Array, "T 3"], Float[Array, "T 2"]]:
+) -> tuple[Float[Array, "T 3"], Float[Array, "T n"]]:
     """Computes the slip velocities, exactly 0 for a body that rolls, and their directions, 0 unless it slides."""
 
-    def slip(t: Float[Array, ""], state: ContactState) -> tuple[Float[Array, "3"], Float[Array, "2"]]:
+    def slip(t: Float[Array, ""], state: ContactState) -> tuple[Float[Array, "3"], Float[Array, " n"]]:
         velocity = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip_velocity(plane.body, t, state.released))
-        return velocity, jnp.where(state.is_in(Mode.SLIDING), state.direction(t, velocity), 0.0)
+        sigma = state.direction(t, slide_of(plane, velocity, t, state))
+        return velocity, jnp.where(state.is_in(Mode.SLIDING), sigma, 0.0)
 
     return jax.lax.map(lambda row: slip(*row), (times, states))
 
