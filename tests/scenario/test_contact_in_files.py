@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import BallState, Contact, DiskState, ReleasedState, SmoothedCoulomb
+from jaxball import BallState, Contact, DiskState, LimitSurface, ReleasedState, SmoothedCoulomb
 from jaxball.physics.contact.body_on_plane import BodyOnPlane
 from jaxball.scenario import Scenario, ScenarioError, read_scenario, write_scenario
 from jaxball.scenario.traced import Structure
@@ -38,6 +38,11 @@ STARTS = {
     "slipping always": (
         ['contact = { friction = { kind = "smoothed-coulomb", kinetic = 0.2, smoothing = 0.01 } }'],
         Contact(SmoothedCoulomb(0.2, 0.01)),
+        BallState(),
+    ),
+    "spinning": (
+        ['contact = { friction = { kind = "limit-surface", friction = 0.2, radius = 0.1 }, static_friction = 0.3 }'],
+        Contact(LimitSurface(0.2, 0.1), 0.3),
         BallState(),
     ),
     "thrown": (

@@ -166,6 +166,7 @@ class ContactHistory(HeldHistory):
     - ``slip``: v_s, the velocity of the body's lowest point relative to the ground, length/time, shape (T, 3), in space
       axes; on a surface p along ∂p/∂u1, across, and along the normal.
     - ``sigma``: the direction of the slip, a unit vector, shape (T, 2), also where the slip begins; 0 before the first.
+      With a :class:`~jaxball.LimitSurface` that of (v_s, ρ ω₃), shape (T, 3).
     - ``friction_loss``, ``impact_loss``: the energy dissipated so far by sliding friction and by impacts,
       mass length²/time², shape (T,) each.
 
@@ -182,7 +183,7 @@ class ContactHistory(HeldHistory):
     V: Float[Array, "*batch T 3"]
     height: Float[Array, "*batch T"]
     slip: Float[Array, "*batch T 3"]
-    sigma: Float[Array, "*batch T 2"]
+    sigma: Float[Array, "*batch T n"]
     friction_loss: Float[Array, "*batch T"]
     impact_loss: Float[Array, "*batch T"]
 

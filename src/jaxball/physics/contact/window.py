@@ -191,7 +191,7 @@ def beginning(what: Pulled, t: Float[Array, ""], state: Any, course: Course, lon
         if first.ndim == 0:
             tangents = (tangents - first) / (1 + first * tangents)
         else:
-            turned = course.sigma + linear.product(tangents, _beside(course.sigma))
+            turned = course.sigma[None] + linear.product(tangents, _beside(course.sigma))
             tangents = turned / jnp.sum(turned * sigma[None], axis=1)[:, None] - sigma[None]
         tangents = tangents.at[0].set(0.0)
         bends = jax.vmap(lambda row: _weighted(row, tangents))(start.scheme.powers)[1:]
@@ -307,7 +307,7 @@ class _Start(NamedTuple):
             turned = jnp.swapaxes(beside, 1, 2)[None] - window.tangents[:, None, :, None] * forward[None, :, None, :]
             slopes = integrals[:, :, None, None] * turned  # nodes, nodes, components, tangents
             eye, own = jnp.eye(2, dtype=along.dtype), jnp.diag(along)[:, :, None, None]
-            rows = jnp.swapaxes((slopes - own * eye)[1:, 1:], 1, 2)
+            rows = jnp.swapaxes((slopes - own * eye[None, None])[1:, 1:], 1, 2)
             return linear.inverses(jnp.reshape(rows, (1, 2 * DEGREE, 2 * DEGREE)))[0]
         # The component of v_s across σ changes with all tangents, as v_s does, and with its own because σ turns away.
         slopes = integrals * jax.vmap(lambda sigma: jax.vmap(lambda two: across(sigma, two))(change))(sigmas)
