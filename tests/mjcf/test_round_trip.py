@@ -6,7 +6,18 @@ import mujoco
 import numpy as np
 import pytest
 
-from jaxball import Ball, CarriedMass, Hinge, JointFriction, Mechanism, ReleasedState, Spring, load_scenario
+from jaxball import (
+    Ball,
+    CarriedMass,
+    Contact,
+    Hinge,
+    JointFriction,
+    LimitSurface,
+    Mechanism,
+    ReleasedState,
+    Spring,
+    load_scenario,
+)
 from jaxball.mjcf import MJCFError, from_mjcf, read_mjcf, to_mjcf
 from jaxball.scenario import Units
 from tests.mjcf.robots import free_ball, free_disk, loaded, prescribed_ball, random_state, scenario
@@ -373,6 +384,9 @@ def test_friction_that_depends_on_the_slip_speed_is_refused():
         MJCFError, match=r"`contact.friction` must be a number .*, but it is a SmoothedCoulomb; give its"
     ):
         to_mjcf(load_scenario("tippe-top"))
+    spinning = dataclasses.replace(scenario(free_ball()), contact=Contact(LimitSurface(0.3, 0.1)))
+    with pytest.raises(MJCFError, match=r"`contact.friction` must be a number .*, but it is a LimitSurface; give its"):
+        to_mjcf(spinning)
 
 
 def test_numbers_in_other_units_than_si_are_written_only_if_asked_for():
