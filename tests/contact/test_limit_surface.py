@@ -30,6 +30,7 @@ from jaxball import (
     Turntable,
     Wrench,
     energy_losses,
+    load_run,
     simulate,
 )
 from jaxball.simulation.one_sided import with_one_sided_limits
@@ -270,6 +271,18 @@ def test_derivatives_by_friction_and_radius_are_exact_beyond_the_end_of_a_slip()
     np.testing.assert_allclose(found, np.transpose(expected), rtol=0, atol=1e-8)
     reverse = jax.jit(jax.grad(lambda p: place(p)[0]))(p)
     np.testing.assert_allclose(reverse, found[0], rtol=0, atol=1e-11)
+
+
+@pytest.mark.thorough
+def test_a_saved_run_has_its_directions(tmp_path):
+    law = Contact(LimitSurface(MU, 0.3))
+    run = simulate(solid(), [0.0, 0.3, 1.0], THROWN, contact=law, **FINE)
+    loaded = load_run(run.save(tmp_path / "run.npz"))
+    np.testing.assert_array_equal(loaded.contact.sigma, run.contact.sigma)
+    assert loaded.contact.law.friction_or_law.radius == 0.3
+    np.testing.assert_allclose(loaded.observables.dissipation, run.observables.dissipation, rtol=1e-12, atol=1e-15)
+    speed = np.linalg.norm(slide_of(run, 0.3), axis=1)
+    np.testing.assert_allclose(run.observables.dissipation, MU * M * G * speed, rtol=0, atol=1e-12)
 
 
 @pytest.mark.thorough

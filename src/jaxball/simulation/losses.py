@@ -15,6 +15,7 @@ from ..interface.status import Status
 from ..numerics.vectors import apply, dot
 from ..physics.body import AbstractBody, AbstractBodyWithModes
 from ..physics.contact.body_on_plane import has_contact
+from ..physics.contact.slide import spinning_loss
 from ..physics.mechanisms.forces import AbstractJointForce
 from ..physics.observables import compute_observables, movement
 from ..physics.packing import Packing
@@ -147,10 +148,8 @@ def _powers(packing: Packing, t: Float[Array, ""], x: Float[Array, " size"]) -> 
         dry = -dot(apply(motion.state.Lambda, motion.dry), seen.angular_velocity_space)
     if motion.slip is not None:
         slip = -dot(motion.R, motion.slip.velocity)
-    if has_contact(system) and system.pivot is not None and motion.dry is not None:
-        # A limit surface has all of the torque about the normal, against a spin that is part of the slide.
-        rows = system.contact_axes(t, state).rows
-        spun = -apply(rows, motion.dry)[2] * apply(rows, motion.state.Omega)[2]
+    if has_contact(system) and system.pivot is not None:
+        spun = spinning_loss(system, t, state, motion.dry)
         dry, slip = dry - spun, slip + spun
     drives = [drive for mechanism in body.mechanisms for drive in mechanism.drives]
     lost = [dry, seen.dissipation - dry - slip]

@@ -14,6 +14,7 @@ from ..physics.body import AbstractBody
 from ..physics.contact.body_on_plane import BodyOnPlane, has_contact
 from ..physics.contact.modes import ContactState
 from ..physics.contact.released import rolling_contact
+from ..physics.contact.slide import spinning_loss
 from ..physics.dynamics.energy import velocities
 from ..physics.dynamics.equations import accelerations
 from ..physics.dynamics.footing import contact_normal, footing, in_three
@@ -107,7 +108,7 @@ def _of_contact(plane: BodyOnPlane, t: Float[Array, ""], state: ContactState) ->
     seen, body = compute_observables(plane.body, t, motion), motion.state
     lost = state.friction_loss + state.impact_loss
     assert motion.slip is not None
-    rubbing = -dot(motion.R, motion.slip.velocity)
+    rubbing = -dot(motion.R, motion.slip.velocity) + spinning_loss(plane, t, state, motion.dry)
     balances = {
         "energy": Balance(seen.energy + lost, seen.power + rubbing),
         "norm": _constant(jnp.sqrt(jnp.sum(body.q**2))),

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ...numerics.vectors import apply
 from ..body import AbstractBody
 from ..forces.resistance import Resistance
 from ..grounds.ground import Ground
@@ -67,6 +68,19 @@ def with_slide(
         state = dataclasses.replace(state, body=state.body.with_Omega(axes.in_body(omega)))
     rolling, axes = rolling_contact(plane.body, t, state.body)
     return dataclasses.replace(state, V=rolling + in_space(axes, slip))
+
+
+def spinning_loss(
+    plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState, torque: Float[Array, "3"] | None
+) -> Float[Array, ""]:
+    """Computes −m₃ ω₃, the power that a limit surface dissipates against the spin; 0 without one.
+
+    ``torque`` is that of dry friction, body axes, of which a limit surface has all that is about the normal.
+    """
+    if plane.pivot is None or torque is None:
+        return jnp.zeros_like(t)
+    axes = plane.contact_axes(t, state)
+    return -apply(axes.rows, torque)[2] * axes.over_ground(state.body.Omega)[2]
 
 
 def coefficient_and_direction(
