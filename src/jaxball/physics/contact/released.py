@@ -212,9 +212,9 @@ class Response(NamedTuple):
     def with_pivoting(self, held: Bool[Array, ""] | bool, rate: Float[Array, ""] | float = 0.0) -> "Response":
         """Returns the response of a body whose ω₃ over the ground has this rate where it is ``held``, else friction."""
         assert self.turned is not None
-        given = self.turned.given
-        value = given.value.at[2].set(jnp.where(held, rate, 0.0))
-        return self.with_turning(given._replace(solved=given.solved.at[2].set(held), value=value))
+        law = self.turned.given
+        value = law.value.at[2].set(jnp.where(held, rate, 0.0))
+        return self.with_turning(law._replace(solved=law.solved.at[2].set(held), value=value))
 
     def rows(self) -> Rows:
         """Returns the rows of ``law``: of the reaction and v̇_s, and of a mode of turning."""
@@ -258,8 +258,8 @@ class Response(NamedTuple):
             return self.amounts(slip, jnp.zeros_like(slip[0]))
         law = self.law(jnp.zeros(3, bool))
         rows = law.rows._replace(rest=jnp.zeros_like(law.value))
-        kept = jnp.zeros_like(law.value) if self.pivot is None else law.value.at[3:5].set(0.0)
-        still = law._replace(rows=rows, value=kept.at[:3].set(slip))
+        value = jnp.zeros_like(law.value) if self.pivot is None else law.value.at[3:5].set(0.0)
+        still = law._replace(rows=rows, value=value.at[:3].set(slip))
         return still.amounts(jnp.zeros_like(law.value))[0]
 
     def each(self, name: str) -> Float[Array, "amounts ..."]:

@@ -172,7 +172,7 @@ def beginning(what: Pulled, t: Float[Array, ""], state: Any, course: Course, lon
         # goes against σ, the sweeps have come to a direction in which no slip grows.
         done, converges = (
             sweeps % SWEEPS == 0,
-            (_size(_weighted(highest, tangents)) <= RESOLVED) & jnp.all(along[1:] > 0),
+            (_size(_sum_weighted(highest, tangents)) <= RESOLVED) & jnp.all(along[1:] > 0),
         )
         # If the shortest window fails as well, its last polynomial is used all the same.
         again = done & ~converges & (sweeps < MOST_SWEEPS)
@@ -186,7 +186,7 @@ def beginning(what: Pulled, t: Float[Array, ""], state: Any, course: Course, lon
     def finish() -> Beginning:
         tangents = with_derivatives(window.tangents, _Start.settle, start, window)
         # The first node has the direction of the polynomial there, from which the others are then reckoned.
-        first = _weighted(start.scheme.first, tangents)
+        first = _sum_weighted(start.scheme.first, tangents)
         sigma = _turn(course.sigma, first)
         if first.ndim == 0:
             tangents = (tangents - first) / (1 + first * tangents)
@@ -194,7 +194,7 @@ def beginning(what: Pulled, t: Float[Array, ""], state: Any, course: Course, lon
             turned = course.sigma[None] + linear.product(tangents, _beside(course.sigma))
             tangents = turned / jnp.sum(turned * sigma[None], axis=1)[:, None] - sigma[None]
         tangents = tangents.at[0].set(0.0)
-        bends = jax.vmap(lambda row: _weighted(row, tangents))(start.scheme.powers)[1:]
+        bends = jax.vmap(lambda row: _sum_weighted(row, tangents))(start.scheme.powers)[1:]
         return Beginning(t + window.span, window.span, sigma, bends)
 
     # A polynomial that was not found has no derivatives worth the sweeps, nor finite ones.
@@ -273,7 +273,7 @@ class _Start(NamedTuple):
             if not turned:
                 return *pull(tangent), jnp.zeros_like(self.course.sigma)
             if tangent.ndim:
-                along = [jax.jvp(pull, (tangent,), (one,), has_aux=True) for one in jnp.eye(2, dtype=tangent.dtype)]
+                along = [jax.jvp(pull, (tangent,), (axis,), has_aux=True) for axis in jnp.eye(2, dtype=tangent.dtype)]
                 return along[0][0], along[0][2], jnp.stack([change for _, change, _ in along])
             a, change, rate = jax.jvp(pull, (tangent,), (jnp.ones_like(tangent),), has_aux=True)
             return a, rate, change
@@ -285,7 +285,8 @@ class _Start(NamedTuple):
     def integrate(self, window: _Window, a: Array, rate: Array) -> tuple[Array, Array, Array, Array]:
         """Computes, at the nodes, σ, the components of v_s across and along it, and the states.
 
-        Where σ has three components, the latter are over the length of what σ has the direction of.
+        Where σ has three components, the one along it is along the direction from which it turns, and those across
+        it are what v_s lacks in the tangents times that.
         """
         integrals, x0 = window.span * self.scheme.integrals, ravel_pytree(self.state)[0]
         slips, x = (jnp.sum(integrals[:, :, None] * y[None], axis=1) for y in (a, rate))
@@ -306,8 +307,8 @@ class _Start(NamedTuple):
             forward = jnp.sum(change * self.course.sigma[None, None], axis=-1)
             turned = jnp.swapaxes(beside, 1, 2)[None] - window.tangents[:, None, :, None] * forward[None, :, None, :]
             slopes = integrals[:, :, None, None] * turned  # nodes, nodes, components, tangents
-            eye, own = jnp.eye(2, dtype=along.dtype), jnp.diag(along)[:, :, None, None]
-            rows = jnp.swapaxes((slopes - own * eye[None, None])[1:, 1:], 1, 2)
+            eye, diagonal = jnp.eye(2, dtype=along.dtype), jnp.diag(along)[:, :, None, None]
+            rows = jnp.swapaxes((slopes - diagonal * eye[None, None])[1:, 1:], 1, 2)
             return linear.inverses(jnp.reshape(rows, (1, 2 * DEGREE, 2 * DEGREE)))[0]
         # The component of v_s across σ changes with all tangents, as v_s does, and with its own because σ turns away.
         slopes = integrals * jax.vmap(lambda sigma: jax.vmap(lambda two: across(sigma, two))(change))(sigmas)
@@ -388,7 +389,7 @@ def _beside(sigma: Float[Array, "3"]) -> Float[Array, "2 3"]:
     return jnp.stack([first, cross(sigma, first)])
 
 
-def _weighted(weights: Float[Array, " nodes"], tangents: Array) -> Array:
+def _sum_weighted(weights: Float[Array, " nodes"], tangents: Array) -> Array:
     """Computes the sum of the tangents of all nodes, each with its weight."""
     return jnp.sum(weights * tangents if tangents.ndim == 1 else weights[:, None] * tangents, axis=0)
 
