@@ -71,6 +71,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
     from .physics.contact.law import (
         AbstractFriction as AbstractFriction,
         Contact as Contact,
+        LimitSurface as LimitSurface,
         SmoothedCoulomb as SmoothedCoulomb,
     )
     from .physics.contact.modes import Mode as Mode, SwitchCause as SwitchCause

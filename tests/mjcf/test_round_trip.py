@@ -10,9 +10,11 @@ from jaxball import (
     Ball,
     BallState,
     CarriedMass,
+    Contact,
     HardStops,
     Hinge,
     JointFriction,
+    LimitSurface,
     Mechanism,
     ReleasedState,
     Spring,
@@ -391,6 +393,9 @@ def test_friction_that_depends_on_the_slip_speed_is_refused():
         MJCFError, match=r"`contact.friction` must be a number .*, but it is a SmoothedCoulomb; give its"
     ):
         to_mjcf(load_scenario("tippe-top"))
+    spinning = dataclasses.replace(scenario(free_ball()), contact=Contact(LimitSurface(0.3, 0.1)))
+    with pytest.raises(MJCFError, match=r"`contact.friction` must be a number .*, but it is a LimitSurface; give its"):
+        to_mjcf(spinning)
 
 
 def test_numbers_in_other_units_than_si_are_written_only_if_asked_for():

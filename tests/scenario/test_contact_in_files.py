@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import BallState, Contact, DiskState, ReleasedState, SmoothedCoulomb
+from jaxball import BallState, Contact, DiskState, LimitSurface, ReleasedState, SmoothedCoulomb
 from jaxball.physics.contact.body_on_plane import BodyOnPlane
 from jaxball.scenario import Scenario, ScenarioError, read_scenario, write_scenario
 from jaxball.scenario.traced import Structure
@@ -38,6 +38,11 @@ STARTS = {
     "slipping always": (
         ['contact = { friction = { kind = "smoothed-coulomb", kinetic = 0.2, smoothing = 0.01 } }'],
         Contact(SmoothedCoulomb(0.2, 0.01)),
+        BallState(),
+    ),
+    "spinning": (
+        ['contact = { friction = { kind = "limit-surface", friction = 0.2, radius = 0.1 }, static_friction = 0.3 }'],
+        Contact(LimitSurface(0.2, 0.1), 0.3),
         BallState(),
     ),
     "thrown": (
@@ -185,3 +190,12 @@ def test_a_scenario_slides_as_its_law_says():
     run = scenario.simulate(throw=True)
     np.testing.assert_allclose(run.contact.switches.times[0], 2 / (7 * 0.2), rtol=1e-9)
     np.testing.assert_allclose(run.contact.V[-1], [5 / 7, 0.0, 0.0], atol=1e-9)
+
+
+def test_a_limit_surface_over_a_turntable_is_refused():
+    law = 'contact = { friction = { kind = "limit-surface", friction = 0.2, radius = 0.1 } }'
+    table = 'ground = { turntable = { turning = { kind = "constant-rate", theta = 0.0, rate = 1.0 } } }'
+    with pytest.raises(
+        ScenarioError, match=r"Key `contact.friction` must be no limit surface where there is a turntab"
+    ):
+        read_scenario(with_contact(law, table))

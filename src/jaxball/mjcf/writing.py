@@ -192,12 +192,12 @@ def _check(system: System) -> None:
 
 
 def _check_friction(scenario: Scenario) -> None:
-    """Raises a :class:`MJCFError` for friction that depends on the slip speed."""
+    """Raises a :class:`MJCFError` for friction that depends on the slip speed, or on the spin."""
     law = None if scenario.contact is None else scenario.contact.friction_law
     if law is not None:
         raise MJCFError(
-            "Key `contact.friction` must be a number to be written as MJCF, where friction does not depend on the slip "
-            f"speed, but it is a {type(law).__name__}; give its coefficient."
+            "Key `contact.friction` must be a number to be written as MJCF, where friction depends neither on the slip "
+            f"speed nor on the spin, but it is a {type(law).__name__}; give its coefficient."
         )
 
 

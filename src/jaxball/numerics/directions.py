@@ -12,16 +12,18 @@ from jaxtyping import Array, Float
 
 from ..programs.batches import map_rows
 from .calculus import with_second_derivatives
+from .linear import inverse
 from .roots import Sample, next_point, other_end
 
 DIRECTIONS_SAMPLED = 24  # of directions between which one is sought
 ILLINOIS_STEPS = 12  # of the Illinois method: errors below 1e-15 from brackets of a quarter
+STEPS_OF_GROWTH, STEPS_TO_DIRECTION = 30, 8  # of Newton's method, for the growth alone and for the direction with it
 
 
 class Direction(NamedTuple):
     """A direction σ in which a slip or rolling begins, and the rate at which it grows, which must be positive."""
 
-    sigma: Float[Array, "2"]
+    sigma: Float[Array, " n"]
     growth: Float[Array, ""]
 
 
@@ -88,12 +90,64 @@ def diverging(
     return Direction(sigma, jnp.sum(sigma * vector))
 
 
+def growing(
+    pull: Callable[[Any, Float[Array, " n"]], Float[Array, " n"]], about: Any, nothing: Float[Array, " n"]
+) -> Direction:
+    """Finds the direction σ along which ``pull(about, σ)`` points, of any dimension: where friction pulls against it.
+
+    ``pull`` is defined for vectors of any length, and is nearly b − A σ with A symmetric and positive. Then (A + κ) σ =
+    b, of which the growth κ that makes |σ| = 1 is unique, and positive where b exceeds what A can hold: Newton's method
+    comes to it from below (J. J. Moré, D. C. Sorensen, SIAM J. Sci. Stat. Comput. 4 (1983) 553–572). Steps of the same
+    for both do the rest. σ has first and second derivatives with respect to ``about``; ``nothing`` is a zero vector.
+    """
+    still = jax.lax.stop_gradient(about)
+    b, A = pull(still, nothing), -jax.jacfwd(lambda sigma: pull(still, sigma))(nothing)
+    eye = jnp.eye(nothing.size, dtype=nothing.dtype)
+
+    def grow(_: Array, kappa: Float[Array, ""]) -> Float[Array, ""]:
+        resolvent = inverse(A + kappa * eye)
+        sigma = jnp.sum(resolvent * b[None], axis=1)
+        square, slope = jnp.sum(sigma**2), jnp.sum(sigma[:, None] * resolvent * sigma[None])
+        grown = kappa + (jnp.sqrt(square) - 1) * square / jnp.where(slope > 0, slope, jnp.inf)
+        return jnp.maximum(grown, 0.0)
+
+    kappa = jax.lax.fori_loop(0, STEPS_OF_GROWTH, grow, jnp.zeros_like(nothing[0]))
+    start = jnp.append(unit(jnp.sum(inverse(A + kappa * eye) * b[None], axis=1)), kappa)
+
+    def misses(about: Any, x: Float[Array, " size"]) -> Float[Array, " size"]:
+        sigma = x[:-1]
+        return jnp.append(pull(about, sigma) - x[-1] * sigma, 0.5 * (jnp.sum(sigma**2) - 1))
+
+    def slopes(x: Float[Array, " size"]) -> Float[Array, "size size"]:
+        return inverse(jax.jacfwd(lambda x: misses(still, x))(x))
+
+    def step(about: Any, x: Float[Array, " size"], slope: Float[Array, "size size"]) -> Float[Array, " size"]:
+        moved = x - jnp.sum(slope * misses(about, x)[None], axis=1)
+        return jnp.where(jnp.all(jnp.isfinite(moved)), moved, x)
+
+    def two_steps(about: Any, x: Float[Array, " size"], slope: Float[Array, "size size"]) -> Float[Array, " size"]:
+        return step(about, step(about, x, slope), slope)
+
+    x = jax.lax.fori_loop(0, STEPS_TO_DIRECTION, lambda _, x: step(still, x, slopes(x)), start)
+    # The last step moves it only by rounding, but provides its derivatives.
+    operands = about, x, slopes(x)
+    x = with_second_derivatives(step(*operands), "the direction in which a slip begins", two_steps, *operands)
+    return Direction(x[:-1], x[-1])
+
+
+def perpendicular(sigma: Float[Array, " n"], vector: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Computes the part of a vector perpendicular to σ."""
+    if sigma.size == 2:
+        return across(sigma, vector) * turn_left(sigma)
+    return vector - jnp.sum(sigma * vector) * sigma
+
+
 def across(sigma: Float[Array, "2"], vector: Float[Array, "size"]) -> Float[Array, ""]:
     """Computes the component of a vector perpendicular to σ, positive to its left."""
     return sigma[0] * vector[1] - sigma[1] * vector[0]
 
 
-def unit(sigma: Float[Array, "2"]) -> Float[Array, "2"]:
+def unit(sigma: Float[Array, " n"]) -> Float[Array, " n"]:
     """Returns σ with length 1; 0 for 0."""
     square = jnp.sum(sigma**2)
     # The slope of the root at 0 is infinite, also in the branch that `where` does not take.

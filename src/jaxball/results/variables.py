@@ -31,6 +31,7 @@ from ..simulation.variables import (
     LAGRANGIAN_STATE,
     LAWS,
     OBSERVABLES,
+    OF_SLIDE,
     STATE,
     SWITCHES,
     Variable,
@@ -195,6 +196,8 @@ def history_values(history: AbstractHistory, states: Any) -> Variables:
     """Returns the variables over time of a history, besides the ``states``."""
     over_time = history.over_time.items()
     descriptions = HISTORY | HISTORY_OF_REST | HISTORY_OF_JOINTS
+    if isinstance(history, ContactHistory) and history.sigma.shape[-1] == 3:
+        descriptions |= OF_SLIDE
     return {
         name: (descriptions.get(name) or describe_unknown(name, leaf.ndim - 1), _plain(leaf))
         for name, leaf in over_time

@@ -21,9 +21,11 @@ from ..physics.contact.law import (
     SLOWEST_REBOUND,
     AbstractFriction,
     Contact,
+    LimitSurface,
     SmoothedCoulomb,
 )
 from ..physics.contact.released import ReleasedState
+from ..physics.contact.slide import find_rival
 from ..physics.convex import ConvexBody
 from ..physics.forces.force import AbstractWrench, FunctionWrench, HarmonicForce, require_wrench
 from ..physics.forces.resistance import SMOOTHING, AbstractResistance, Resistance
@@ -126,6 +128,7 @@ FRICTIONS = Open(
         "smoothed-coulomb": Module(
             SmoothedCoulomb, {"kinetic": Key(Numbers()), "smoothing": Key(Numbers(dimension=VELOCITY))}
         ),
+        "limit-surface": Module(LimitSurface, {"friction": Key(Numbers()), "radius": Key(Numbers(dimension=LENGTH))}),
     },
 )
 
@@ -184,6 +187,12 @@ def read_contact(values: Any, path: str) -> Contact:
     contact = CONTACT.read(values, path)
     require_conditions(contact)
     return contact
+
+
+def check_contact(contact: Contact, path: str, system: AbstractBody) -> None:
+    """Raises a :class:`ScenarioError` for a law of contact that cannot be solved with a body."""
+    if (rival := find_rival(system, contact)) is not None:
+        raise ScenarioError(f"Key `{join(path, 'friction')}` must be no limit surface where there is {rival}.")
 
 
 def rolling_state(scenario: "Scenario", what: str, error: type[ScenarioError] = ScenarioError) -> AbstractState:

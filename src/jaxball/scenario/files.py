@@ -22,6 +22,7 @@ from .body import (
     BODIES,
     CONTACT,
     KEYS as BODY_KEYS,
+    check_contact,
     check_force,
     check_own_states,
     check_sensors,
@@ -284,6 +285,7 @@ def _join_tables(kind: str, document: Mapping[str, Any], of_body: _OfBody, table
     feedback, estimator, held = tables.feedback, tables.estimator, HeldRun(system, times, solve)
     _, first_state, _ = each_of(
         lambda: each_of(
+            lambda: contact is None or check_contact(contact, "contact", system),
             lambda: solve and check_dae(system, contact, solve["solver"], solve["dae"]),
             lambda: check_run(system, span),
             lambda: check_confinement(system, span, state),

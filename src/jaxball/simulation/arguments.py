@@ -23,6 +23,7 @@ from ..physics.body import AbstractBody
 from ..physics.contact.body_on_plane import BodyOnPlane, has_contact
 from ..physics.contact.law import COEFFICIENTS, Contact
 from ..physics.contact.released import ReleasedState
+from ..physics.contact.slide import find_rival
 from ..physics.dae import WITH_UNIT
 from ..physics.dynamics.parameters import shapes_of_body
 from ..physics.system import AbstractState, AbstractSystem, require_one, require_state, shapes_of_state
@@ -373,7 +374,8 @@ def system_to_solve(system: AbstractSystem, contact: Contact | None) -> Abstract
 
     Everything else asks it, and not whether there is a law.
 
-    **Raises:** ``TypeError`` for a law that the system has no equations for.
+    **Raises:** ``TypeError`` for a law that the system has no equations for, and ``ValueError`` for a limit surface
+    beside what it cannot be solved with.
     """
     if contact is None:
         if not isinstance(system, AbstractBody):
@@ -385,4 +387,6 @@ def system_to_solve(system: AbstractSystem, contact: Contact | None) -> Abstract
             f"Argument `contact` must be None for a {type(system).__name__}, which is neither a Ball nor a Disk, but "
             f"it is {describe(contact)}."
         )
+    if (rival := find_rival(system, contact)) is not None:
+        raise ValueError(f"Argument `contact` must have no LimitSurface where there is {rival}.")
     return BodyOnPlane(system, contact)

@@ -14,6 +14,8 @@ from ..interface.printing import Printed
 from ..interface.status import Status
 from ..numerics.vectors import apply, dot
 from ..physics.body import AbstractBody, AbstractBodyWithModes
+from ..physics.contact.body_on_plane import has_contact
+from ..physics.contact.slide import spinning_loss
 from ..physics.mechanisms.forces import AbstractJointForce
 from ..physics.observables import compute_observables, movement
 from ..physics.packing import Packing
@@ -150,6 +152,9 @@ def _powers(packing: Packing, t: Float[Array, ""], x: Float[Array, " size"]) -> 
         dry = -dot(apply(motion.state.Lambda, motion.dry), seen.angular_velocity_space)
     if motion.slip is not None:
         slip = -dot(motion.R, motion.slip.velocity)
+    if has_contact(system) and system.pivot is not None:
+        spun = spinning_loss(system, t, state, motion.dry)
+        dry, slip = dry - spun, slip + spun
     drives = [drive for mechanism in body.mechanisms for drive in mechanism.drives]
     lost = [dry, seen.dissipation - dry - slip]
     for k, drive in enumerate(drives):

@@ -16,6 +16,7 @@ from ..physics.contact.history import ContactHistory, slips_of
 from ..physics.contact.modes import ContactState, Mode
 from ..physics.contact.over_surface import near_to
 from ..physics.contact.released import ReleasedState
+from ..physics.contact.slide import slide
 from ..physics.contact.window import Beginning
 from ..physics.hybrid import AbstractHistory
 from .trajectory import Trajectory
@@ -89,7 +90,8 @@ class _Sides(NamedTuple):
     states: ReleasedState
     height: Float[np.ndarray, " sides"]
     slip: Float[np.ndarray, "sides 3"]
-    sigma: Float[np.ndarray, "sides 2"]
+    sigma: Float[np.ndarray, "sides n"]
+    speed: Float[np.ndarray, " sides"]
     kept: int
 
     def states_of(self, system: BodyOnPlane, sigma: Any) -> ContactState:
@@ -107,24 +109,24 @@ def _sides(trajectory: Trajectory[Any, Any], history: ContactHistory) -> _Sides:
 
     states = jax.tree.map(lambda *sides: jnp.asarray(both(*sides)), switches.before, switches.after)
     times, modes = both(switches.times, switches.times), both(switches.source, switches.target)
-    none = np.zeros((len(times), 2))
-    sides = _Sides(times, modes, states, np.zeros(len(times)), np.zeros((len(times), 3)), none, count)
+    none, zeros = np.zeros((len(times), history.sigma.shape[-1])), np.zeros(len(times))
+    sides = _Sides(times, modes, states, zeros, np.zeros((len(times), 3)), none, zeros, count)
     if not count:
         return sides
     plane = BodyOnPlane(trajectory.system, history.law)
     finite_times = jnp.asarray(np.where(np.isfinite(times), times, 0.0))
-    slip, sigma = map(np.asarray, _slips(plane, finite_times, sides.states_of(plane, none)))
+    slip, sigma, speed = map(np.asarray, _slips(plane, finite_times, sides.states_of(plane, none)))
     # A switch of a body that touches or lands on the plane is at height 0, up to rounding.
     height = np.asarray(states.height)
     flying = (modes == Mode.FLIGHT) & (both(modes[::2], modes[::2]) == both(modes[1::2], modes[1::2]))
     height = np.where(flying & (np.abs(height) > STILL * float(trajectory.system.radius)), height, 0.0)
-    sides = sides._replace(height=height, slip=slip, sigma=sigma)
+    sides = sides._replace(height=height, slip=slip, sigma=sigma, speed=speed)
     return sides._replace(sigma=_directions(trajectory, history, plane, finite_times, sides))
 
 
 def _directions(
     trajectory: Trajectory[Any, Any], history: ContactHistory, plane: BodyOnPlane, times: Array, sides: _Sides
-) -> Float[np.ndarray, "sides 2"]:
+) -> Float[np.ndarray, "sides n"]:
     """Returns σ on each side: the direction of the velocity, or without slip, of the slip which begins or has ended
     there.
     """
@@ -150,7 +152,7 @@ def _is_still(trajectory: Trajectory[Any, Any], sides: _Sides) -> Bool[np.ndarra
     rates = np.asarray(getattr(state, state.rotation_rate))
     spin = np.linalg.norm(rates.reshape(len(rates), -1), axis=1)
     speed = np.linalg.norm(np.asarray(sides.states.V), axis=1) + float(trajectory.system.radius) * spin
-    slow = ~(np.linalg.norm(sides.slip[:, :2], axis=1) > STILL * speed)
+    slow = ~(sides.speed > STILL * speed)
     return (sides.modes == Mode.SLIDING) & slow
 
 
@@ -218,8 +220,14 @@ def _contact_states(system: BodyOnPlane, states: ReleasedState, modes: Array, si
 
 
 @programs.filter_jit
-def _slips(system: BodyOnPlane, times: Array, states: ContactState) -> tuple[Array, Array]:
-    return slips_of(system.prepare(), times, states)
+def _slips(system: BodyOnPlane, times: Array, states: ContactState) -> tuple[Array, Array, Array]:
+    """Computes the slip velocities, their directions, and the speeds along these."""
+    prepared = system.prepare()
+
+    def speed(sample: tuple[Array, ContactState]) -> Array:
+        return jnp.sqrt(jnp.sum(slide(prepared, *sample) ** 2))
+
+    return *slips_of(prepared, times, states), jax.lax.map(speed, (times, states))
 
 
 @programs.filter_jit

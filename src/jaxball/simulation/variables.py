@@ -123,6 +123,9 @@ HISTORY = {
     "impact_loss": Variable((), "energy", "energy dissipated by impacts"),
 }
 
+# In the place of the direction of slip, with a limit surface.
+OF_SLIDE = {"sigma": Variable(("axis",), "1", "direction of slip, and of the spin over the ground times the radius")}
+
 # The same of a body that exact dry resistance may hold, besides these.
 HISTORY_OF_REST = {
     "rests": Variable((), "1", "1 where dry resistance holds the body against rolling", dtype="i1"),

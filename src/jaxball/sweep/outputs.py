@@ -32,6 +32,7 @@ from ..simulation.variables import (
     HISTORY,
     LAGRANGIAN_STATE,
     LEFT_PLANE,
+    OF_SLIDE,
     RUN,
     RUN_SWITCHES,
     STATE,
@@ -205,7 +206,9 @@ def history_variables(system: AbstractSystem) -> tuple[dict[str, Variable], dict
 
 @history_variables.register
 def _of_plane(system: BodyOnPlane) -> tuple[dict[str, Variable], dict[str, Variable]]:
-    return ({}, {}) if system.contact is None else (HISTORY, RUN_SWITCHES)
+    if system.contact is None:
+        return {}, {}
+    return HISTORY if system.pivot is None else HISTORY | OF_SLIDE, RUN_SWITCHES
 
 
 @functools.singledispatch

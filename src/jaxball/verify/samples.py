@@ -14,6 +14,7 @@ from ..physics.body import AbstractBody
 from ..physics.contact.body_on_plane import BodyOnPlane, has_contact
 from ..physics.contact.modes import ContactState
 from ..physics.contact.released import rolling_contact
+from ..physics.contact.slide import spinning_loss
 from ..physics.dynamics.energy import velocities
 from ..physics.dynamics.equations import accelerations
 from ..physics.dynamics.footing import contact_normal, footing, footing_of_released, in_three
@@ -109,7 +110,7 @@ def _of_contact(plane: BodyOnPlane, t: Float[Array, ""], state: ContactState) ->
     motion, system = movement(plane, t, state), plane.body
     seen, body = compute_observables(system, t, motion), motion.state
     assert motion.slip is not None
-    rubbing = -dot(motion.R, motion.slip.velocity)
+    rubbing = -dot(motion.R, motion.slip.velocity) + spinning_loss(plane, t, state, motion.dry)
     acting, slip = motion.acting.with_torque(motion.dry), motion.slip.velocity
     # Over a surface the point of reference is the one nearest to it, also in flight, to which that means nothing.
     under = footing_of_released(system, t, state.body, state.V, state.height, True)

@@ -19,7 +19,8 @@ from . import friction, slip as slips, window as windows
 from .holding import TURNS_TAKEN, Rolling
 from .modes import ContactState, Mode
 from .progress import Progress
-from .released import ReleasedState, in_space, rates, rolling_contact, slip_velocity
+from .released import ReleasedState, rates, slip_velocity
+from .slide import slide, slide_size, with_slide
 from .turning import along_rolling, follow_rolling
 from .window import Beginning, Course
 
@@ -44,29 +45,22 @@ class _Slipping(NamedTuple):
 
     def pull(
         self, t: Float[Array, ""], state: ReleasedState, prepare: tuple[friction.SolvedContact, Array], sigma: Array
-    ) -> tuple[Float[Array, "2"], ReleasedState]:
-        """Computes the slip acceleration along the plane, and ẋ."""
+    ) -> tuple[Float[Array, " n"], ReleasedState]:
+        """Computes the rate of the slide, and ẋ."""
         contact, mu = prepare
         acting = contact.interaction(mu, sigma)
-        return acting.slip_acceleration[:2], rates(self.plane.body, state, contact.response, acting.amounts)
+        return acting.slide_acceleration, rates(self.plane.body, state, contact.response, acting.amounts)
 
 
 def follow_slip(plane: "BodyOnPlane", done: "Progress", tolerance: Float[Array, ""]) -> tuple[Course, Bool[Array, ""]]:
     """Returns how a slip moves, and whether it goes on although its direction is not known beforehand."""
     t, state = done.t, done.state
-    slip = slip_velocity(plane.body, t, state.released)
+    sliding = slide(plane, t, state)
     # At the end of a window σ is still that of the window.
-    sigma = done.before.direction(t, slip)
-    course = Course(sigma, jnp.sum(sigma * slip[:2]), done.before.begun.next_span(t))
+    sigma = done.before.direction(t, sliding)
+    course = Course(sigma, jnp.sum(sigma * sliding), done.before.begun.next_span(t))
     slides = state.is_in(Mode.SLIDING) & ~done.begins & plane.slips_end & (state.begun.until <= t)
-    return course, slides & course.is_that_of(slip[:2], plane.speed_of(state), tolerance)
-
-
-def along_course(plane: "BodyOnPlane", t: Float[Array, ""], state: Any, course: Course) -> Any:
-    """Returns the state with a slip exactly along its direction, without the errors of the solve across it."""
-    slip = slip_velocity(plane.body, t, state.released).at[:2].set(course.slip)
-    rolling, axes = rolling_contact(plane.body, t, state.body)
-    return dataclasses.replace(state, V=rolling + in_space(axes, slip))
+    return course, slides & course.is_that_of(sliding, plane.speed_of(state), tolerance)
 
 
 class _Turning(NamedTuple):
@@ -125,7 +119,8 @@ def begin(plane: "BodyOnPlane", done: Progress, tolerance: Float[Array, ""]) -> 
     elif turn is not None:
         state = dataclasses.replace(state, rolling=turn.window(state, True, turn.before))
     if slip is not None:
-        state = select_tree(slip.follows(state.begun), along_course(plane, t, state, slip.course), state)
+        # Exactly along its direction, without the errors of the solve across it.
+        state = select_tree(slip.follows(state.begun), with_slide(plane, t, state, slip.course.slip), state)
     if turn is not None:
         state = select_tree(turn.follows(state.rolling), along_rolling(plane, t, state, turn.course), state)
     return state
@@ -169,7 +164,7 @@ class _Ahead(NamedTuple):
 def _slip_ahead(plane: "BodyOnPlane", done: Progress, tolerance: Float[Array, ""], longest: Float[Array, ""]) -> _Ahead:
     course, goes_on = follow_slip(plane, done, tolerance)
     course = select_tree(goes_on, course, Course.of(done.state.begun.sigma))
-    before = select_tree(done.decides, Beginning.none(done.t), done.state.begun)
+    before = select_tree(done.decides, Beginning.none(done.t, slide_size(plane)), done.state.begun)
     needed = done.begins & plane.slips_end | goes_on
     return _Ahead(_Slipping, plane, done, course, needed, goes_on, before, longest)
 

@@ -66,6 +66,7 @@ from .released import (
     rolling_contact,
     slip_velocity,
 )
+from .slide import coefficient_and_direction, slide, slide_of, slide_size
 from .transition import transition
 from .window import Beginning
 
@@ -134,14 +135,14 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
 
     def to_packed(self, t: Float[Array, ""], state: ContactState) -> ContactState:
         packed = state
-        if state.rolls is not None:
+        if self.advances_omega(state):
             omega = self.unless_held(state, self.over_ground(t, state))
             packed = dataclasses.replace(packed, body=packed.body.with_Omega(omega))
         if self.contact is None:
             return packed
         slip = slip_velocity(self.body, t, state.released)
         # A slip that is rounding has no direction worth following, and where the body rolls it must stay exactly zero.
-        stopped = self.slips_end & self.is_still(slip, state)
+        stopped = self.slips_end & self.is_still(slide_of(self, slip, t, state), state)
         slip = slip.at[:2].set(jnp.where(stopped, 0.0, slip[:2]))
         slip = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip)
         packed = dataclasses.replace(packed, V=jnp.where(state.is_in(Mode.FLIGHT), state.V, slip))
@@ -149,7 +150,7 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
 
     def from_packed(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
         packed = packed.projected()
-        if packed.rolls is not None:
+        if self.advances_omega(packed):
             Omega = self.contact_axes(t, packed).in_body(packed.body.Omega)
             packed = dataclasses.replace(packed, body=packed.body.with_Omega(Omega))
         if self.contact is None:
@@ -162,7 +163,7 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
     def field_of_packed(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
         state = self.from_packed(t, packed)
         moved = self.field(t, state) if self.contact is None else self._field_of_slip(t, state)
-        if state.rolls is None:
+        if not self.advances_omega(state):
             return moved
         rate = self.unless_held(packed, self.rate_over_ground(t, state, moved.body.Omega))
         return dataclasses.replace(moved, body=moved.body.with_Omega(rate))
@@ -196,10 +197,10 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         self, t: Float[Array, ""], state: ContactState, response: Response, acting: friction.Interaction
     ) -> ContactState:
         """Computes ẋ, where the response and the reaction are known."""
-        slip = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip_velocity(self.body, t, state.released))
+        sliding = jnp.where(state.is_in(Mode.ROLLING), 0.0, slide(self, t, state))
         moved = rates(self.body, state.released, response, acting.amounts)
         rates_of_all = jax.tree.map(jnp.zeros_like, state).move(moved)
-        return dataclasses.replace(rates_of_all, friction_loss=-jnp.sum(acting.R[:2] * slip[:2]))
+        return dataclasses.replace(rates_of_all, friction_loss=-jnp.sum(acting.grip[:-1] * sliding))
 
     def projected(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
         packed = packed.projected()
@@ -216,6 +217,15 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         """The law of contact."""
         assert self.contact is not None
         return self.contact
+
+    @property
+    def pivot(self) -> Float[Array, ""] | None:
+        """The radius ρ of a limit surface; None without one, and for a disk, which does not spin."""
+        return None if self.contact is None or self.body.planar else self.contact.limit_radius
+
+    def advances_omega(self, state: ContactState) -> bool:
+        """Returns whether a solve advances ω over the ground, parts of which friction may hold at 0, instead of Ω."""
+        return state.rolls is not None or self.pivot is not None
 
     # How it turns, and rolls where nothing slips.
 
@@ -245,6 +255,10 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
 
     def unless_held(self, state: Any, omega: Float[Array, "3"]) -> Float[Array, "3"]:
         """Returns ω over the ground, or its rate, with 0 for what friction holds."""
+        if self.pivot is not None:
+            omega = omega.at[2].set(jnp.where(state.is_in(Mode.ROLLING), 0.0, omega[2]))
+        if state.rolls is None:
+            return omega
         rests = state.rolls == 0
         return jnp.where(jnp.stack([rests, rests, self.is_held_still(state)]), 0.0, omega)
 
@@ -332,13 +346,14 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         self, t: Float[Array, ""], state: Any, mode: TurningMode | None = None, efforts: Joints | None = None
     ) -> Response:
         """Computes how the body moves under each reaction, and ``efforts`` on joints; ``mode`` is that of the state."""
-        acting = {"touching": ~state.is_in(Mode.FLIGHT)} | ({} if efforts is None else {"efforts": efforts})
-        moved = response(self.moving(state), t, state.released, **acting)
-        if state.rolls is None:
+        touching, pivots = ~state.is_in(Mode.FLIGHT), self.pivot is not None
+        moved = response(self.moving(state), t, state.released, touching, efforts, pivots=pivots)
+        if not self.advances_omega(state):
             return moved
-        carried = self._compute_carried_rate(t, state, moved.footing)
-        law = self.law_of_turning(state, self.mode(t, state) if mode is None else mode)
-        return moved._replace(turned=Turned(self.contact_axes(t, state).rows, carried, law))
+        carried, law = self._compute_carried_rate(t, state, moved.footing), TurningLaw.none(state.V)
+        if state.rolls is not None:
+            law = self.law_of_turning(state, self.mode(t, state) if mode is None else mode)
+        return moved._replace(turned=Turned(self.contact_axes(t, state).rows, carried, law, self.pivot))
 
     def law_of_turning(self, state: Any, mode: TurningMode) -> TurningLaw:
         """Returns what exact dry resistance gives in a mode of turning."""
@@ -360,24 +375,9 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         """Computes the response of a body that touches the ground."""
         return self.response(t, self.on_ground(state))
 
-    def coefficient(self, slip: Float[Array, "3"], share: float = 1.0) -> Float[Array, ""]:
+    def coefficient(self, slip: Float[Array, " n"], share: float = 1.0) -> Float[Array, ""]:
         """Returns the kinetic friction coefficient at a share of the speed of a slip."""
         return self.law.coefficient(share * root(jnp.sum(slip[:2] ** 2)))
-
-    def coefficient_and_direction(
-        self, t: Float[Array, ""], state: ContactState, slip: Float[Array, "3"]
-    ) -> tuple[Float[Array, ""], Float[Array, "2"]]:
-        """Returns μ and σ; where friction has faded with the slip, μ′(0) and v_s, for the derivative of their
-        product.
-        """
-        mu, sigma = self.coefficient(slip), state.direction(t, slip)
-        if self.law.friction_law is None:
-            return mu, sigma
-        # Without slip σ is not defined, and μ = 0. Friction is −N μ(v) v_s/v, which near v = 0 is −N μ′(0) v_s: a
-        # product of two factors that has the right value, 0, and the right derivative.
-        has_faded = ~self.slips_end & (jnp.sum(slip[:2] ** 2) == 0)
-        slope = jax.jvp(self.law.coefficient, (jnp.zeros_like(mu),), (jnp.ones_like(mu),))[1]
-        return jnp.where(has_faded, slope, mu), jnp.where(has_faded, slip[:2], sigma)
 
     @property
     def slips_end(self) -> Bool[Array, ""]:
@@ -386,9 +386,8 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
 
     def interaction(self, t: Float[Array, ""], state: ContactState, response: Response) -> friction.Interaction:
         """Computes the reaction of the plane in the mode that the state is in."""
-        slip = slip_velocity(self.body, t, state.released)
         contact = friction.SolvedContact.of(response, state.is_in(Mode.SLIDING), state.is_in(Mode.FLIGHT))
-        return contact.interaction(*self.coefficient_and_direction(t, state, slip))
+        return contact.interaction(*coefficient_and_direction(self, t, state, slide(self, t, state)))
 
     def plane_reaction(self, t: Float[Array, ""], state: Any) -> Reaction:
         if self.contact is None:
@@ -400,10 +399,10 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         self, t: Float[Array, ""], state: ContactState, interaction: friction.Interaction, acting: Load
     ) -> Float[Array, "3"] | None:
         """Computes the torque of dry friction against rolling and spinning, body axes; None without."""
+        if self.advances_omega(state):
+            return apply(self.contact_axes(t, state).rows.T, interaction.torque)
         if self.body.resistance is None:
             return None
-        if state.rolls is not None:
-            return apply(self.contact_axes(t, state).rows.T, interaction.torque)
         height = self.body.height_of_centre(acting.Gamma)
         unit = self.body.resistance.dry_torque(height, acting.resisted, acting.Gamma)
         return None if unit is None else interaction.normal * unit
@@ -440,9 +439,9 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         """Finds the event at the end of a step, and the longest next step."""
         return assess(self, step, accuracy)
 
-    def is_still(self, slip: Float[Array, "3"], state: ContactState | ReleasedState) -> Bool[Array, ""]:
-        """Returns whether the slip velocity is zero up to rounding."""
-        return root(jnp.sum(slip[:2] ** 2)) <= self.rounding_of_velocity(state)
+    def is_still(self, slide: Float[Array, " n"], state: ContactState | ReleasedState) -> Bool[Array, ""]:
+        """Returns whether the slide is zero up to rounding."""
+        return root(jnp.sum(slide**2)) <= self.rounding_of_velocity(state)
 
     def rounding_of_velocity(self, state: ReleasedState | ContactState) -> Float[Array, ""]:
         """Computes the velocity below which one counts as zero."""
@@ -466,7 +465,9 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
             zero = jnp.zeros_like(released.height)
             # In the mode of flight packing leaves V as it is, also for a body on the ground: in that of rolling it
             # makes the slip exactly zero.
-            mode, begun = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT), Beginning.none(zero)
+            # With a limit surface a body that spins does not roll, whatever its slip.
+            rolls &= self.pivot is None
+            mode, begun = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT), Beginning.none(zero, slide_size(self))
             near = over.near_to(self.body, released.body.z, zero)
             start = ContactState(released.body, released.V, released.height, zero, zero, mode, begun, near)
         if self.body.is_held:

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ...numerics.directions import Direction, diverging
+from ...numerics.directions import Direction, diverging, growing
 from ...numerics.vectors import root
 from ..dynamics.law import Law, load
 from ..dynamics.rest import Turning, TurningLaw, TurningMode, resist
@@ -22,7 +22,8 @@ from .released import Response
 class Interaction(NamedTuple):
     """What acts at a contact: the ``amounts`` of the response, and what comes with them in ``law``, ``w``.
 
-    Without a law of contact these are only those of turning.
+    Without a law of contact these are only those of turning. ``pivot`` is the radius ρ of a limit surface, if friction
+    has one.
 
     ``normal`` is the normal force of dry rolling friction. ``solvability`` is the upward acceleration by a unit of
     normal force with its friction, relative to that without friction: where it is not positive, the normal force has no
@@ -33,6 +34,7 @@ class Interaction(NamedTuple):
     w: Float[Array, " rows"]
     normal: Float[Array, ""]
     solvability: Float[Array, ""]
+    pivot: Float[Array, ""] | None = None
 
     @property
     def R(self) -> Float[Array, "*batch 3"]:
@@ -54,6 +56,19 @@ class Interaction(NamedTuple):
         """The rate of ω relative to the ground under exact dry resistance, contact axes."""
         return self.w[..., -3:]
 
+    @property
+    def grip(self) -> Float[Array, " cone"]:
+        """What friction does against the slide, and N: R, and with a limit surface (f1, f2, m₃/ρ, N)."""
+        if self.pivot is None:
+            return self.R
+        return jnp.stack([self.w[0], self.w[1], self.torque[2] / self.pivot, self.w[2]])
+
+    @property
+    def slide_acceleration(self) -> Float[Array, " n"]:
+        """The rate of the slide: of v_s along the ground, and with a limit surface of ρ ω₃ as well."""
+        along = self.slip_acceleration[:2]
+        return along if self.pivot is None else jnp.append(along, self.pivot * self.rate[2])
+
 
 class SolvedContact(NamedTuple):
     """A body whose contact is in a mode, where σ of a slip need not be known: its response, with that mode's law."""
@@ -65,6 +80,8 @@ class SolvedContact(NamedTuple):
     @classmethod
     def of(cls, response: Response, slides: Bool[Array, ""], flies: Bool[Array, ""]) -> "SolvedContact":
         """Solves for the mode of a body that rolls, ``slides`` or ``flies``."""
+        if response.pivot is not None:
+            response = response.with_pivoting(held=~(slides | flies))
         return cls(response, _solve(response, slides, flies), slides)
 
     def with_turning(self, given: TurningLaw) -> "SolvedContact":
@@ -72,14 +89,19 @@ class SolvedContact(NamedTuple):
         return self._replace(response=self.response.with_turning(given))
 
     @jax.jit
-    def interaction(self, mu: Float[Array, ""], direction: Float[Array, "2"]) -> Interaction:
+    def interaction(self, mu: Float[Array, ""], direction: Float[Array, " n"]) -> Interaction:
         """Computes R, which is N (e3 − μσ) where the body slides in the ``direction`` σ with the coefficient ``mu``.
+
+        With a limit surface σ has a third component, by which the torque about the normal is −μ N ρ σ₃.
 
         What keeps v_s constant has whatever friction it needs. There is no dry rolling friction where N < 0.
         """
-        along = jnp.where(self.slides, -mu * direction, 0.0)
-        acting = self.law.act(self.response.push(jnp.append(along, 0.0)), self.slides)
-        return Interaction(acting.amounts, acting.w, acting.pressing, acting.solvability)
+        pivot, along = self.response.pivot, jnp.where(self.slides, -mu * direction, 0.0)
+        push = self.response.push(jnp.append(along[:2], 0.0))
+        if pivot is not None:
+            push = push.at[-1].set(pivot * along[2])
+        acting = self.law.act(push, self.slides)
+        return Interaction(acting.amounts, acting.w, acting.pressing, acting.solvability, pivot)
 
 
 @jax.jit
@@ -124,26 +146,31 @@ def flight(response: Response) -> Interaction:
     return SolvedContact.of(response, no, ~no).interaction(none[2], none[:2])
 
 
-def margin(R: Float[Array, "3"], mu: Float[Array, ""]) -> Float[Array, ""]:
+def margin(R: Float[Array, " cone"], mu: Float[Array, ""]) -> Float[Array, ""]:
     """Computes μ N − |f|, the friction that is left; negative outside the cone. Its derivative by f is 0
     where f is 0.
+
+    ``R`` is the ``grip`` of an ``Interaction``.
     """
-    return mu * R[2] - root(jnp.sum(R[:2] ** 2))
+    return mu * R[-1] - root(jnp.sum(R[:-1] ** 2))
 
 
 def overload(
-    R: Float[Array, "3"], mu: Float[Array, ""], slack: Float[Array, ""], sticks: Bool[Array, ""]
+    R: Float[Array, " cone"], mu: Float[Array, ""], slack: Float[Array, ""], sticks: Bool[Array, ""]
 ) -> Float[Array, ""]:
     """Returns the load of a contact that sticks although friction cannot hold it; −∞ of another."""
-    holds = (margin(R, mu) > -slack) & (-slack < R[2])
-    return jnp.where(sticks & ~holds, load(jnp.sum(R[:2] ** 2), mu * R[2]), -jnp.inf)
+    holds = (margin(R, mu) > -slack) & (-slack < R[-1])
+    return jnp.where(sticks & ~holds, load(jnp.sum(R[:-1] ** 2), mu * R[-1]), -jnp.inf)
 
 
-def slip_direction(slip: Float[Array, "3"], otherwise: Float[Array, "2"]) -> Float[Array, "2"]:
-    """Computes σ = v_s/|v_s|; ``otherwise`` where the body does not slip, with no derivative by v_s there."""
-    square = jnp.sum(slip[:2] ** 2)
+def slip_direction(slip: Float[Array, " more"], otherwise: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Computes σ = s/|s| of a slide, of a slip v_s/|v_s|; ``otherwise`` where the body does not slide, with no
+    derivative by s there.
+    """
+    slide = slip[: otherwise.size]
+    square = jnp.sum(slide**2)
     slips = square > 0
-    return jnp.where(slips, slip[:2] / jnp.sqrt(jnp.where(slips, square, 1.0)), otherwise)
+    return jnp.where(slips, slide / jnp.sqrt(jnp.where(slips, square, 1.0)), otherwise)
 
 
 def first_slip(response: Response, mu: Float[Array, ""]) -> Direction:
@@ -155,13 +182,16 @@ def first_slip(response: Response, mu: Float[Array, ""]) -> Direction:
     """
 
     def pull(
-        about: tuple[SolvedContact, Array], sigma: Float[Array, "2"]
-    ) -> tuple[Float[Array, "2"], Float[Array, ""]]:
+        about: tuple[SolvedContact, Array], sigma: Float[Array, " n"]
+    ) -> tuple[Float[Array, " n"], Float[Array, ""]]:
         contact, mu = about
         along = contact.interaction(mu, sigma)
-        return along.slip_acceleration[:2], along.solvability
+        return along.slide_acceleration, along.solvability
 
-    return diverging(pull, (sliding_contact(response), mu), -rolling(response).R[:2])
+    contact = sliding_contact(response)
+    if response.pivot is None:
+        return diverging(pull, (contact, mu), -rolling(response).R[:2])
+    return growing(lambda about, sigma: pull(about, sigma)[0], (contact, mu), jnp.zeros_like(response.free))
 
 
 def push(mu: Float[Array, ""], direction: Float[Array, "2"]) -> Float[Array, "3"]:

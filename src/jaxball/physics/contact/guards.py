@@ -20,6 +20,7 @@ from ..hybrid import NONE, START, WINDOW, Accuracy, Assessment, GuardedStep
 from . import friction, over_surface as over, slip as slips
 from .modes import CAUSES, ContactState, Mode, SwitchCause, cause_of
 from .released import ReleasedState, Response, slip_velocity
+from .slide import slide, slide_of
 from .slip import Heading
 from .turning import approach_rest, guards_of_turning, heading_of_rolling
 
@@ -45,11 +46,11 @@ def headings(plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState, acc
     """Returns the headings as a step begins."""
     of_slip = None
     if plane.contact is not None:
-        slip = slip_velocity(plane.body, t, state.released)
-        sigma = state.direction(t, slip)
+        sliding = slide(plane, t, state)
+        sigma = state.direction(t, sliding)
         size = plane.speed_of(state.released)
         power = SLOW_DISK if plane.body.planar else slips.SLOW
-        of_slip = Heading.of(sigma, slip[:2], size, accuracy.atol + accuracy.rtol * size, power)
+        of_slip = Heading.of(sigma, sliding, size, accuracy.atol + accuracy.rtol * size, power)
     return Headings(of_slip, None if state.rolls is None else heading_of_rolling(plane, t, state, accuracy))
 
 
@@ -57,7 +58,7 @@ def headings_at_rest(plane: "BodyOnPlane", t: Float[Array, ""], state: ContactSt
     """Returns the headings without a solve, along which a slip and rolling end where their velocities vanish."""
     zero, of_slip = jnp.zeros_like(plane.body.radius), None
     if plane.contact is not None:
-        sigma = state.direction(t, slip_velocity(plane.body, t, state.released))
+        sigma = state.direction(t, slide(plane, t, state))
         of_slip = Heading(sigma, zero, zero)
     return Headings(of_slip, None if state.rolls is None else Heading(plane.direction(t, state), zero, zero))
 
@@ -102,9 +103,9 @@ def guards_of_contact(
     """Computes the guards of the contact in its mode, in the order of ``CAUSES``; 1 for one that it does not have."""
     slack = rounding_of_force(plane, state, response)
     slip, unit = slip_velocity(plane.body, t, state.released), jnp.ones_like(state.height)
-    spare = friction.margin(acting.R, plane.law.static_friction) + slack
+    spare = friction.margin(acting.grip, plane.law.static_friction) + slack
     # A slip on a smooth ground, or against friction that fades, never ends: its guard must not fall.
-    forward = jnp.where(plane.slips_end, jnp.sum(slip[:2] * heading.sigma) - heading.least, unit)
+    forward = jnp.where(plane.slips_end, jnp.sum(slide_of(plane, slip, t, state) * heading.sigma) - heading.least, unit)
     # A body that rises does not land, where rounding takes its height below zero as it lifts.
     above = jnp.maximum(
         state.height + over.rounding_of_height(plane.body, t, state),
@@ -174,10 +175,10 @@ def _assess_contact(plane: "BodyOnPlane", step: GuardedStep, accuracy: Accuracy)
     except where a slip slows down.
     """
     state, least, values = step.state, step.reference.slip.least, step.guards
-    slip = slip_velocity(plane.body, step.end, state.released)
+    sliding = slide(plane, step.end, state)
     errors = slips.ERRORS * (accuracy.atol + accuracy.rtol * plane.speed_of(state.released))
     # A slip that does not continue along its heading may be at its end.
-    slow = root(jnp.sum(slip[:2] ** 2)) <= 2 * least + errors
+    slow = root(jnp.sum(sliding**2)) <= 2 * least + errors
     # The friction that can be had vanishes with the normal force, so both guards fall together, in either order.
     cause = cause_of(state.mode, step.zero)
     weightless = values[1, -1] <= NOTHING * step.largest[1]

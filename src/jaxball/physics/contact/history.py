@@ -19,6 +19,7 @@ from . import over_surface as over
 from .law import Contact
 from .modes import ContactState, Mode, SwitchCause
 from .released import slip_velocity
+from .slide import slide_of
 from .window import Beginning
 
 if TYPE_CHECKING:
@@ -202,6 +203,7 @@ class ContactHistory(HeldHistory):
     - ``slip``: v_s, the velocity of the body's lowest point relative to the ground, length/time, shape (T, 3), in space
       axes; on a surface p along ∂p/∂u1, across, and along the normal.
     - ``sigma``: the direction of the slip, a unit vector, shape (T, 2), also where the slip begins; 0 before the first.
+      With a :class:`~jaxball.LimitSurface` that of (v_s, ρ ω₃), shape (T, 3).
     - ``friction_loss``, ``impact_loss``: the energy dissipated so far by sliding friction and by impacts,
       mass length²/time², shape (T,) each.
 
@@ -214,7 +216,7 @@ class ContactHistory(HeldHistory):
     V: Float[Array, "*batch T 3"]
     height: Float[Array, "*batch T"]
     slip: Float[Array, "*batch T 3"]
-    sigma: Float[Array, "*batch T 2"]
+    sigma: Float[Array, "*batch T n"]
     friction_loss: Float[Array, "*batch T"]
     impact_loss: Float[Array, "*batch T"]
 
@@ -337,12 +339,13 @@ def _find_struck(plane: "BodyOnPlane", before: ContactState) -> Float[Array, "ro
 
 def slips_of(
     plane: "BodyOnPlane", times: Float[Array, " T"], states: ContactState
-) -> tuple[Float[Array, "T 3"], Float[Array, "T 2"]]:
+) -> tuple[Float[Array, "T 3"], Float[Array, "T n"]]:
     """Computes the slip velocities, exactly 0 for a body that rolls, and their directions, 0 unless it slides."""
 
-    def slip(t: Float[Array, ""], state: ContactState) -> tuple[Float[Array, "3"], Float[Array, "2"]]:
+    def slip(t: Float[Array, ""], state: ContactState) -> tuple[Float[Array, "3"], Float[Array, " n"]]:
         velocity = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip_velocity(plane.body, t, state.released))
-        return velocity, jnp.where(state.is_in(Mode.SLIDING), state.direction(t, velocity), 0.0)
+        sigma = state.direction(t, slide_of(plane, velocity, t, state))
+        return velocity, jnp.where(state.is_in(Mode.SLIDING), sigma, 0.0)
 
     return jax.lax.map(lambda row: slip(*row), (times, states))
 

@@ -33,6 +33,7 @@ from .released import (
     with_rise,
     with_slip,
 )
+from .slide import slide
 from .turning import comes_to_rest
 from .window import Beginning
 
@@ -58,16 +59,16 @@ class Rolling(NamedTuple):
     rows: Turning | None
     contact: friction.SolvedContact | None
     mu: Float[Array, ""] | None
-    sigma: Float[Array, "2"] | None
+    sigma: Float[Array, " n"] | None
 
     @classmethod
     def of(cls, plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState, mode: TurningMode) -> "Rolling":
         """Describes the rolling of a body at a state, in a mode of turning."""
         if plane.contact is None:
             return cls(plane, t, state, mode, plane.turning(t, state), None, None, None)
-        slip, response = slip_velocity(plane.body, t, state.released), plane.response(t, state, mode)
+        sliding, response = slide(plane, t, state), plane.response(t, state, mode)
         contact = friction.SolvedContact.of(response, state.is_in(Mode.SLIDING), jnp.asarray(False))
-        return cls(plane, t, state, mode, None, contact, plane.coefficient(slip), state.direction(t, slip))
+        return cls(plane, t, state, mode, None, contact, plane.coefficient(sliding), state.direction(t, sliding))
 
     def act(self, sigma: Float[Array, "2"]) -> friction.Interaction:
         """Computes what acts where it rolls in a direction."""
@@ -134,7 +135,7 @@ class Choice(NamedTuple):
 
     sticks: Bool[Array, ""]
     flies: Bool[Array, ""]
-    sigma: Float[Array, "2"]
+    sigma: Float[Array, " n"]
     mode: TurningMode | None
     slips: Float[Array, " sticking"] | None
 
@@ -163,12 +164,14 @@ class Deciding(NamedTuple):
             # Joints that stick are in the matrix of the equations.
             body = with_directions(self.plane.body, choice.slips)
             turned, touching = responds.turned, ~choice.flies
-            responds = response(body, self.t, self.at.released, touching=touching)._replace(turned=turned)
+            pivots = self.plane.pivot is not None
+            responds = response(body, self.t, self.at.released, touching=touching, pivots=pivots)
+            responds = responds._replace(turned=turned)
         if choice.mode is None:
             return responds
         return responds.with_turning(self.plane.law_of_turning(self.at, choice.mode))
 
-    def first_slip(self, choice: Choice, responds: Response) -> Float[Array, "2"]:
+    def first_slip(self, choice: Choice, responds: Response) -> Float[Array, " n"]:
         """Finds the direction in which a slip begins, if one does."""
         begins = self.still & ~choice.sticks & ~choice.flies
         sigma = jax.lax.cond(begins, lambda: friction.first_slip(responds, self.mu).sigma, lambda: choice.sigma)
@@ -205,7 +208,7 @@ class Deciding(NamedTuple):
             choice = choice._replace(sigma=self.first_slip(choice, responds))
             slides, slack = ~choice.sticks & ~choice.flies, rounding_of_force(plane, self.at, responds)
             acting = friction.SolvedContact.of(responds, slides, choice.flies).interaction(self.mu, choice.sigma)
-            of_friction = friction.overload(acting.R, plane.law.static_friction, slack, choice.sticks)
+            of_friction = friction.overload(acting.grip, plane.law.static_friction, slack, choice.sticks)
             # A body that nothing presses on its ground leaves it before anything else lets go.
             of_contact = jnp.where(slides & ~(-slack < acting.R[2]), jnp.inf, of_friction)
         elif choice.mode is not None:
@@ -294,13 +297,13 @@ def _all_sticking(
     plane: "BodyOnPlane", done: Progress, event: Int[Array, ""], before: ContactState, moving: TurningMode | None
 ) -> tuple[Choice, Deciding]:
     """Returns the choice in which all that stands is held, the contact among it."""
-    slip, responds = slip_velocity(plane.body, done.t, before.released), plane.response_on_ground(done.t, before)
-    still = done.still | plane.is_still(slip, before)
-    mu = plane.coefficient(jnp.where(still, 0.0, slip))
+    sliding, responds = slide(plane, done.t, before), plane.response_on_ground(done.t, before)
+    still = done.still | plane.is_still(sliding, before)
+    mu = plane.coefficient(jnp.where(still, 0.0, sliding))
     # Without static friction a body never rolls, not even one that would need no friction to. Friction that has just
     # given way is at its limit, so by rounding it may seem to be enough.
     sticks = still & (plane.law.static_friction > 0) & (event != int(SwitchCause.GIVES_WAY)) & ~done.flies
-    sigma = friction.slip_direction(slip, jnp.zeros_like(slip[:2]))
+    sigma = friction.slip_direction(sliding, jnp.zeros_like(sliding))
     choice = Choice(sticks, done.flies, sigma, moving, before.slips)
     return choice, Deciding(plane, done.t, before, None, responds, still, mu)
 
@@ -309,8 +312,10 @@ def _slipping_as_chosen(deciding: Deciding, state: ContactState, choice: Choice,
     """Returns the state in the mode of contact of a choice."""
     plane, t = deciding.plane, deciding.t
     # The rest of a slip that ends is dissipated by friction; one without an end continues.
-    slip = slip_velocity(plane.body, t, state.released)
-    stopped = with_slip(plane.body, state.released, deciding.respond(choice), slip, jnp.zeros_like(slip))
+    slip, responds = slip_velocity(plane.body, t, state.released), deciding.respond(choice)
+    if responds.pivot is not None:
+        responds = responds.with_pivoting(held=True, rate=-plane.over_ground(t, plane.on_ground(state))[2])
+    stopped = with_slip(plane.body, state.released, responds, slip, jnp.zeros_like(slip))
     stops = deciding.still & ~choice.flies & (choice.sticks | plane.slips_end)
     state = select_tree(stops, state.move(stopped), state)
     # Where the normal force falls to zero, a body leaves with no speed: what there is of it is rounding.

@@ -80,6 +80,51 @@ class SmoothedCoulomb(AbstractFriction):
         yield Condition(positive(self.smoothing), "contact.friction.smoothing", self.smoothing, "a positive number")
 
 
+class LimitSurface(AbstractFriction):
+    """Coupled friction of slip and spin: an ellipsoid limits the friction force f and the torque m₃ about the normal.
+
+    The ground touches a small patch about the contact point, over which friction resists spinning as well as slip. With
+    the slide s = (v_s, ρ ω₃), of the slip velocity v_s and the spin ω₃ over the ground, that is
+
+    - where s is not 0, f = −μ N v_s/|s| and m₃ = −μ N ρ² ω₃/|s|: spinning lessens friction against slip, and slip that
+      against spinning, so that a ball that spins slides further;
+    - where s is 0, friction holds both as long as |f|² + (m₃/ρ)² ≤ (μ_s N)², with the ``static_friction`` of the
+      :class:`~jaxball.Contact`.
+
+    The energy that it dissipates is μ N |s| in a unit of time. A body that spins slides, even if its v_s is 0: what
+    friction it then needs makes it creep, at v_s = ρ |ω₃| |f| / √((μN)² − |f|²). A disk, which does not spin, has
+    Coulomb's law. In an impact friction is Coulomb's, without a torque.
+
+    The source is S. Goyal, A. Ruina, J. Papadopoulos, Planar sliding with dry friction, Wear 143 (1991) 307–330; the
+    ellipsoid approximates what P. Contensou (1963) found for a patch with a given pressure.
+
+    **Arguments:**
+
+    - ``friction``: the kinetic coefficient μ of slip without spin, dimensionless, positive.
+    - ``radius``: ρ, a length, positive: the largest torque over the largest force. For a uniform pressure on a circle
+      it is 2/3 of the radius of that.
+
+    **Example:**
+
+    >>> from jaxball import Contact, LimitSurface
+    >>> Contact(LimitSurface(friction=0.3, radius=0.05)).friction_or_law
+    LimitSurface(friction=0.3, radius=0.05)
+    """
+
+    friction: Float[Array, "*batch"] = eqx.field(converter=numbers("friction"))
+    radius: Float[Array, "*batch"] = eqx.field(converter=numbers("radius"))
+
+    def __call__(self, speed: Float[Array, ""]) -> Float[Array, "*batch"]:
+        """Returns μ, which does not depend on the speed."""
+        return self.friction
+
+    def conditions(self) -> Iterator[Condition]:
+        """Yields the conditions on its numbers; traceable."""
+        for name in ("friction", "radius"):
+            value = getattr(self, name)
+            yield Condition(positive(value), f"contact.friction.{name}", value, "a positive number")
+
+
 class Contact(Printed):
     """What happens when rolling ends: how large friction can be, and how an impact rebounds.
 
@@ -171,6 +216,11 @@ class Contact(Printed):
     def coefficient(self, speed: Float[Array, ""]) -> Float[Array, ""]:
         """Returns the kinetic friction coefficient for a slip speed, length/time."""
         return self.friction if self.friction_law is None else self.friction_law(speed)
+
+    @property
+    def limit_radius(self) -> Float[Array, "*batch"] | None:
+        """The radius ρ of a :class:`LimitSurface`; None if friction is another."""
+        return self.friction_law.radius if isinstance(self.friction_law, LimitSurface) else None
 
     @property
     def friction_or_law(self) -> Any:

@@ -178,11 +178,11 @@ class ContactState(AbstractState):
             return dataclasses.replace(self, body=to)
         return dataclasses.replace(self, body=to.body, V=to.V, height=to.height)
 
-    def direction(self, t: Float[Array, ""], slip: Float[Array, "3"]) -> Float[Array, "2"]:
-        """Returns σ of a body that slips with v_s; 0 without slip."""
+    def direction(self, t: Float[Array, ""], slide: Float[Array, " n"]) -> Float[Array, " n"]:
+        """Returns σ of a body with a slide s; 0 without."""
         # Where a slip begins, v_s is zero and has no direction.
         begins = t <= self.begun.until
-        return jnp.where(begins, self.begun.direction(t), slip_direction(slip, jnp.zeros_like(slip[:2])))
+        return jnp.where(begins, self.begun.direction(t), slip_direction(slide, jnp.zeros_like(slide)))
 
     def is_in(self, mode: Mode) -> Bool[Array, ""]:
         """Returns whether the state is in this mode; without a law of contact a body always rolls."""

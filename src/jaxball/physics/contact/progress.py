@@ -13,6 +13,7 @@ from .guards import FIRST_OF_JOINTS
 from .modes import ContactState, Mode, SwitchCause
 from .over_surface import has_surface
 from .released import slip_velocity
+from .slide import slide_size
 from .window import Beginning
 
 if TYPE_CHECKING:
@@ -100,11 +101,12 @@ def _without_windows(
     """Returns the state on the ground, or at its height, with the directions that are still known beforehand."""
     # All other events happen on the ground, where a landing is met only up to rounding.
     height, begun, rolling, none = state.height, state.begun, state.rolling, Beginning.none(t)
+    ended = Beginning.none(t, slide_size(plane))
     if height is not None:
         height = jnp.where(keeps_height, height, 0.0)
     # The end of one window leaves the other in force; a new mode leaves neither.
     if begun is not None:
-        begun = none if rolling is None else select_tree(decides | (begun.until <= t), none, begun)
+        begun = ended if rolling is None else select_tree(decides | (begun.until <= t), ended, begun)
     if rolling is not None and not plane.body.planar:  # the direction of a disk's rolling does not turn
         rolling = select_tree(decides | (rolling.until <= t), none, rolling)
     return dataclasses.replace(state, height=height, begun=begun, rolling=rolling)

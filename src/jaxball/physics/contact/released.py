@@ -21,6 +21,7 @@ On a surface the contact axes turn, and Λ⁻¹ is from these axes to those of t
 components, so that its third one is the second derivative of the height, with what the curvature adds to it.
 """
 
+from functools import partial
 from typing import NamedTuple, get_args
 
 import equinox as eqx
@@ -149,12 +150,14 @@ class Turned(NamedTuple):
     """Exact dry friction against the turning of a released body: contact ``axes``, and the rows of ``law`` for ω.
 
     ``carried`` is the rate of ω relative to the ground while Ω is constant, contact axes; None on a plane. ``given`` is
-    what the mode of turning gives.
+    what the mode of turning gives. ``pivot`` is the radius of a limit surface, None without: then sliding friction acts
+    against ω₃, in a row of its own.
     """
 
     axes: Float[Array, "3 3"]
     carried: Float[Array, "3"] | None
     given: TurningLaw
+    pivot: Float[Array, ""] | None = None
 
 
 class Response(NamedTuple):
@@ -202,12 +205,24 @@ class Response(NamedTuple):
         assert self.turned is not None
         return self._replace(turned=self.turned._replace(given=given))
 
+    @property
+    def pivot(self) -> Float[Array, ""] | None:
+        """The radius of a limit surface, None without."""
+        return None if self.turned is None else self.turned.pivot
+
+    def with_pivoting(self, held: Bool[Array, ""] | bool, rate: Float[Array, ""] | float = 0.0) -> "Response":
+        """Returns the response of a body whose ω₃ over the ground has this rate where it is ``held``, else friction."""
+        assert self.turned is not None
+        law = self.turned.given
+        value = law.value.at[2].set(jnp.where(held, rate, 0.0))
+        return self.with_turning(law._replace(solved=law.solved.at[2].set(held), value=value))
+
     def rows(self) -> Rows:
         """Returns the rows of ``law``: of the reaction and v̇_s, and of a mode of turning."""
         R, by = self.rolling.reaction, self.each("reaction")
         if self.turned is None:
             return Rows(R, by.T, R[2], by[:, 2])
-        axes, carried, _ = self.turned
+        axes, carried, *_ = self.turned
         rate, rates = apply(axes, self.rolling.Omegadot), product(self.each("Omegadot"), axes.T)
         rest = jnp.concatenate([R, rate if carried is None else rate + carried])
         return Rows(rest, jnp.concatenate([by, rates], axis=1).T, R[2], by[:, 2])
@@ -227,7 +242,7 @@ class Response(NamedTuple):
         return force if self.turned is None else jnp.concatenate([force, self.turned.given.push])
 
     def amounts(self, slip_acceleration: Float[Array, "3"], N: Float[Array, ""]) -> Float[Array, " amounts"]:
-        """Computes the amounts where v̇_s and N are given."""
+        """Computes the amounts where v̇_s and N are given; of a limit surface ``with_pivoting`` gives the rest."""
         if self.turned is None:
             return slip_acceleration if self.rubbing is None else jnp.append(slip_acceleration, N)
         law = self.law(jnp.zeros(3, bool))
@@ -236,12 +251,16 @@ class Response(NamedTuple):
         return base + N * unit
 
     def jump(self, slip: Float[Array, "3"]) -> Float[Array, " amounts"]:
-        """Computes the amounts of an impulse that changes the slip velocity, where nothing else acts."""
+        """Computes the amounts of an impulse that changes the slip velocity, where nothing else acts.
+
+        What changes ω₃ as well ``with_pivoting`` gives.
+        """
         if self.turned is None:
             return self.amounts(slip, jnp.zeros_like(slip[0]))
         law = self.law(jnp.zeros(3, bool))
         rows = law.rows._replace(rest=jnp.zeros_like(law.value))
-        still = law._replace(rows=rows, value=jnp.zeros_like(law.value).at[:3].set(slip))
+        value = jnp.zeros_like(law.value) if self.pivot is None else law.value.at[3:5].set(0.0)
+        still = law._replace(rows=rows, value=value.at[:3].set(slip))
         return still.amounts(jnp.zeros_like(law.value))[0]
 
     def each(self, name: str) -> Float[Array, "amounts ..."]:
@@ -255,18 +274,20 @@ class Response(NamedTuple):
         return getattr(self.rolling, name) + combine_rows(amounts, self.each(name))
 
 
-@jax.jit
+@partial(jax.jit, static_argnames="pivots")
 def response(
     system: AbstractBody,
     t: Float[Array, ""],
     state: ReleasedState,
     touching: Bool[Array, ""] | None = None,
     efforts: Joints | None = None,
+    pivots: bool = False,
 ) -> Response:
     """Computes the response of the body to each reaction of the ground.
 
-    ``touching`` is False in flight, where the ground does not resist the body's turning; True if not given. A disk is
-    held upright by a constraint that takes up all forces along e2, none of which belong to the reaction.
+    ``touching`` is False in flight, where the ground does not resist the body's turning; True if not given. ``pivots``
+    says that a limit surface twists it, as exact resistance does. A disk is held upright by a constraint that takes up
+    all forces along e2, none of which belong to the reaction.
     """
     body, r, touches = state.body, system.radius, True if touching is None else touching
     under = footing_of_released(system, t, body, state.V, state.height, touches)
@@ -335,7 +356,7 @@ def response(
         convected=convected,
         footing=under,
         rise=None if under is None and system.shape is None else slip_velocity(system, t, state)[2],
-        twisting=twist(Lambda) if is_exact else None,
+        twisting=twist(Lambda) if is_exact or pivots else None,
         own=system.own_rates(t, body),
         pushed=None if efforts is None else change(jnp.zeros_like(Omegadot), efforts, jnp.zeros_like(R)),
     )

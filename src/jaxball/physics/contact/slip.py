@@ -2,6 +2,8 @@
 
 Rolling under exact dry resistance begins and ends in the same way, with ω_h in place of v_s (``turning``).
 
+It may be a slide, which has a third component ρ ω₃ where friction has a limit surface.
+
 With the angle φ of σ and the speed s, a slip obeys ṡ = a·σ and s φ̇ = a·n, where n is σ turned by a right angle and
 the slip acceleration a = v̇_s is a smooth function of φ and of the motion of the rest. Both ends, s = 0, are singular.
 
@@ -21,7 +23,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ...numerics import cooper_verner
-from ...numerics.directions import across, turn_left, unit
+from ...numerics.directions import perpendicular, turn_left, unit
 from ...numerics.vectors import root
 from ..body import AbstractBody
 from ..hybrid import Accuracy
@@ -44,15 +46,15 @@ TURN = 1.5  # by which σ turns and ln s falls in one of them, at most
 class Heading(NamedTuple):
     """The direction σ of a slip as a step begins, and along it its ``speed``; slower than ``least``, it soon ends."""
 
-    sigma: Float[Array, "2"]
+    sigma: Float[Array, " n"]
     speed: Float[Array, ""]
     least: Float[Array, ""]
 
     @classmethod
     def of(
         cls,
-        sigma: Float[Array, "2"],
-        slip: Float[Array, "2"],
+        sigma: Float[Array, " n"],
+        slip: Float[Array, " n"],
         size: Float[Array, ""],
         errors: Float[Array, ""],
         power: float,
@@ -73,7 +75,7 @@ class Pull(NamedTuple):
     ``acceleration`` is a, ``power`` that of friction over the speed, and ``normal`` the normal force.
     """
 
-    acceleration: Float[Array, "2"]
+    acceleration: Float[Array, " n"]
     power: Float[Array, ""]
     normal: Float[Array, ""]
 
@@ -100,14 +102,14 @@ class Around(NamedTuple):
 
 
 def pull_of_friction(
-    about: tuple[SolvedContact, Float[Array, "3"]], sigma: Float[Array, "2"], slower: Float[Array, ""]
+    about: tuple[SolvedContact, Float[Array, "3"]], sigma: Float[Array, " n"], slower: Float[Array, ""]
 ) -> Pull:
     """Computes how a body slips, where ``slower`` is the share of its speed that is left and the coefficient μ a
     polynomial in that.
     """
     contact, mu = about
     acting = contact.interaction(mu[0] + slower * (mu[1] + slower * mu[2]), sigma)
-    return Pull(acting.slip_acceleration[:2], -jnp.sum(sigma * acting.R[:2]), acting.normal)
+    return Pull(acting.slide_acceleration, -jnp.sum(sigma * acting.grip[:-1]), acting.normal)
 
 
 class End(NamedTuple):
@@ -120,23 +122,22 @@ class End(NamedTuple):
     comes: Bool[Array, ""]
     time: Float[Array, ""]
     friction_loss: Float[Array, ""]
-    way: Float[Array, "2"]
+    way: Float[Array, " n"]
     normal: Float[Array, ""]
     late_normal: Float[Array, ""]
 
-    def braking(self, slip: Float[Array, "3"]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+    def braking(self, slip: Float[Array, " n"]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
         """Computes the mean slip acceleration, by which a slip is exactly zero in the end, and that with the weights of
         ``late_normal``.
         """
         ends = self.time > 0
         time = jnp.where(ends, self.time, 1.0)
-        mean = jnp.where(ends, -slip / time, 0.0).at[2].set(0.0)
-        return mean, jnp.zeros_like(slip).at[:2].set(-2 * self.way / time**2)
+        return jnp.where(ends, -slip / time, 0.0), -2 * self.way / time**2
 
 
 @partial(jax.jit, static_argnums=0)
 def end(
-    pull: Callable[[Any, Float[Array, "2"], Float[Array, ""]], Pull], around: Around, slip: Float[Array, "2"]
+    pull: Callable[[Any, Float[Array, " n"], Float[Array, ""]], Pull], around: Around, slip: Float[Array, " n"]
 ) -> End:
     """Computes the end of a slow slip, during which what is ``around`` it changes little.
 
@@ -144,38 +145,43 @@ def end(
     """
     # In the time τ, x is: σ, the logarithm of the share of the speed that is left, and integrals over the time: 1 and N
     # over the speed, the work of friction, v_s and t N over its square. So x hardly depends on how slow the slip is.
-    speed = root(jnp.sum(slip**2))
+    speed, n = root(jnp.sum(slip**2)), slip.size
     still = jax.lax.stop_gradient(around.now)
 
     @jax.jit
-    def motion(x: Float[Array, "9"]) -> Float[Array, "9"]:
-        sigma, slower, time = unit(x[:2]), jnp.exp(x[2]), x[3]
+    def motion(x: Float[Array, " size"]) -> Float[Array, " size"]:
+        sigma, slower, time = unit(x[:n]), jnp.exp(x[n]), x[n + 1]
         acting = pull(around.at(speed * time), sigma, slower)
         a, pressing = acting.acceleration, acting.normal * slower
         rest = jnp.stack([jnp.sum(sigma * a), slower, pressing, acting.power * slower**2, time * pressing])
-        return jnp.concatenate([across(sigma, a) * turn_left(sigma), rest, slower**2 * sigma])
+        return jnp.concatenate([perpendicular(sigma, a), rest, slower**2 * sigma])
 
-    def fastest(x: Float[Array, "9"]) -> Float[Array, ""]:
-        sigma, slower = unit(x[:2]), jnp.exp(x[2])
-        acting, turned = jax.jvp(lambda sigma: pull(still, sigma, slower), (sigma,), (turn_left(sigma),))
-        return root(jnp.sum(acting.acceleration**2)) + root(jnp.sum(turned.acceleration**2))
+    def fastest(x: Float[Array, " size"]) -> Float[Array, ""]:
+        sigma, slower = unit(x[:n]), jnp.exp(x[n])
+        if n == 2:
+            acting, turned = jax.jvp(lambda sigma: pull(still, sigma, slower), (sigma,), (turn_left(sigma),))
+            return root(jnp.sum(acting.acceleration**2)) + root(jnp.sum(turned.acceleration**2))
+        # No less than what any turn changes: the whole derivative counts.
+        acting, slopes = pull(still, sigma, slower), jax.jacfwd(lambda x: pull(still, x, slower).acceleration)(sigma)
+        return root(jnp.sum(acting.acceleration**2)) + root(jnp.sum(slopes**2))
 
-    def advance(x: Float[Array, "9"], _: None) -> tuple[Float[Array, "9"], None]:
+    def advance(x: Float[Array, " size"], _: None) -> tuple[Float[Array, " size"], None]:
         # How fast σ may turn, which decides the step and is no part of the result, so it has no derivatives.
         rate = fastest(jax.lax.stop_gradient(x))
         h = jnp.where(rate > 0, TURN / jnp.where(rate > 0, rate, 1.0), 0.0)
         return cooper_verner.step(motion, x, h), None
 
-    start = jnp.concatenate([unit(slip), jnp.zeros((7,), slip.dtype)])
+    start = jnp.concatenate([unit(slip), jnp.zeros((5 + n,), slip.dtype)])
     x = jax.lax.scan(advance, start, None, length=STEPS_TO_END)[0]
     # By now σ hardly turns: from here on the slip slows down uniformly, in the time slower / −growth.
-    growth, slower, pressing, power = motion(x)[2:6]
-    comes = (growth < 0) & (x[2] < 0)
+    growth, slower, pressing, power = motion(x)[n : n + 4]
+    comes = (growth < 0) & (x[n] < 0)
     left_of_it = 1 / jnp.where(comes, -growth, 1.0)
     until_end = slower * left_of_it
-    time, impulse, friction_loss = x[3] + until_end, x[4] + pressing * left_of_it, x[5] + 0.5 * power * left_of_it
-    moment = x[6] + pressing * left_of_it * (x[3] + 0.5 * until_end)
-    way, whole = x[7:] + 0.5 * slower * until_end * unit(x[:2]), jnp.where(time > 0, time, 1.0)
+    time, impulse = x[n + 1] + until_end, x[n + 2] + pressing * left_of_it
+    friction_loss = x[n + 3] + 0.5 * power * left_of_it
+    moment = x[n + 4] + pressing * left_of_it * (x[n + 1] + 0.5 * until_end)
+    way, whole = x[n + 5 :] + 0.5 * slower * until_end * unit(x[:n]), jnp.where(time > 0, time, 1.0)
     return End(comes, speed * time, speed**2 * friction_loss, speed**2 * way, impulse / whole, 2 * moment / whole**2)
 
 

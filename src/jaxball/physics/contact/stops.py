@@ -114,7 +114,7 @@ def _in_mode(plane: "BodyOnPlane", done: Progress) -> ContactState:
     if state.mode is None:
         return state
     slip = slip_velocity(plane.body, done.t, state.released)
-    still = state.is_in(Mode.ROLLING) | done.still | plane.is_still(slip, state)
+    still = state.is_in(Mode.ROLLING) | done.still | plane.is_still(slip[:2], state)
     mode = jnp.where(done.flies, int(Mode.FLIGHT), jnp.where(still, int(Mode.ROLLING), int(Mode.SLIDING)))
     return dataclasses.replace(state, mode=mode.astype(state.mode.dtype))
 
@@ -240,7 +240,7 @@ def _slip_after(
     free = before - apply(D, R0)
     slack = ROUNDING * float(jnp.finfo(R0.dtype).eps) * jax.lax.stop_gradient(root(jnp.sum(R0**2)))
     rolls_on = rolls & (friction.margin(R0, plane.law.static_friction) >= -slack)
-    sigma = state.direction(t, before)
+    sigma = state.direction(t, before[:2])
     rising = apply(D, friction.push(plane.coefficient(before), sigma))
     solvable = rising[2] > 0
     normal = (before - free)[2] / jnp.where(solvable, rising[2], 1.0)

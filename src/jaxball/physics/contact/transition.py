@@ -26,6 +26,7 @@ from .impact import impact
 from .modes import ContactState, SwitchCause
 from .progress import Progress
 from .released import ReleasedState, Response, rates, slip_velocity, with_rise
+from .slide import slide
 from .stops import strike_stop
 
 if TYPE_CHECKING:
@@ -75,23 +76,24 @@ def _only_if(happens: Bool[Array, ""], stage: Callable[..., "Progress"], plane: 
 def end_slip(plane: "BodyOnPlane", done: "Progress", tolerance: Float[Array, ""]) -> "Progress":
     """Moves the state to the end of a slip, if it has one soon, with a response that changes linearly with the time."""
     t, state, body = done.t, done.state, plane.body
-    slip, now = slip_velocity(body, t, state.released), plane.response_on_ground(t, state)
-    about = friction.sliding_contact(now), _coefficients(plane, slip)
-    first = slips.end(slips.pull_of_friction, slips.Around(about), slip[:2])
+    sliding, now = slide(plane, t, state), plane.response_on_ground(t, state)
+    about = friction.sliding_contact(now), _coefficients(plane, sliding)
+    first = slips.end(slips.pull_of_friction, slips.Around(about), sliding)
     ends = first.comes & (first.time <= slips.longest_pause(tolerance, slips.unit_of_time(body)))
     # Where a slip turns, its acceleration is not that of the response halfway: the velocities there are to be the means
     # until the end, for which early accelerations count more.
-    half, (mean, late) = slips.HALFWAY * first.time, first.braking(slip)
+    half, (mean, late) = slips.HALFWAY * first.time, first.braking(sliding)
     early, pressed = 2 * mean - late, 2 * first.normal - first.late_normal
-    moved = rates(body, state.released, now, now.amounts(early, pressed))
+    moved = rates(body, state.released, now, _amounts(now, early, pressed))
     halfway = _move(state, half, moved)
     later = plane.response_on_ground(t + half, halfway)
     about_later = friction.sliding_contact(later), about[1]
-    end = slips.end(slips.pull_of_friction, slips.Around(about, about_later, half), slip[:2])
-    mean, late = end.braking(slip)
-    stopped = _move(state, end.time, rates(body, halfway.released, later, later.amounts(late, end.late_normal)))
+    end = slips.end(slips.pull_of_friction, slips.Around(about, about_later, half), sliding)
+    mean, late = end.braking(sliding)
+    stopped = _move(state, end.time, rates(body, halfway.released, later, _amounts(later, late, end.late_normal)))
     # What accelerates it more than that is early, with the response of the start.
-    more = rates(body, state.released, now, now.amounts(early + mean - late, pressed + end.normal - end.late_normal))
+    amounts = _amounts(now, early + mean - late, pressed + end.normal - end.late_normal)
+    more = rates(body, state.released, now, amounts)
     stopped = _move(stopped, end.time, jax.tree.map(jnp.subtract, more, moved))
     stopped = dataclasses.replace(stopped, friction_loss=stopped.friction_loss + end.friction_loss)
     after = done._replace(t=t + end.time, before=stopped, state=stopped, still=jnp.asarray(True))
@@ -99,7 +101,14 @@ def end_slip(plane: "BodyOnPlane", done: "Progress", tolerance: Float[Array, ""]
     return select_tree(ends, after, done._replace(decides=jnp.asarray(False)))
 
 
-def _coefficients(plane: "BodyOnPlane", slip: Float[Array, "3"]) -> Float[Array, "3"]:
+def _amounts(response: Response, slide_acceleration: Float[Array, " n"], N: Float[Array, ""]) -> Array:
+    """Computes the amounts where the rate of a slide along the ground and N are given."""
+    if response.pivot is not None:
+        response = response.with_pivoting(held=True, rate=slide_acceleration[2] / response.pivot)
+    return response.amounts(jnp.append(slide_acceleration[:2], 0.0), N)
+
+
+def _coefficients(plane: "BodyOnPlane", slip: Float[Array, " n"]) -> Float[Array, "3"]:
     """Computes the coefficient of a slip that slows down as a polynomial in the share of its speed, lowest first."""
     none, half, whole = (plane.coefficient(slip, share) for share in (0.0, slips.HALFWAY, 1.0))
     return jnp.stack([none, 4 * (half - none) - (whole - none), 2 * (whole - none) - 4 * (half - none)])
@@ -127,7 +136,9 @@ def strike(plane: "BodyOnPlane", done: "Progress") -> "Progress":
     if state.slips is not None:
         bounced = dataclasses.replace(bounced, slips=_find_struck_joints(plane, t, state, bounced, response))
     flies = done.flies | (rise > 0)
-    return done._replace(state=bounced, still=done.still | after.collision.sticks, flies=flies)
+    # With a limit surface a body that still spins slides, even if its slip has ended.
+    still = done.still | after.collision.sticks if plane.pivot is None else done.still
+    return done._replace(state=bounced, still=still, flies=flies)
 
 
 def _unit_of_speed(plane: "BodyOnPlane", response: Response) -> Float[Array, ""]:

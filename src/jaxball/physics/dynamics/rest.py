@@ -60,6 +60,12 @@ class TurningLaw(NamedTuple):
     push: Float[Array, "3"]
 
     @classmethod
+    def none(cls, like: Float[Array, "3"]) -> "TurningLaw":
+        """Returns that of a body whose turning no dry friction resists."""
+        nothing = jnp.zeros_like(like)
+        return cls(jnp.zeros(3, bool), nothing, nothing)
+
+    @classmethod
     def of(cls, resistance: Resistance, r: Float[Array, ""], mode: TurningMode) -> "TurningLaw":
         """Returns what exact dry friction gives in a mode."""
         torque = jnp.zeros_like(mode.sigma)
