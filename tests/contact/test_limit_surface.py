@@ -13,6 +13,7 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq, fsolve
 
+import jaxball
 from jaxball import (
     Ball,
     BallState,
