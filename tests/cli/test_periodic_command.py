@@ -200,7 +200,7 @@ def test_a_period_must_be_given(capsys, arguments):
     ("scenario", "sentence"),
     [
         ("robot.toml", "where nothing moves freely or by a law, unlike mechanisms[0].joints[0] here"),
-        ("shaken.toml", "Steady motions of a disk are not searched for"),
+        ("shaken.toml", "only for a ball, but the scenario is of a disk"),
         ("vibrating-plane", "but the scenario has `ground`"),
         ("heavy-top", "but the scenario is of a heavy top"),
     ],

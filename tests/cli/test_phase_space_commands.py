@@ -106,7 +106,7 @@ def test_permanent_rotations_of_a_top(folder, capsys):
             ["stability", "top.toml", "--turning", "1"],
             "`--turning` is for the scenario's initial state; give --initial with it",
         ),
-        (["stability", "disk"], "of a disk are not searched for; give --initial"),
+        (["stability", "disk"], "the scenario is of a disk; give --initial"),
         (["stability", "top.toml", "--rolling", "0.5", "0"], "PRECESSION must not be zero"),
         (["stability", "top.toml", "--out", "rest.nc"], "must end in .csv"),
         (["chaos", "body.toml", "--direction", "both"], "`--direction` is for a Poincaré map; give --poincare"),

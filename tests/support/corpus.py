@@ -14,9 +14,8 @@ from jaxball.scenario import builtin_scenarios, builtin_text, read_scenario
 from jaxball.scenario.sources import document_of
 from jaxball.sweep import read_study
 
-from .convex_files import CONVEX
 from .every_mechanism import EVERY_MECHANISM
-from .held_files import HELD
+from .held_files import CONVEX_OR_HELD
 from .surface_files import ON_SURFACES
 from .under_feedback import FEEDFORWARD, PREDICTIVE, UNDER_FEEDBACK
 from .vehicle_files import VEHICLES
@@ -447,7 +446,7 @@ def scenarios() -> dict[str, dict[str, Any]]:
     texts |= _blocks("reference/scenario-files.md", "```toml\n(.*?)```") | {"every motion": EVERY_MOTION}
     texts |= {"every mechanism": EVERY_MECHANISM, "under feedback": UNDER_FEEDBACK}
     texts |= {"predictive": PREDICTIVE, "feedforward": FEEDFORWARD, "every event": EVERY_EVENT}
-    return {name: tomllib.loads(text) for name, text in (texts | ON_SURFACES | VEHICLES | CONVEX | HELD).items()}
+    return {name: tomllib.loads(text) for name, text in (texts | ON_SURFACES | VEHICLES | CONVEX_OR_HELD).items()}
 
 
 def studies() -> dict[str, dict[str, Any]]:
@@ -473,7 +472,7 @@ def with_everything() -> list[dict[str, Any]]:
     with_all_keys = ("every motion", "every mechanism", "under feedback", "predictive", "feedforward", "every event")
     named = [name for name in problems() if name.startswith("every kind")]
     return [
-        *(scenarios()[name] for name in (*classical, "disk", *with_all_keys, *ON_SURFACES, *VEHICLES, *CONVEX, *HELD)),
+        *(scenarios()[name] for name in (*classical, "disk", *with_all_keys, *ON_SURFACES, *VEHICLES, *CONVEX_OR_HELD)),
         studies()["every axis"],
         *(problems()[name] for name in named),
     ]

@@ -1,6 +1,8 @@
-"""Scenario files of what stops and friction of a limit surface hold."""
+"""Scenario files of what stops and friction of a limit surface hold, and of convex bodies."""
 
-HELD = {
+from .convex_files import CONVEX
+
+CONVEX_OR_HELD = CONVEX | {
     "hard stops": """
 format = 1
 kind = "disk"

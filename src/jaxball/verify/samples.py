@@ -354,7 +354,8 @@ def sample(trajectory: Trajectory[Any, Any], rtol: float, atol: float) -> Sample
     assert interpolant is not None
     times, vectors, valid = map(np.asarray, _nodes(trajectory, _room_for(trajectory)))
     starts, size = vectors[:, 0], vectors.shape[-1]
-    change = DISPLACEMENT * (1 + np.abs(starts))
+    # A time that never comes is the largest number: displaced by a part of itself it would overflow.
+    change = DISPLACEMENT * (1 + np.minimum(np.abs(starts), np.finfo(starts.dtype).max ** 0.5))
     displaced = starts[:, None] + change[:, None] * np.eye(size)[None]
     t = np.concatenate([times.ravel(), np.repeat(times[:, 0], size)])
     x = np.concatenate([vectors.reshape(-1, size), displaced.reshape(-1, size)])
