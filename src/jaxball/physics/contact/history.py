@@ -207,7 +207,7 @@ class ContactHistory(HeldHistory):
     - ``friction_loss``, ``impact_loss``: the energy dissipated so far by sliding friction and by impacts,
       mass length²/time², shape (T,) each.
 
-    Besides these it has what a :class:`HeldHistory` has: ``rests``, ``spin``, ``rolling``, ``directions``, ``stops``,
+    Besides these it has what a ``HeldHistory`` has: ``rests``, ``spin``, ``rolling``, ``directions``, ``stops``,
     ``stop_loss``.
     """
 
