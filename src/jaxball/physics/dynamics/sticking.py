@@ -7,7 +7,6 @@ pressed on a stop (``stops``); without friction it has the direction 1 as long a
 Directions are in the order of :func:`sticking_slots`.
 """
 
-import dataclasses
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -16,7 +15,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..hybrid import AbstractHistory, Switches
 from ..mechanisms import AbstractMechanism
 from ..state import State
 from .coupling import Joints
@@ -236,24 +234,6 @@ def _slots_of(system: BodyParameters, coordinates: Float[Array, " coordinates"])
     return jnp.asarray(places)
 
 
-class JointSwitches(Switches):
-    """The times at which joints stick, break loose or turn back; a subclass may have other switches, too.
-
-    - ``before``, ``after``: the states of the body, with a leading axis.
-    - ``directions_before``, ``directions_after``: in which each joint with dry friction slips, 0 where it sticks,
-      shape (max_switches, joints).
-    - ``joints``: what these joints are called.
-    """
-
-    directions_before: Float[Array, "*batch switches joints"]
-    directions_after: Float[Array, "*batch switches joints"]
-    joints: tuple[str, ...] = eqx.field(static=True)
-
-    def changes(self, k: int) -> list[str]:
-        """Describes which joints stick, break loose or turn back at switch ``k``."""
-        return describe_changes(self.joints, self.directions_before, self.directions_after, k)
-
-
 def describe_changes(joints: tuple[str, ...], before: Any, after: Any, k: int) -> list[str]:
     """Describes which joints stick, break loose or turn back at switch ``k``, from their directions on both sides; none
     where these are None.
@@ -265,20 +245,3 @@ def describe_changes(joints: tuple[str, ...], before: Any, after: Any, k: int) -
         for name, now, then in zip(joints, np.asarray(before[k]), np.asarray(after[k]), strict=True)
         if now != then
     ]
-
-
-class JointHistory(AbstractHistory):
-    """Which joints stick at the saved times of a run.
-
-    - ``directions``: in which each joint with dry friction slips, 1 or −1, and 0 where it sticks, shape (T, joints).
-    """
-
-    directions: Float[Array, "*batch T joints"]
-
-    @property
-    def sticks(self) -> Bool[Array, "*batch T joints"]:
-        """Whether each joint sticks at the saved times."""
-        return self.directions == 0
-
-    def at_rows(self, rows: slice) -> Any:
-        return dataclasses.replace(super().at_rows(rows), directions=self.directions[rows])
