@@ -194,9 +194,11 @@ class Deciding(NamedTuple):
         assert choice.mode is not None
         first = jax.lax.stop_gradient(choice.mode.sigma[:2])
         if self.plane.body.planar:
-            # What let go after it, such as the contact, may have turned its rate round.
-            pull, _ = _pull(self.rolling(choice), first)
-            return in_three(jnp.where(jnp.sum(pull * first) < 0, -first, first))
+            # What let go after it, such as the contact, may have turned its rate round. At the brink that is 0 up to
+            # rounding, and grows in neither direction.
+            ahead, back = (_pull(self.rolling(choice), sign * first)[0] for sign in (1.0, -1.0))
+            turned = (jnp.sum(ahead * first) <= 0) & (jnp.sum(back * first) < 0)
+            return in_three(jnp.where(turned, -first, first))
         return in_three(diverging(_pull, self.rolling(choice), first).sigma)
 
     def weigh(self, choice: Choice) -> tuple[Float[Array, " loads"], tuple[Choice, Any, Any]]:
