@@ -23,11 +23,11 @@ SETTINGS = "chunk = 1"  # so that both have much to write
 @pytest.mark.filterwarnings("ignore:Consolidated metadata")
 def test_two_sweeps_into_one_new_store(tmp_path):
     """One of them waits, and both end with the files that one alone writes."""
-    both = threading.Barrier(2)
+    both, posed = threading.Barrier(2), study(tmp_path, settings=SETTINGS)
 
     def run(_):
         both.wait()
-        return sweep(study(tmp_path, settings=SETTINGS), tmp_path / "s.zarr", engine=pretend)
+        return sweep(posed, tmp_path / "s.zarr", engine=pretend)
 
     (tmp_path / "alone").mkdir()
     alone = sweep(study(tmp_path / "alone", settings=SETTINGS), tmp_path / "alone" / "s.zarr", engine=pretend)
