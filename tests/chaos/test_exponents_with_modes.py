@@ -16,10 +16,11 @@ from jaxball import (
     simulate,
 )
 from jaxball.chaos import chart, lyapunov_spectrum
-from jaxball.classical import DryFriction, LagrangianState, LagrangianSystem, UnilateralContact
+from jaxball.classical import DryFriction, LagrangianState, LagrangianSystem
 from jaxball.plot import lyapunov_convergence
 from jaxball.stability import periodic_motion
 from tests.hybrid.test_systems import Bouncing, Moving
+from tests.support.struck_oscillator import struck_oscillator
 
 G = 9.81
 
@@ -54,12 +55,7 @@ def test_a_disk_that_bounces_chaotically():
 @pytest.mark.thorough
 def test_exponents_of_an_oscillator_that_strikes_a_wall_are_those_of_its_multipliers():
     damping, rate, e = 0.1, 2.4, 0.8
-    system = LagrangianSystem(
-        lambda t, q, qdot: 0.5 * qdot[0] ** 2 - 0.5 * q[0] ** 2,
-        ("x",),
-        forces=lambda t, q, qdot: jnp.stack([jnp.cos(rate * t) - damping * qdot[0]]),
-        unilateral=UnilateralContact(lambda t, q: q[0], restitution=e),
-    )
+    system = struck_oscillator(damping, rate, e)
     period = 2 * np.pi / rate
     motion = periodic_motion(system, LagrangianState([0.09], [0.78]), period)
     found = lyapunov_spectrum(system, (0.0, 200 * period), motion.state, interval=period, transient=10 * period)

@@ -28,8 +28,9 @@ from jaxball import (
     planar_pendulum,
     simulate,
 )
-from jaxball.classical import DryFriction, LagrangianState, LagrangianSystem, UnilateralContact
+from jaxball.classical import DryFriction, LagrangianState, LagrangianSystem
 from jaxball.stability import periodic_motion, stability
+from tests.support.struck_oscillator import struck_oscillator
 
 G = 9.81
 TABLE, RATE, E = 0.18, 7.0, 0.6  # amplitude and angular frequency of the ground, and the restitution
@@ -187,12 +188,7 @@ def test_a_wheel_with_a_law_of_contact_dry_resistance_and_a_joint_that_sticks():
 def test_an_oscillator_that_strikes_a_wall():
     """Its monodromy in closed form: two exponentials and a saltation matrix."""
     damping, rate, e = 0.1, 2.4, 0.8
-    system = LagrangianSystem(
-        lambda t, q, qdot: 0.5 * qdot[0] ** 2 - 0.5 * q[0] ** 2,
-        ("x",),
-        forces=lambda t, q, qdot: jnp.stack([jnp.cos(rate * t) - damping * qdot[0]]),
-        unilateral=UnilateralContact(lambda t, q: q[0], restitution=e),
-    )
+    system = struck_oscillator(damping, rate, e)
     period = 2 * np.pi / rate
     found = periodic_motion(system, LagrangianState([0.09], [0.78]), period)
     assert found.periodic

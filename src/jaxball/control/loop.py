@@ -74,7 +74,9 @@ class ClosedLoop(Printed):
         system = replay_inputs(plant.system, plant.places, plant.limits, self.times, self.u)
         if plant.contact is not None:
             first = jax.tree.map(lambda leaf: leaf[0], self.states)
-            return simulate(system, self.times, first, contact=plant.contact, rtol=plant.rtol, atol=plant.atol)
+            most = self.u.shape[0] * plant.most_steps
+            settings = {"rtol": plant.rtol, "atol": plant.atol, "max_steps": most, "inside": False}
+            return simulate(system, self.times, first, contact=plant.contact, **settings)
         # Where a run fails, all later deviations are NaN.
         reached = self.times[jnp.sum(jnp.all(jnp.isfinite(self.xi), axis=1)) - 1]
         status = jnp.where(reached == self.times[-1], int(Status.SUCCESS), int(Status.SOLVER_FAILED))

@@ -29,6 +29,7 @@ from ..simulation.extremes import MOST_STEPS_OF_SAMPLE
 from ..simulation.simulate import simulate
 from .inputs import Place, hold_inputs, limits_of, places_of, with_inputs
 
+STEPS_OF_BOUNCES = 16  # times the steps of a sample without
 ANY_ORDER = 5.0  # of a method: the mode in which a body starts does not depend on it
 LEAST_REACHED = 1e-8  # of the largest singular value of the reachable subspace's factor; below it is rounding
 ROUNDING_OF_COMBINATION = 1e-6  # of the largest entry of a combination
@@ -116,6 +117,11 @@ class SampledSystem(Printed):
         )
 
     @property
+    def most_steps(self) -> int:
+        """How many steps the solve of a sample may take; with a law of contact more, because bounces pile up."""
+        return MOST_STEPS_OF_SAMPLE * (1 if self.contact is None else STEPS_OF_BOUNCES)
+
+    @property
     def inputs(self) -> tuple[str, ...]:
         """The names of the inputs, in the order of u."""
         return tuple(place.name for place in self.places)
@@ -178,7 +184,7 @@ class SampledSystem(Printed):
             rtol=self.rtol,
             atol=self.atol,
             adjoint=adjoint,
-            max_steps=MOST_STEPS_OF_SAMPLE,
+            max_steps=self.most_steps,
             inside=False,
         )
         states = run.state if run.contact is None else run.contact.states_of(system, run.state)

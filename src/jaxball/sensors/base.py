@@ -26,7 +26,6 @@ from ..interface.printing import Printed
 from ..interface.wording import did_you_mean
 from ..numerics.calculus import two_derivatives
 from ..physics.body import AbstractBody, System
-from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.dynamics.moments import kinematics
 from ..physics.mechanisms import Mechanism
 from ..physics.mechanisms.mechanism import EachJoint
@@ -99,8 +98,7 @@ class Measurement(Printed):
         """Computes the exact reading of each sensor, of a body or, with its modes, of the system that was solved."""
         prepared = system.prepare()
         moves = movement(prepared, t, state.in_space() if isinstance(state, RotationState) else state)
-        body = prepared.body if isinstance(prepared, BodyOnPlane) else prepared
-        return {name: sensor.reading(body, t, moves) for name, sensor in self.sensors.items()}
+        return {name: sensor.reading(prepared.shown, t, moves) for name, sensor in self.sensors.items()}
 
     def __call__(self, system: System, t: Float[Array, ""], state: PlacedState) -> Float[Array, " m"]:
         """Computes all exact readings."""

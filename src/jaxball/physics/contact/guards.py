@@ -260,11 +260,10 @@ def find_struck(plane: "BodyOnPlane", state: ContactState, event: Int[Array, ""]
     # Of a joint with friction the second guard is the gap ahead, of another one both are gaps, the upper first.
     side = jnp.where(slides, jnp.where(first, 0.0, state.slips), jnp.where(first, 1.0, -1.0))
     side = jnp.where(of_joint(state, event) & (state.slips != 0), side, 0.0)
-    touched = Stops.of(plane.body).find_touched(state.body.theta[slots])
-    closes = touched * state.body.thetadot[slots] > 0
+    closing = Stops.of(plane.body).find_closing(state.body.theta[slots], state.body.thetadot[slots])
     # Of several that strike at the start the first alone does it here: an event follows for each of the others.
-    closes &= jnp.cumsum(closes) == 1
-    return jnp.where(event == START, jnp.where(closes, touched, 0.0), side)
+    first = jnp.cumsum(closing != 0) == 1
+    return jnp.where(event == START, jnp.where(first, closing, 0.0), side)
 
 
 def is_one_of(cause: Int[Array, ""], *causes: SwitchCause) -> Bool[Array, ""]:

@@ -12,8 +12,8 @@ from jaxtyping import Array, Bool, Float, Int
 from ...interface.printing import format_value, is_single
 from ...interface.wording import all_of
 from ..body import AbstractBody
-from ..dynamics.sticking import describe_changes, sticking_slots
-from ..dynamics.stops import Stops, describe_stops, sides
+from ..dynamics.sticking import sticking_slots
+from ..dynamics.stops import Stops, describe_joints, sides
 from ..hybrid import SLOW_ROLLING, STIFF, AbstractHistory, Record, Switches
 from . import over_surface as over
 from .law import Contact
@@ -72,10 +72,8 @@ class HeldSwitches(Switches):
 
     def _changes(self, k: int) -> list[str]:
         """Describes what joints do at switch ``k``."""
-        directions = self.directions_before, self.directions_after
-        if self.struck is None:
-            return describe_changes(self.joints, *directions, k)
-        return describe_stops(self.joints, *directions, self.stops_before, self.stops_after, self.struck, k)
+        directions, stops = (self.directions_before, self.directions_after), (self.stops_before, self.stops_after)
+        return describe_joints(self.joints, *directions, *stops, self.struck, k)
 
     def _turns(self, k: int) -> list[str]:
         if self.rolls_before is None:
@@ -329,13 +327,8 @@ def _stops_of(plane: "BodyOnPlane", states: ContactState) -> Float[Array, "rows 
 
 def _find_struck(plane: "BodyOnPlane", before: ContactState) -> Float[Array, "rows joints"]:
     """Returns which stop each joint is about to strike."""
-    slots = sticking_slots(plane.body)
-
-    def closing(row: ContactState) -> Array:
-        touched = Stops.of(plane.body).find_touched(row.body.theta[slots])
-        return jnp.where(touched * row.body.thetadot[slots] > 0, touched, 0.0)
-
-    return jax.lax.map(closing, before)
+    stops, slots = Stops.of(plane.body), sticking_slots(plane.body)
+    return jax.lax.map(lambda row: stops.find_closing(row.body.theta[slots], row.body.thetadot[slots]), before)
 
 
 def slips_of(

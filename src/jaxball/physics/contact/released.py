@@ -292,14 +292,9 @@ def response(
     body, r, touches = state.body, system.radius, True if touching is None else touching
     under = footing_of_released(system, t, body, state.V, state.height, touches)
     acting, slip = load_of_released(system, t, state, touching, under)
-    Lambda, convected = body.Lambda, jnp.zeros_like(slip)
+    Lambda = body.Lambda
     if under is not None:
         Lambda = jnp.sum(under.axes[:, :, None] * body.Lambda[None], axis=1)  # from body axes to contact axes
-        # The rate of V = w + r ω × n + v_s, in axes that turn, without ω̇ and v̇_s.
-        turning = apply(body.Lambda, body.Omega)
-        convected = under.acceleration + r * cross(turning, under.normal_rate) + cross(under.turning, slip)
-    elif acting.arm.rate is not None:
-        convected = apply(body.Lambda, r * cross(body.Omega, acting.arm.rate))
     dynamics = equations(system, t, body, None if under is None else acting.Gamma)
     # Σ m s: an angular acceleration gives all masses together the change of momentum Ω̇ × Σ m s.
     lever = dynamics.body_moments.M * r * dynamics.lever.arm + dynamics.body_moments.p
@@ -345,21 +340,37 @@ def response(
     # it, so any mass will do.
     if system.planar:
         of_slip = of_slip._replace(reaction=of_slip.reaction.at[1, 1].set(dynamics.body_moments.M))
-    table = table_under(system, t, body, slip)
-    if table is not None:
-        convected = convected + in_three(table.acceleration)
     coordinates = join_coordinates(dynamics.angles[2], dynamics.links, thetaddot)
     return Response(
         rolling=motion(Omegadot, coordinates, R, dynamics.holding(t, body, acting, Omegadot, thetaddot)),
         yielding=of_slip,
         rubbing=None if dry is None else twist(dry[None]),
-        convected=convected,
+        convected=_compute_convected_rate(system, t, body, acting, slip, under),
         footing=under,
         rise=None if under is None and system.shape is None else slip_velocity(system, t, state)[2],
         twisting=twist(Lambda) if is_exact or pivots else None,
         own=system.own_rates(t, body),
         pushed=None if efforts is None else change(jnp.zeros_like(Omegadot), efforts, jnp.zeros_like(R)),
     )
+
+
+def _compute_convected_rate(
+    system: AbstractBody,
+    t: Float[Array, ""],
+    body: PlacedState,
+    acting: Load,
+    slip: Float[Array, "3"],
+    under: Footing | None,
+) -> Float[Array, "3"]:
+    """Computes the rate of V = w + r ω × n + v_s, in axes that may turn, without ω̇ and v̇_s."""
+    r, rate = system.radius, jnp.zeros_like(slip)
+    if under is not None:
+        turning = apply(body.Lambda, body.Omega)
+        rate = under.acceleration + r * cross(turning, under.normal_rate) + cross(under.turning, slip)
+    elif acting.arm.rate is not None:
+        rate = apply(body.Lambda, r * cross(body.Omega, acting.arm.rate))
+    table = table_under(system, t, body, slip)
+    return rate if table is None else rate + in_three(table.acceleration)
 
 
 def load_of_released(

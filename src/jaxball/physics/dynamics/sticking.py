@@ -8,7 +8,7 @@ Directions are in the order of :func:`sticking_slots`.
 """
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -232,16 +232,3 @@ def _slots_of(system: BodyParameters, coordinates: Float[Array, " coordinates"])
     places = np.zeros((coordinates.size, slots.size), dtype=bool)
     places[slots, np.arange(slots.size)] = True
     return jnp.asarray(places)
-
-
-def describe_changes(joints: tuple[str, ...], before: Any, after: Any, k: int) -> list[str]:
-    """Describes which joints stick, break loose or turn back at switch ``k``, from their directions on both sides; none
-    where these are None.
-    """
-    if before is None:
-        return []
-    return [
-        f"{name} {'sticks' if then == 0 else 'breaks loose' if now == 0 else 'turns back'}"
-        for name, now, then in zip(joints, np.asarray(before[k]), np.asarray(after[k]), strict=True)
-        if now != then
-    ]

@@ -63,6 +63,13 @@ class Stops(NamedTuple):
         up, down = (self.gap(theta, jnp.full_like(theta, side)) <= self.rounding for side in (1.0, -1.0))
         return jnp.where(up, 1.0, jnp.where(down, -1.0, 0.0))
 
+    def find_closing(
+        self, theta: Float[Array, " sticking"], thetadot: Float[Array, " sticking"]
+    ) -> Float[Array, " sticking"]:
+        """Returns the side of the stop that each joint touches and moves against; 0 for none."""
+        touched = self.find_touched(theta)
+        return jnp.where(touched * thetadot > 0, touched, 0.0)
+
 
 def _of_groups(system: BodyParameters, value) -> Float[Array, " sticking"]:
     """Joins the values of the joints that may be held, where ``value`` gives that of a place in a group."""
@@ -162,13 +169,14 @@ def range_conditions(system: BodyParameters, slots: np.ndarray, theta: Float[Arr
         yield Condition(holds[k], f"state.theta[{slot}]", joints[k], must)
 
 
-def describe_stops(
-    joints: tuple[str, ...], before: Any, after: Any, stops_before: Any, stops_after: Any, struck: Any, k: int
+def describe_joints(
+    joints: tuple[str, ...], before: Any, after: Any, rested: Any, rests: Any, struck: Any, k: int
 ) -> list[str]:
-    """Describes what joints do at switch ``k``, from their directions on both sides, the stops at which they rest, and
-    those that they strike.
+    """Describes what joints do at switch ``k``, from their directions on both sides, the stops at which they rest on
+    both, and those that they strike; None stands for no stops, and for no such joints.
     """
-    columns = (np.asarray(column[k]) for column in (before, after, stops_before, stops_after, struck))
+    none = np.zeros(len(joints))
+    columns = [none if column is None else np.asarray(column[k]) for column in (before, after, rested, rests, struck)]
     said = (_describe(*values) for values in zip(*columns, strict=True))
     return [f"{name} {words}" for name, words in zip(joints, said, strict=True) if words]
 
