@@ -19,6 +19,7 @@ from jaxball import (
     save,
     simulate,
 )
+from jaxball.results.files import add_checksum
 from jaxball.simulation.variables import HISTORY
 
 LAW = Contact(friction=0.3, static_friction=0.35, restitution=0.4, slowest=0.05, capacity=8)
@@ -133,6 +134,7 @@ def test_a_file_with_names_of_an_earlier_version_is_read_with_a_warning(disk, tm
     older = {"rejected": "rejected_steps", "friction_loss": "rubbed", "impact_loss": "struck"}
     with np.load(disk.save(tmp_path / "run.npz")) as saved:
         np.savez(tmp_path / "older.npz", **{older.get(name, name): saved[name] for name in saved.files})
+    add_checksum(tmp_path / "older.npz")
     words = "has names of an earlier version of jaxball; load it and save it again"
     with pytest.warns(FutureWarning, match=words) as warned:
         run = load_run(tmp_path / "older.npz")

@@ -9,6 +9,7 @@ import pytest
 import xarray
 
 from jaxball import ReducedState, Status, simulate
+from jaxball.numerics.arrays import arrays_of
 from jaxball.plot.sweeps.rows import label_of, result_names
 from jaxball.results import OutputError, save, to_dataset
 from jaxball.scenario import read_scenario, write_scenario
@@ -83,7 +84,7 @@ def test_csv(ball, tmp_path):
 def test_runs_and_studies_count_alike(ball, tmp_path):
     """A store of one row, filled with the states of a run, has that run's coordinates, entries and columns."""
     scenario, trajectory = ball
-    run, state = to_dataset(trajectory), {name: np.asarray(leaf) for name, leaf in vars(trajectory.state).items()}
+    run, state = to_dataset(trajectory), {k: np.asarray(leaf) for k, leaf in arrays_of(trajectory.state).items()}
 
     def engine(batch, wanted):
         counts = np.zeros(batch.rows, dtype=int)
