@@ -97,6 +97,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
     from .physics.forces.resistance import AbstractResistance as AbstractResistance, Resistance as Resistance
     from .physics.grounds import (
         AbstractSurface as AbstractSurface,
+        Belt as Belt,
         Bowl as Bowl,
         Cylinder as Cylinder,
         HeightField as HeightField,
@@ -107,9 +108,10 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         SphereOutside as SphereOutside,
         TiltingPlane as TiltingPlane,
         Turn as Turn,
+        Turntable as Turntable,
         Washboard as Washboard,
     )
-    from .physics.grounds.ground import AbstractGround as AbstractGround, Ground as Ground, Turntable as Turntable
+    from .physics.grounds.ground import AbstractGround as AbstractGround, Ground as Ground
     from .physics.hybrid import Switches as Switches
     from .physics.mechanisms import (
         AbstractJoint as AbstractJoint,

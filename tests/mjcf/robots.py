@@ -152,15 +152,16 @@ def in_flight(system, t, state, sensors):
     """The rates of a state in flight, and what sensors read there."""
     system = system.prepare()
     found, body = response(system, t, state, jnp.asarray(False)), state.body
+    amounts = found.amounts(found.free, jnp.asarray(0.0))
     if not sensors:
-        return rates(system, state, found, found.free, jnp.asarray(0.0)), {}
+        return rates(system, state, found, amounts), {}
     slip = slip_velocity(system, t, state)
-    Omegadot, thetaddot = found.accelerations(found.free, jnp.asarray(0.0))
+    Omegadot, thetaddot = (found.part(name, amounts) for name in ("Omegadot", "thetaddot"))
     acting = load(system, t, body, slip, jnp.asarray(False), state.height)
     angles, at = (body.theta, body.thetadot, thetaddot), equations(system, t, body).body_moments
     movement = Movement(body, Omegadot, angles, acting, at, None, jnp.zeros(3), Slip(slip, found.free, state.height))
     read = {name: sensor.reading(system, t, movement) for name, sensor in sensors.items()}
-    return rates(system, state, found, found.free, jnp.asarray(0.0)), read
+    return rates(system, state, found, amounts), read
 
 
 def loaded(text):

@@ -192,7 +192,7 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState], AbstractRollingS
         none = jnp.zeros_like(state.Omega)
         if self.resistance is None:
             return none, none
-        torque = self.resistance.contact_torque(state.Omega, state.Gamma, None)
+        torque = self.resistance.contact_torque(state.Omega, state.Gamma)
         medium = self.resistance.medium(self._velocity(state), state.Omega)
         return (none, torque) if medium is None else (medium[0], torque + medium[1])
 

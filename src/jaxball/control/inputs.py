@@ -5,7 +5,7 @@ closed loops replay those of a whole run. Feedback and optimal control use the s
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -139,7 +139,7 @@ def _with_angles(ground: AbstractGround | None, angles: Mapping[str, Accelerated
     if not angles:
         return ground
     assert isinstance(ground, TiltingPlane)
-    return TiltingPlane(**{**{field.name: getattr(ground, field.name) for field in fields(ground)}, **angles})
+    return replace(ground, **angles)
 
 
 def hold_inputs(system: System, places: Sequence[Place], u: Float[Array, " m"]) -> System:

@@ -15,7 +15,7 @@ from ..physics.contact.body_on_plane import has_contact
 from ..physics.contact.modes import ContactState
 from ..physics.contact.over_surface import has_surface
 from ..physics.contact.released import energy_of_released
-from ..physics.dynamics.footing import arm_of, footing
+from ..physics.dynamics.footing import arm_of, footing, velocity_of_centre
 from ..physics.observables import observe
 from ..physics.rolling import AbstractRollingSystem
 from ..physics.state import State
@@ -152,8 +152,8 @@ def speed(system: Any, t: Float[Array, ""], state: Any) -> Float[Array, ""]:
         return root(jnp.sum((state.V if has_surface(system.shown) else state.V[:2]) ** 2))
     system, state = system.shown, system.state_to_show(state)
     under = footing(system, t, state)
-    if under is not None:
-        return root(jnp.sum(under.centre_velocity**2))
+    if under.axes is not None:
+        return root(jnp.sum(velocity_of_centre(system, state, under) ** 2))
     velocity = system.radius * cross(state.Omega, arm_of(system, state.Gamma))
     if system.shape is not None:  # only a sphere keeps its centre at one height
         velocity = velocity - jnp.sum(velocity * state.Gamma) * state.Gamma

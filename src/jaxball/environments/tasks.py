@@ -13,13 +13,12 @@ from jaxtyping import Array, Bool, Float
 from ..interface.arguments import require
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, number_or_none, numbers, to_array
-from ..numerics.vectors import apply, cross, dot, root
+from ..numerics.vectors import dot, root
 from ..physics.body import System
 from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.law import Contact
 from ..physics.contact.modes import ContactState
-from ..physics.dynamics.footing import locate_surface, velocity_by_turning
-from ..physics.grounds import AbstractSurface
+from ..physics.contact.released import ReleasedState, position, release
 from ..physics.prescribed.schedules import AbstractSchedule
 from ..physics.prescribed.signals import AbstractSignal, ConstantSignal
 from ..physics.state import PlacedState
@@ -57,27 +56,12 @@ class Moment(NamedTuple):
     @property
     def place(self) -> Float[Array, " d"]:
         """The position of the centre along e1 and e2, d = 2, or of a disk along e1, d = 1."""
-        if self._surface is None:
-            return self._in_plane(self.state.in_space().z)
-        centre = self._surface.place_of_centre(self.t, self.system.radius, self.state.z)
-        if self.slip is not None:
-            centre = centre + self.slip.height * self._surface.touch_at(self.t, self.state.z).n
-        return self._in_plane(centre[:2])
+        return self._in_plane(position(self.system.prepare(), self.t, self._released)[:2])
 
     @property
     def velocity(self) -> Float[Array, " d"]:
         """The velocity of the centre along the same axes."""
-        system, state = self.system, self.state
-        if self.slip is not None:
-            return self._in_plane(self.slip.V[:2])
-        if self._surface is not None:
-            held = self._surface.touch_at(self.t, state.z)
-            # On a surface, the centre is a radius above the contact: the velocity of the ground there, plus ω × r n.
-            velocity = held.w + system.radius * cross(apply(state.Lambda, state.Omega), held.n)
-            return self._in_plane(velocity[:2])
-        drift = system.drift(self.t, state.in_space())
-        over = velocity_by_turning(system, state.Lambda, state.Omega)[:2]
-        return self._in_plane(over if drift is None else over + drift)
+        return self._in_plane(self._released.V[:2])
 
     @property
     def spin(self) -> Float[Array, ""]:
@@ -103,9 +87,9 @@ class Moment(NamedTuple):
         return jnp.stack([c * x + s * y, c * y - s * x], axis=-1)
 
     @property
-    def _surface(self) -> AbstractSurface | None:
-        """The ground that is no plane, where a law has driven it."""
-        return locate_surface(self.system.prepare(), self.t, self.state)
+    def _released(self) -> ReleasedState:
+        """The state with the velocity of the centre, and its height over that of rolling."""
+        return release(self.system.prepare(), self.t, self.state) if self.slip is None else self.slip.released
 
     def _in_plane(self, vector: Float[Array, "2"]) -> Float[Array, " d"]:
         return vector[:1] if self.system.planar else vector

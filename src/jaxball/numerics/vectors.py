@@ -101,6 +101,11 @@ def root(square: Float[Array, "*batch"], rounding: float = 0.0) -> Float[Array, 
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
 
 
+def in_three(v: Float[Array, "2"]) -> Float[Array, "3"]:
+    """Returns a horizontal vector with its third component, 0."""
+    return jnp.concatenate([v, jnp.zeros_like(v[:1])])
+
+
 def norm(x: Float[Array, "*batch n"]) -> Float[Array, "*batch"]:
     """Returns |x| over the last axis, for |x| of order one; 0, with the derivative 0, where it is rounding."""
     return root(jnp.sum(x**2, axis=-1), ROUNDING_SQUARED)

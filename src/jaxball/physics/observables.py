@@ -13,11 +13,12 @@ from ..interface.arguments import refusal
 from ..interface.printing import Printed, in_short
 from ..numerics.arrays import to_array
 from ..numerics.kinks import just_before
+from ..numerics.terms import add, convert
 from ..numerics.vectors import apply, cross, dot
 from .body import AbstractBody
 from .contact.body_on_plane import BodyOnPlane
 from .contact.modes import Mode
-from .contact.released import in_space, load_of_released
+from .contact.released import load_of_released
 from .dynamics.energy import (
     accelerations_of_masses,
     actuation_power,
@@ -27,8 +28,8 @@ from .dynamics.energy import (
     potential_energy,
 )
 from .dynamics.equations import accelerations, angles_in_state, equations
-from .dynamics.footing import in_three, velocity_by_turning
-from .dynamics.load import Load, height_over_origin, load
+from .dynamics.footing import place_of_centre, velocity_by_turning
+from .dynamics.load import Load, load
 from .dynamics.moments import AbstractMoments, joint_motion, kinematics, point_mass_values, principal_inertia
 from .dynamics.momentum import contact_momentum, linear_momentum
 from .dynamics.rails import along_rails
@@ -207,8 +208,8 @@ def _of_hybrid(plane: BodyOnPlane, t: Float[Array, ""], state: Any) -> Movement:
         acting,
         equations(system, t, body).body_moments,
         plane.dry_torque(t, state, force, acting),
-        in_space(response.axes, force.R),
-        Slip(slip, in_space(response.axes, force.slip_acceleration), state.height),
+        response.footing.to_space(force.R),
+        Slip(slip, response.footing.to_space(force.slip_acceleration), state.height),
     )
 
 
@@ -226,41 +227,31 @@ def compute_observables(system: AbstractBody, t: Float[Array, ""], motion: Movem
     )
     m = jnp.concatenate([system.mass[None], point_mass_values(system)])
     a = accelerations_of_masses(r, with_shell, Omega, Omegadot, arm)
-    weight, u = motion.weight, None
+    weight = motion.weight
     centre, foot = _places(system, motion)
-    if under is None:
-        contact = ContactForce(motion.R[2], motion.R[:2])
-        u = system.drift(t, in_space)
-        velocity, lowest = velocity_by_turning(system, Lambda, Omega), None if u is None else in_three(u)
-        velocity = velocity if lowest is None else velocity + lowest
-    else:
-        contact = ContactForce(dot(under.normal, motion.R), jnp.sum(under.tangents * motion.R[None], axis=1))
-        velocity, lowest = under.centre_velocity, under.velocity
-    if slip is not None:
-        velocity, lowest = velocity + slip.velocity, slip.velocity if lowest is None else lowest + slip.velocity
+    R = under.to_axes(motion.R)
+    contact = ContactForce(R[2], R[:2])
+    # The velocity of the lowest point, and of the centre.
+    lowest = add(under.velocity, None if slip is None else slip.velocity)
+    velocity = add(velocity_by_turning(system, Lambda, Omega, under), lowest)
     # Momentum and energy are those of rolling on a plane at rest, with the velocity of the lowest point added to every
     # mass.
     square = None if system.shape is None else dot(arm, arm)
-    drift, Pi = None, contact_momentum(body_moments, r, Omega, arm, square)
-    if lowest is not None:
-        drift = apply(Lambda.T, lowest)
-        Pi = Pi + cross(body_moments.M * r * arm + body_moments.p, drift)
-    up = jnp.zeros_like(Omega).at[2].set(1.0) if system.ground is None else system.ground.up()
+    drift = convert(lambda lowest: apply(Lambda.T, lowest), lowest)
+    moved = convert(lambda drift: cross(body_moments.M * r * arm + body_moments.p, drift), drift)
+    Pi = add(contact_momentum(body_moments, r, Omega, arm, square), moved)
+    up = system.up
     lost = dissipation(acting, motion.dry, Lambda, velocity, omega)
     if slip is not None:
         lost = lost - dot(motion.R, slip.velocity)
     power = actuation_power(m, with_shell, a, weight) - lost
     if acting.applied is not None:
         power = power + external_power(acting.applied, Lambda, velocity, omega)
-    if under is not None:
-        power = power + dot(motion.R, under.velocity)
-    elif u is not None:
-        power = power + jnp.sum(contact.friction * u)
+    power = add(power, convert(lambda w: dot(motion.R, w), under.velocity))
     # Energy is relative to the axes that move with the plane, in which −m Ẍ acts on each mass.
     if isinstance(system.ground, Ground) and system.ground.motion is not None:
-        P = apply(
-            Lambda, linear_momentum(body_moments, r, Omega, arm) + (0.0 if drift is None else body_moments.M * drift)
-        )
+        carried = convert(lambda drift: body_moments.M * drift, drift)
+        P = apply(Lambda, add(linear_momentum(body_moments, r, Omega, arm), carried))
         power = power - dot(system.ground.motion.kinematics(t).chiddot, P)
     on_rails, places = along_rails(system, t, motion.angles), np.asarray(system.on_rails, dtype=int)
     joints = joint_motion(system, t, motion.angles, a[1:] + weight[None])
@@ -294,18 +285,14 @@ def compute_observables(system: AbstractBody, t: Float[Array, ""], motion: Movem
 
 def _places(system: AbstractBody, motion: Movement) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
     """Computes where the geometric centre is, and the contact point: on the ground below a body that flies."""
-    in_space, under, slip, r = motion.state, motion.acting.footing, motion.slip, system.radius
-    if under is not None:
-        return under.centre, under.foot
-    on_plane = in_three(in_space.z)
-    centre = on_plane
-    if slip is not None or system.shape is not None:
-        height = None if slip is None else slip.height
-        centre = centre.at[2].set(height_over_origin(system, in_space.Lambda[2], height))
-    if system.shape is None:
-        return centre, on_plane - jnp.stack([jnp.zeros_like(r), jnp.zeros_like(r), r])
-    standing = on_plane.at[2].set(height_over_origin(system, in_space.Lambda[2], None))
-    return centre, standing - apply(in_space.Lambda, r * motion.acting.arm.along)
+    in_space, under, r = motion.state, motion.acting.footing, system.radius
+    centre = place_of_centre(system, in_space, under, None if motion.slip is None else motion.slip.height)
+    if under.foot is not None:
+        return centre, under.foot
+    standing = place_of_centre(system, in_space, under, None)
+    zero = jnp.zeros_like(r)
+    arm = jnp.stack([zero, zero, r]) if system.shape is None else apply(in_space.Lambda, r * motion.acting.arm.along)
+    return centre, standing - arm
 
 
 def evaluate_schedules(

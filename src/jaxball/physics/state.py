@@ -49,7 +49,6 @@ class AbstractBodyState(AbstractState):
         Omegadot: Float[Array, "3"],
         angles: Rates,
         own: Float[Array, " own"] | None,
-        drift: Float[Array, "2"] | None = None,
     ) -> "AbstractBodyState":
         """Computes ẋ where Ω̇ is known, and θ, θ̇, θ̈: the kinematics of rolling, for a body of radius r.
 
@@ -116,14 +115,13 @@ class BallState(AbstractBodyState):
         Omegadot: Float[Array, "3"],
         angles: Rates,
         own: Float[Array, " own"] | None,
-        drift: Float[Array, "2"] | None = None,
     ) -> "BallState":
         """Computes the rates by q̇ = ½ q Ω♯ and the rolling constraint."""
         self._require_one()
         return BallState(
             q=versor.derivative(self.q, self.Omega),
             Omega=Omegadot,
-            z=centre_velocity(self.Lambda, self.Omega, r, drift),
+            z=rolling_velocity(self.Lambda, self.Omega, r),
             theta=angles[1],
             thetadot=angles[2],
             own=own,
@@ -188,14 +186,13 @@ class RotationState(AbstractBodyState):
         Omegadot: Float[Array, "3"],
         angles: Rates,
         own: Float[Array, " own"] | None,
-        drift: Float[Array, "2"] | None = None,
     ) -> "RotationState":
         """Computes the rates by Λ̇ = Λ Ω̂ and the rolling constraint."""
         self._require_one()
         return RotationState(
             Lambda=jnp.sum(self.Lambda[:, :, None] * hat(self.Omega)[None, :, :], axis=1),
             Omega=Omegadot,
-            z=centre_velocity(self.Lambda, self.Omega, r, drift),
+            z=rolling_velocity(self.Lambda, self.Omega, r),
             theta=angles[1],
             thetadot=angles[2],
             own=own,
@@ -269,7 +266,6 @@ class ReducedState(AbstractBodyState):
         Omegadot: Float[Array, "3"],
         angles: Rates,
         own: Float[Array, " own"] | None,
-        drift: Float[Array, "2"] | None = None,
     ) -> "ReducedState":
         """Computes the rates by Γ̇ = Γ × Ω."""
         self._require_one()
@@ -340,7 +336,6 @@ class DiskState(AbstractBodyState):
         Omegadot: Float[Array, "3"],
         angles: Rates,
         own: Float[Array, " own"] | None,
-        drift: Float[Array, "2"] | None = None,
     ) -> "DiskState":
         """Computes the rates by φ̈ = −Ω̇₂ and ż = −r φ̇ of ``eq_disk_GC``."""
         self._require_one()
@@ -369,11 +364,3 @@ def rolling_velocity(Lambda: Float[Array, "3 3"], Omega: Float[Array, "3"], r: F
     omega1 = dot(Lambda[0], Omega)
     omega2 = dot(Lambda[1], Omega)
     return jnp.stack([r * omega2, -r * omega1])
-
-
-def centre_velocity(
-    Lambda: Float[Array, "3 3"], Omega: Float[Array, "3"], r: Float[Array, ""], drift: Float[Array, "2"] | None
-) -> Float[Array, "2"]:
-    """Computes ż over a plane that moves with the velocity ``drift`` under the centre, if there is one."""
-    rolling = rolling_velocity(Lambda, Omega, r)
-    return rolling if drift is None else rolling + drift

@@ -14,9 +14,7 @@ from matplotlib.figure import Figure
 from .. import programs
 from ..numerics.arrays import to_array
 from ..physics.contact.modes import Mode
-from ..physics.dynamics.footing import footing, velocity_by_turning
-from ..physics.grounds import AbstractSurface
-from ..physics.grounds.ground import Ground
+from ..physics.dynamics.footing import footing, velocity_of_centre
 from ..scenario.units import Units
 from ..sensors import AbstractSensor
 from ..simulation.trajectory import Trajectory, always_rolls
@@ -224,12 +222,8 @@ def centre_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     rows, speed, system = finite_rows(run), sizes_of(run.system).speed, run.system
     if "V" in run.history.over_time:
         V = np.asarray(run.history.over_time["V"])[rows]
-    elif isinstance(system.ground, AbstractSurface):
-        V = np.asarray(_on_surface(system, to_array(np.asarray(run.times)), run.state))[rows]
-    else:  # rω × e3, plus the velocity of a turntable under the centre
-        V = np.asarray(_by_turning(system, run.state))[rows]
-        if isinstance(system.ground, Ground) and system.ground.turntable is not None:
-            V[:, :2] += np.asarray(_drift(system, to_array(np.asarray(run.times)), run.state))[rows]
+    else:
+        V = np.asarray(_of_rolling(system, to_array(np.asarray(run.times)), run.state))[rows]
     rises = bool(np.any(without_rounding(V[:, 2], speed)))
     columns = [j for j in range(3) if (j != 1 or not run.system.planar) and (j != 2 or rises)]
     labels = {j: rf"$V_{j + 1}$" for j in columns} if len(columns) > 1 else {0: ""}
@@ -278,26 +272,14 @@ def own_states(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 @programs.filter_jit
-def _on_surface(system, times, states):
+def _of_rolling(system, times, states):
+    """Computes the velocity of the centre of a body that rolls."""
     prepared = system.prepare()
 
     def velocity(t, state):
-        under = footing(prepared, t, state)
-        assert under is not None
-        return under.centre_velocity
+        return velocity_of_centre(prepared, state.in_space(), footing(prepared, t, state))
 
     return jax.vmap(velocity)(times, states)
-
-
-@programs.filter_jit
-def _by_turning(system, states):
-    in_space = jax.vmap(lambda state: state.in_space())(states)
-    return jax.vmap(lambda state: velocity_by_turning(system, state.Lambda, state.Omega))(in_space)
-
-
-@programs.filter_jit
-def _drift(system, times, states):
-    return jax.vmap(system.prepare().drift)(times, states)
 
 
 def height(trajectory: Trajectory, ax: Axes | None = None) -> Axes:

@@ -29,7 +29,6 @@ from ..physics.contact.slide import find_rival
 from ..physics.convex import ConvexBody
 from ..physics.forces.force import AbstractWrench, FunctionWrench, HarmonicForce, require_wrench
 from ..physics.forces.resistance import SMOOTHING, AbstractResistance, Resistance
-from ..physics.grounds.ground import Ground
 from ..physics.own_states import OwnStates
 from ..physics.state import BallState, DiskState
 from ..physics.system import AbstractState
@@ -321,16 +320,7 @@ def read_surroundings(document: dict[str, Any], kind: str) -> dict[str, Any]:
         "own_states": _read_own_states,
     }
     present = {name: functools.partial(read, document[name], name) for name, read in tables.items() if name in document}
-    parts = dict(zip(present, each_of(*present.values()), strict=True))
-    ground, resistance = parts.get("ground"), parts.get("resistance")
-    has_table = isinstance(ground, Ground) and ground.turntable is not None
-    # Friction against spinning is relative to the ground, which a turntable turns.
-    if has_table and getattr(resistance, "dry_spinning", None) is not None:
-        raise ScenarioError(
-            "Key `ground.turntable` must be left out where dry friction against spinning acts, which would be relative "
-            "to it; leave out `resistance.dry_spinning`, or the turntable."
-        )
-    return parts
+    return dict(zip(present, each_of(*present.values()), strict=True))
 
 
 def check_force(force: AbstractWrench | None, path: str, coordinates: int, own: int) -> None:

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from ..physics.grounds import (
+    Belt,
     Bowl,
     Cylinder,
     HeightField,
@@ -15,9 +16,10 @@ from ..physics.grounds import (
     SphereOutside,
     TiltingPlane,
     Turn,
+    Turntable,
     Washboard,
 )
-from ..physics.grounds.ground import AbstractGround, Ground, Turntable
+from ..physics.grounds.ground import AbstractGround, Ground
 from ..physics.mechanisms import Accelerated
 from ..physics.prescribed.schedules import AbstractSchedule
 from .errors import ScenarioError, describe, key_error
@@ -41,14 +43,18 @@ from .values import (
 )
 
 _MOTION = Nested(lambda values, path: read_motion(*read_one_of(values, path, MOTIONS)), write_motion, tables=MOTIONS)
-_TURNTABLE = Module(Turntable, {"turning": SCHEDULE, "centre": Key(Numbers((2,), dimension=LENGTH), (0.0, 0.0))})
+_CENTRE = Key(Numbers((2,), dimension=LENGTH), (0.0, 0.0))
+_CARRIERS = {
+    "turntable": Key(Module(Turntable, {"turning": SCHEDULE, "centre": _CENTRE}).nested, None),
+    "belt": Key(Module(Belt, {"travel": SCHEDULE, "heading": Key(Radians((), FULL_TURN, ANGLE), 0.0)}).nested, None),
+}
 GROUND = Module(
     Ground,
     {
         "angle": Key(Radians((), QUARTER_TURN, ANGLE), 0.0),
         "heading": Key(Radians((), FULL_TURN, ANGLE), 0.0),
         "motion": Key(_MOTION, None),
-        "turntable": Key(_TURNTABLE.nested, None),
+        **_CARRIERS,
     },
 )
 
@@ -61,7 +67,7 @@ _TURNS = Nested(
     {"": _TURN.keys},
 )
 _FRAME = Module(MovingFrame, {"turns": Key(_TURNS, ()), "displacement": Key(_MOTION, None), "pivot": _ORIGIN})
-_MOVED = {"motion": Key(_FRAME.nested, None)}
+_MOVED = {"motion": Key(_FRAME.nested, None), **_CARRIERS}
 _RADIUS = Key(Numbers(rule=POSITIVE, dimension=LENGTH))
 _OF_FUNCTION = {**FUNCTION, "kink_times": Key(Numbers((None,), dimension=TIME), ())}
 
@@ -172,6 +178,7 @@ GROUNDS = Open(
                 "accelerated": Key(_AnglesOfPlate(), None),
                 "pivot": _ORIGIN,
                 "displacement": Key(_MOTION, None),
+                **_CARRIERS,
             },
             build=_read_plate,
             attributes={"accelerated": "driven"},
@@ -200,7 +207,8 @@ def read_ground(values: Any, path: str, kind: str) -> AbstractGround | ReadPlate
             f"Key `{path}` must be a plane under a convex body, whose contact with another ground would have to be "
             f"searched for; give `{path}.angle`, leave it out, or use a ball."
         )
-    if isinstance(ground, Ground) and ground.turntable is not None and kind in _TABLE_REFUSED:
+    seen = ground.ground if isinstance(ground, ReadPlate) else ground
+    if seen.turntable is not None and kind in _TABLE_REFUSED:
         raise ScenarioError(f"Key `{path}.turntable` must be left out for {_TABLE_REFUSED[kind]}; use a ball.")
-    require_conditions(ground.ground if isinstance(ground, ReadPlate) else ground)
+    require_conditions(seen)
     return ground

@@ -221,10 +221,9 @@ def balance_schedules(
     if fields["theta"] is not None:
         raise ScenarioError(f"Key `{path}` must not be combined with `theta`, because it finds the angles.")
     ground = shell_and_ground["ground"]
-    if isinstance(ground, Ground) and ground.moving:
-        part = "motion" if ground.turntable is None else "turntable"
+    if isinstance(ground, Ground) and ground.moves:
         raise ScenarioError(
-            f"Key `{path}` must not be combined with `ground.{part}`, because it is for a plane at rest."
+            f"Key `{path}` must not be combined with `ground.{ground.moves}`, because it is for a plane at rest."
         )
     for index, item in enumerate(masses):
         if item.rail is not None and item.schedule is None:

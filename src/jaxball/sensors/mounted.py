@@ -3,7 +3,6 @@
 from typing import ClassVar
 
 import equinox as eqx
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..interface.arguments import require
@@ -11,6 +10,7 @@ from ..numerics.arrays import numbers
 from ..numerics.vectors import apply
 from ..physics.body import AbstractBody
 from ..physics.dynamics.energy import accelerations_of_masses
+from ..physics.dynamics.footing import place_of_centre
 from ..physics.observables import Movement
 from ..physics.prescribed.frames import AbstractFrame, MatrixFrame
 from ..physics.prescribed.motion import Kinematics
@@ -147,9 +147,5 @@ class Position(_OnMount):
 
     def reading(self, system: AbstractBody, t: Float[Array, ""], movement: Movement) -> Float[Array, "3"]:
         chi = mount(system, t, movement.angles, self.on, self.at).point.chi
-        height = jnp.zeros_like(t) if movement.slip is None else movement.slip.height
-        state = movement.state
-        under = movement.acting.footing
-        # On a surface the coordinates z are not a place in space.
-        centre = jnp.append(state.z, height) if under is None else under.centre
-        return centre + apply(state.Lambda, chi)
+        state, height = movement.state, None if movement.slip is None else movement.slip.height
+        return place_of_centre(system, state, movement.acting.footing, height) + apply(state.Lambda, chi)

@@ -220,10 +220,8 @@ def _up_and_normal(system: System, state: State | None, t: Numbers) -> tuple[Flo
         return e3, normal
     if ground is not None and not isinstance(ground, Ground):
         require_plane(ground, "`balance`")
-    if isinstance(ground, Ground) and ground.moving:
-        raise ValueError(
-            f"Argument `system` must {must} has a {'motion' if ground.turntable is None else 'turntable'}."
-        )
+    if isinstance(ground, Ground) and ground.moves:
+        raise ValueError(f"Argument `system` must {must} has a {ground.moves}.")
     return (e3 if ground is None else ground.up()), e3
 
 
@@ -233,7 +231,9 @@ def _hold_at_rest(
 ) -> tuple[Float[Array, "3"], Bool[Array, ""]]:
     """Returns the normal of a surface under a body at rest, and whether its matter moves or begins to move there."""
     held = ground.prepare().footing(t, r, z, jnp.zeros(3, t.dtype))
-    return held.normal, jnp.any(jnp.stack([held.velocity, held.acceleration, held.spin]) != 0)
+    moves = [part for part in (held.velocity, held.acceleration, held.spin) if part is not None]
+    assert held.normal is not None
+    return held.normal, jnp.any(jnp.stack(moves) != 0)
 
 
 @programs.filter_jit
@@ -250,8 +250,8 @@ def moves_under(
     )
     held = jax.vmap(lambda step: surface.footing(t, r, z + step, jnp.zeros(3, t.dtype)))(steps)
     speed = jnp.sqrt(g * r)
-    parts = jnp.stack([held.velocity / speed, held.acceleration / g, held.spin * r / speed])
-    return jnp.any(jnp.abs(parts) > STILL)
+    units = ((held.velocity, speed), (held.acceleration, g), (held.spin, speed / r))
+    return jnp.any(jnp.stack([jnp.abs(part) / unit for part, unit in units if part is not None]) > STILL)
 
 
 def _others(system, free, state, t):

@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .. import programs
-from ..numerics.vectors import apply, cross, dot, hat
+from ..numerics.terms import add, convert
+from ..numerics.vectors import apply, cross, dot, hat, in_three
 from ..physics.body import AbstractBody
 from ..physics.contact.body_on_plane import BodyOnPlane, has_contact
 from ..physics.contact.modes import ContactState
@@ -17,7 +18,7 @@ from ..physics.contact.released import rolling_contact
 from ..physics.contact.slide import spinning_loss
 from ..physics.dynamics.energy import velocities
 from ..physics.dynamics.equations import accelerations
-from ..physics.dynamics.footing import contact_normal, footing, footing_of_released, in_three
+from ..physics.dynamics.footing import footing, footing_of_released
 from ..physics.dynamics.load import Load, load
 from ..physics.dynamics.moments import Moments, kinematics, point_mass_values, principal_inertia
 from ..physics.dynamics.momentum import jellett, jellett_rate, routh_integrals
@@ -111,18 +112,16 @@ def _of_contact(plane: BodyOnPlane, t: Float[Array, ""], state: ContactState) ->
     seen, body = compute_observables(system, t, motion), motion.state
     assert motion.slip is not None
     rubbing = -dot(motion.R, motion.slip.velocity) + spinning_loss(plane, t, state, motion.dry)
-    acting, slip = motion.acting.with_torque(motion.dry), motion.slip.velocity
     # Over a surface the point of reference is the one nearest to it, also in flight, to which that means nothing.
     under = footing_of_released(system, t, state.body, state.V, state.height, True)
-    if under is not None:
-        acting, slip = acting._replace(footing=under), state.V - under.centre_velocity
-    momentum = _momentum_balance(system, t, body, acting, slip)
+    acting = motion.acting.with_torque(motion.dry)._replace(footing=under)
+    momentum = _momentum_balance(system, t, body, acting, state.V - _centre_velocity(system, body, under))
     balances = {
         "energy": Balance(seen.energy + state.lost, seen.power + rubbing),
         "momentum": momentum,
         "norm": _constant(jnp.sqrt(jnp.sum(body.q**2))),
     }
-    matter = rolling_contact(system, t, state.body)[0] - _turning(plane, t, state)
+    matter = rolling_contact(system, t, state.body)[1].velocity
     if system.shape is not None:
         return Quantities(balances, None, None, matter)
     assert isinstance(motion.body_moments, Moments)
@@ -136,40 +135,30 @@ def _of_contact(plane: BodyOnPlane, t: Float[Array, ""], state: ContactState) ->
     return Quantities(balances, motion.body_moments, axis, matter)
 
 
-def _turning(plane: BodyOnPlane, t: Float[Array, ""], state: ContactState) -> Float[Array, "3"]:
-    """Computes r ω × n, without the velocity of the ground's matter."""
-    body = state.body
-    if plane.body.shape is not None:
-        return cross(apply(body.Lambda, body.Omega), _arm_in_space(plane.body, body)[0])
-    normal = apply(body.Lambda, contact_normal(plane.body, t, body))
-    return plane.body.radius * cross(apply(body.Lambda, body.Omega), normal)
-
-
 def rolling_balance(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskState) -> Balance:
     """Returns the position of the geometric centre, on the plane or over a surface, and its velocity by the
     constraint.
     """
-    under = footing(system, t, state)
-    if under is None:
-        in_space = state.in_space()
-        return Balance(in_space.z, _centre_velocity(system, t, in_space)[:2])
-    return Balance(under.centre, under.centre_velocity)
+    under, in_space = footing(system, t, state), state.in_space()
+    velocity = _centre_velocity(system, in_space, under)
+    return Balance(in_space.z, velocity[:2]) if under.centre is None else Balance(under.centre, velocity)
 
 
-def _centre_velocity(system: AbstractBody, t: Float[Array, ""], state: BallState) -> Float[Array, "3"]:
-    """Computes ż = ω × r e3 + u, with u the velocity of a turntable."""
-    if system.shape is not None:
-        return cross(apply(state.Lambda, state.Omega), _arm_in_space(system, state)[0])
-    vertical = jnp.zeros_like(state.Omega).at[2].set(1.0)
-    rolling = cross(apply(state.Lambda, state.Omega), system.radius * vertical)
-    drift = system.drift(t, state)
-    return rolling if drift is None else rolling + in_three(drift)
+def _centre_velocity(system: AbstractBody, state: BallState, under: Footing) -> Float[Array, "3"]:
+    """Computes ω × r n + w."""
+    return add(cross(apply(state.Lambda, state.Omega), _arm_in_space(system, state, under)[0]), under.velocity)
 
 
-def _arm_in_space(system: AbstractBody, state: Any) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
-    """Computes Λ∇h from the contact to the centre of a body that is no sphere, and its rate, as Λ turns."""
-    shape = system.shape
-    assert shape is not None
+def _arm_in_space(
+    system: AbstractBody, state: BallState, under: Footing
+) -> tuple[Float[Array, "3"], Float[Array, "3"] | None]:
+    """Computes the arm from the contact to the centre, r n of a sphere, and its rate: of one that is no sphere Λ∇h, as
+    Λ turns.
+    """
+    r, shape = system.radius, system.shape
+    if shape is None:
+        n = jnp.zeros_like(state.Omega).at[2].set(1.0) if under.normal is None else under.normal
+        return r * n, convert(lambda rate: r * rate, under.normal_rate)
     turning = jnp.sum(state.Lambda[:, :, None] * hat(state.Omega)[None], axis=1)
     return jax.jvp(lambda Lambda: apply(Lambda, shape.arm(Lambda[2])), (state.Lambda,), (turning,))
 
@@ -190,30 +179,20 @@ def _momentum_balance(
     """Computes the angular momentum about the contact point in space axes, ΛΠ, and its rate, mass by mass.
 
     About a point that moves with the velocity ċ, L̇ = Σ s × m(**g** − Ẍ) + r e3 × F + T − ċ × P, with s from the contact
-    point to a mass, and here ċ = ω × r e3 + u: Goldstein, Poole & Safko, Classical Mechanics, 3rd edition, section 1.2,
+    point to a mass, and here ċ = ω × r e3 + w: Goldstein, Poole & Safko, Classical Mechanics, 3rd edition, section 1.2,
     with a moving point of reference, in axes that move by X. On a surface its normal n takes the place of e3, and the
     point of reference moves by r ṅ less than the centre. With a ``slip``, the velocity of the lowest point over the
     ground, space axes, that point is the one of reference, also in flight.
     """
-    in_space, r = state.in_space(), system.radius
-    Lambda, vertical, under = in_space.Lambda, jnp.zeros_like(in_space.Omega).at[2].set(1.0), acting.footing
+    in_space, under = state.in_space(), acting.footing
+    Lambda = in_space.Lambda
     seen = _in_space(system, t, state, under, slip)
-    lift = system.gravity * vertical if system.ground is None else system.ground.lift(t, system.gravity)
-    arm = r * vertical
-    if system.shape is not None:
-        arm, arm_rate = _arm_in_space(system, in_space)
-        moves = _centre_velocity(system, t, in_space) - arm_rate
-    elif under is None:
-        moves = _centre_velocity(system, t, in_space)
-    else:
-        arm, moves = r * under.normal, under.centre_velocity - r * under.normal_rate
-    moves = moves if slip is None else moves + slip
+    lift = system.gravity * system.up if system.ground is None else system.ground.lift(t, system.gravity)
+    arm, arm_rate = _arm_in_space(system, in_space, under)
+    moves = add(_centre_velocity(system, in_space, under), convert(jnp.negative, arm_rate), slip)
     rate = cross(seen.moment, -lift) - cross(moves, seen.P)
-    if acting.force is not None:
-        rate = rate + cross(arm, apply(Lambda, acting.force))
-    if acting.torque is not None:
-        rate = rate + apply(Lambda, acting.torque)
-    return Balance(seen.Pi, rate)
+    push = convert(lambda force: cross(arm, apply(Lambda, force)), acting.force)
+    return Balance(seen.Pi, add(rate, push, convert(lambda torque: apply(Lambda, torque), acting.torque)))
 
 
 def moving_energy_balance(
@@ -230,13 +209,13 @@ def moving_energy_balance(
     assert ground.turntable is not None
     _, W, Wdot = ground.turntable.turning.derivatives(t)
     acting = load(system, t, state).with_torque(accelerations(system, t, state).dry)
-    seen, aside = _in_space(system, t, state), in_three(state.z - ground.turntable.centre)
+    seen, aside = _in_space(system, t, state, acting.footing), in_three(state.z - ground.turntable.centre)
     L = seen.Pi[2] + cross(aside, seen.P)[2]
-    push, drift = observables.friction, ground.velocity(t, state.z)
+    push = observables.friction
     if acting.force is not None:
         push = push + apply(state.Lambda, acting.force)[:2]
-    assert drift is not None
-    rate = observables.power - jnp.sum(push * drift) - Wdot * L
+    assert acting.footing.velocity is not None
+    rate = observables.power - jnp.sum(push * acting.footing.velocity[:2]) - Wdot * L
     if acting.torque is not None:
         rate = rate - W * dot(acting.torque, state.Gamma)
     return Balance(observables.energy - W * L, rate)
@@ -254,24 +233,19 @@ def _in_space(
     system: AbstractBody,
     t: Float[Array, ""],
     state: BallState | DiskState,
-    under: Footing | None = None,
+    under: Footing,
     slip: Float[Array, "3"] | None = None,
 ) -> _InSpace:
     in_space, r = state.in_space(), system.radius
     Lambda, Omega = in_space.Lambda, in_space.Omega
-    arm = Lambda[2] if under is None else apply(Lambda.T, under.normal)
-    if system.shape is not None:
-        arm = system.shape.arm(Lambda[2]) / r
+    arm = apply(Lambda.T, _arm_in_space(system, in_space, under)[0]) / r
     points = kinematics(system, t, (state.theta, state.thetadot, state.thetadot))  # accelerations are not used
     chi = jnp.concatenate([system.offset[None], points.chi])
     chidot = jnp.concatenate([jnp.zeros((1, 3), dtype=Omega.dtype), points.chidot])
     m = jnp.concatenate([system.mass[None], point_mass_values(system)])[:, None]
     s = r * arm[None] + chi
-    drift = system.drift(t, in_space)
     Y = velocities(r, Kinematics(chi, chidot, jnp.zeros_like(chi)), Omega, arm)
-    Y = Y if drift is None else Y + apply(Lambda.T, in_three(drift))[None]
-    Y = Y if under is None else Y + apply(Lambda.T, under.velocity)[None]
-    Y = Y if slip is None else Y + apply(Lambda.T, slip)[None]
+    Y = add(Y, convert(lambda v: apply(Lambda.T, v)[None], add(under.velocity, slip)))
     Pi = apply(principal_inertia(system), Omega) + jnp.sum(m * jax.vmap(cross)(s, Y), axis=0)
     return _InSpace(*(apply(Lambda, v) for v in (jnp.sum(m * Y, axis=0), Pi, jnp.sum(m * s, axis=0))))
 

@@ -58,7 +58,7 @@ def _find_slope(problem: Rolling) -> float:
     """Finds the slope of the ground at the end, rad; 0 where the place is free on a curved ground."""
     ground, e3 = problem.system.ground, np.array([0.0, 0.0, 1.0])
     if isinstance(ground, Ground):
-        return 0.0 if ground.moving else _angle(np.asarray(ground.up()), e3)
+        return 0.0 if ground.moves else _angle(np.asarray(ground.up()), e3)
     if not isinstance(ground, AbstractSurface) or problem.place is None:
         return 0.0
     return _angle(np.asarray(_normal_at_end(problem)), e3)

@@ -12,8 +12,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ...numerics.arrays import select_tree
+from ...numerics.vectors import in_three
 from ..body import AbstractBody
-from ..dynamics.footing import in_three
 from ..dynamics.rest import TurningMode
 from . import friction, slip as slips, window as windows
 from .holding import TURNS_TAKEN, Rolling

@@ -34,12 +34,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ...numerics.directions import unit
-from ...numerics.vectors import apply, root
+from ...numerics.terms import add
+from ...numerics.vectors import apply, in_three, root
 from ..body import AbstractBody, AbstractBodyWithModes
 from ..conditions import Condition, ExplainedCondition
 from ..dynamics.coupling import Joints
 from ..dynamics.equations import holding_friction, turning
-from ..dynamics.footing import ContactAxes, footing_of_released, in_three, rate_of_carrier
+from ..dynamics.footing import ContactAxes, footing_of_released, rate_of_carrier
 from ..dynamics.load import Load
 from ..dynamics.reaction import reaction
 from ..dynamics.rest import Turning, TurningLaw, TurningMode
@@ -59,7 +60,6 @@ from .released import (
     ReleasedState,
     Response,
     Turned,
-    in_space,
     rates,
     release,
     response,
@@ -156,8 +156,8 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         if self.contact is None:
             return packed
         packed = over.with_nearest_piece(self.body, t, packed)
-        rolling, axes = rolling_contact(self.body, t, packed.body)
-        V = in_space(axes, packed.V) + rolling
+        rolling, under = rolling_contact(self.body, t, packed.body)
+        V = under.to_space(packed.V) + rolling
         return dataclasses.replace(packed, V=jnp.where(packed.is_in(Mode.FLIGHT), packed.V, V))
 
     def field_of_packed(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
@@ -299,20 +299,21 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
 
     def rate_over_ground(self, t: Float[Array, ""], state: Any, Omegadot: Float[Array, "3"]) -> Float[Array, "3"]:
         """Computes the rate of ω relative to the ground, in contact axes, from Ω̇."""
-        rate, carried = apply(self.contact_axes(t, state).rows, Omegadot), self._compute_carried_rate(t, state)
-        return rate if carried is None else rate + carried
+        rate = apply(self.contact_axes(t, state).rows, Omegadot)
+        return add(rate, self._compute_carried_rate(t, state))
 
     def _compute_carried_rate(
         self, t: Float[Array, ""], state: Any, under: Footing | None = None
     ) -> Float[Array, "3"] | None:
-        """Computes that rate while ω is constant, contact axes; None on a plane. ``under`` is the footing, if known."""
-        if not over.has_surface(self.body):
-            return None
+        """Computes that rate while ω is constant, contact axes; None where the ground does not turn. ``under`` is the
+        footing, if known.
+        """
         touching = ~state.is_in(Mode.FLIGHT)
         if under is None and self.contact is not None:
             under = footing_of_released(self.body, t, state.body, state.V, state.height, touching)
         carried = rate_of_carrier(self.body, t, state.body, under)
-        assert carried is not None
+        if carried is None:
+            return None
         return jnp.where(touching, apply(self.contact_axes(t, state).rows, carried), 0.0)
 
     def turning(self, t: Float[Array, ""], state: Any) -> Turning:

@@ -15,8 +15,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ...numerics.arrays import select_tree
 from ...numerics.directions import diverging, unit
+from ...numerics.vectors import in_three
 from ...programs.derivatives.differentiation import without_derivatives
-from ..dynamics.footing import in_three
 from ..dynamics.law import release
 from ..dynamics.rest import Turning, TurningMode, candidates, let_go, needs
 from ..dynamics.sticking import change_joint, loosen, overloads, with_directions

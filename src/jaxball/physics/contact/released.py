@@ -33,19 +33,29 @@ from ...interface.arguments import require
 from ...interface.printing import Printed
 from ...numerics.arrays import numbers
 from ...numerics.linear import product
+from ...numerics.terms import add, convert
 from ...numerics.vectors import apply, cross, dot, inverse
 from ..body import AbstractBody
 from ..dynamics.coupling import Joints, join_coordinates
 from ..dynamics.energy import kinetic_energy, potential_energy
 from ..dynamics.equations import equations
-from ..dynamics.footing import arm_of, footing_of_released, in_three, locate_surface, velocity_by_turning
+from ..dynamics.footing import (
+    arm_of,
+    footing,
+    footing_of_released,
+    locate_surface,
+    place_of_centre,
+    velocity_by_turning,
+    velocity_of_centre,
+)
 from ..dynamics.law import Law, Rows
-from ..dynamics.load import Load, height_over_origin, load, place, table_under
+from ..dynamics.load import Load, load
 from ..dynamics.moments import kinematics, point_mass_values, principal_inertia
 from ..dynamics.reaction import reaction_in_body
 from ..dynamics.rest import TurningLaw
 from ..dynamics.sticking import of_sticking
 from ..grounds import Footing
+from ..grounds.footing import AT_REST
 from ..prescribed.motion import Kinematics
 from ..state import DiskState, PlacedState
 
@@ -86,28 +96,15 @@ def release(system: AbstractBody, t: Float[Array, ""], state: PlacedState) -> Re
     return ReleasedState(state, rolling_contact(system, t, state)[0], jnp.zeros_like(system.radius))
 
 
-def rolling_contact(
-    system: AbstractBody, t: Float[Array, ""], body: PlacedState
-) -> tuple[Float[Array, "3"], Float[Array, "3 3"] | None]:
-    """Computes w + r ω × n, which V is without slip, space axes, and the contact axes as rows, None for the axes of
-    space.
-    """
-    r, surface = system.radius, locate_surface(system, t, body)
+def rolling_contact(system: AbstractBody, t: Float[Array, ""], body: PlacedState) -> tuple[Float[Array, "3"], Footing]:
+    """Computes w + r ω × n, which V is without slip, space axes, and of the footing the contact axes and w."""
+    surface = locate_surface(system, t, body)
     if surface is None:
-        over, drift = velocity_by_turning(system, body.Lambda, body.Omega), system.drift(t, body)
-        return over if drift is None else over + in_three(drift), None
-    touch = surface.touch_at(t, body.z)
-    return touch.w + r * cross(apply(body.Lambda, body.Omega), touch.n), touch.axes
-
-
-def in_contact_axes(axes: Float[Array, "3 3"] | None, v: Float[Array, "3"]) -> Float[Array, "3"]:
-    """Returns the components in the contact axes of a vector in space."""
-    return v if axes is None else apply(axes, v)
-
-
-def in_space(axes: Float[Array, "3 3"] | None, v: Float[Array, "3"]) -> Float[Array, "3"]:
-    """Returns the vector in space whose components in the contact axes are ``v``."""
-    return v if axes is None else apply(axes.T, v)
+        under = footing(system, t, body)
+    else:
+        touch = surface.touch_at(t, body.z)
+        under = Footing(axes=touch.axes, velocity=touch.w)
+    return velocity_of_centre(system, body, under), under
 
 
 @jax.jit
@@ -117,8 +114,8 @@ def slip_velocity(system: AbstractBody, t: Float[Array, ""], state: ReleasedStat
 
     The third component is the rate at which the body leaves the ground.
     """
-    rolling, axes = rolling_contact(system, t, state.body)
-    slip = in_contact_axes(axes, state.V - rolling)
+    rolling, under = rolling_contact(system, t, state.body)
+    slip = under.to_axes(state.V - rolling)
     # A disk does not slip sideways. Rounding there would be divided by the slip speed in derivatives of σ.
     return slip.at[1].set(0.0) if system.planar else slip
 
@@ -127,10 +124,10 @@ def with_rise(
     system: AbstractBody, t: Float[Array, ""], state: ReleasedState, rate: Float[Array, ""]
 ) -> Float[Array, "3"]:
     """Returns V of a body that leaves its ground at this rate, and slips as before."""
-    rolling, axes = rolling_contact(system, t, state.body)
-    if axes is None:
+    rolling, under = rolling_contact(system, t, state.body)
+    if under.normal is None:
         return state.V.at[2].set(rate if system.shape is None else rolling[2] + rate)
-    return state.V + (rate - dot(axes[2], state.V - rolling)) * axes[2]
+    return state.V + (rate - dot(under.normal, state.V - rolling)) * under.normal
 
 
 class Motion(NamedTuple):
@@ -169,26 +166,21 @@ class Response(NamedTuple):
     ``twisting`` is what a unit of torque at the contact along each contact axis adds; it counts as soon as a mode of
     turning is known, ``turned``. The amounts of all these are v̇_s, and N or the torque.
 
-    ``convected`` is V̇ without v̇_s and r ω̇ × n, space axes: that of the turntable, u̇, and on a surface what it is by
-    the ``footing``, which is None on a plane. ``rise`` is the rate of the height there. ``own`` are the rates
-    of states of one's own. ``pushed`` is what given efforts on joints add while v̇_s = 0; None if none are given.
+    ``convected`` is V̇ without v̇_s and r ω̇ × n, space axes, as the ``footing`` says. ``rise`` is the rate of the
+    height, None where it is V₃. ``own`` are the rates of states of one's own. ``pushed`` is what given efforts on
+    joints add while v̇_s = 0; None if none are given.
     """
 
     rolling: Motion
     yielding: Motion
     rubbing: Motion | None
     convected: Float[Array, "3"]
-    footing: Footing | None = None
+    footing: Footing = AT_REST
     rise: Float[Array, ""] | None = None
     twisting: Motion | None = None
     turned: Turned | None = None
     own: Float[Array, " own"] | None = None
     pushed: Motion | None = None
-
-    @property
-    def axes(self) -> Float[Array, "3 3"] | None:
-        """The contact axes; None for those of space."""
-        return None if self.footing is None else self.footing.axes
 
     @property
     def delassus(self) -> Float[Array, "3 3"]:
@@ -292,10 +284,8 @@ def response(
     body, r, touches = state.body, system.radius, True if touching is None else touching
     under = footing_of_released(system, t, body, state.V, state.height, touches)
     acting, slip = load_of_released(system, t, state, touching, under)
-    Lambda = body.Lambda
-    if under is not None:
-        Lambda = jnp.sum(under.axes[:, :, None] * body.Lambda[None], axis=1)  # from body axes to contact axes
-    dynamics = equations(system, t, body, None if under is None else acting.Gamma)
+    Lambda = under.rows(body.Lambda)  # from body axes to contact axes
+    dynamics = equations(system, t, body, acting.Gamma)
     # Σ m s: an angular acceleration gives all masses together the change of momentum Ω̇ × Σ m s.
     lever = dynamics.body_moments.M * r * dynamics.lever.arm + dynamics.body_moments.p
     p = [link.weights for link in dynamics.free]
@@ -345,9 +335,9 @@ def response(
         rolling=motion(Omegadot, coordinates, R, dynamics.holding(t, body, acting, Omegadot, thetaddot)),
         yielding=of_slip,
         rubbing=None if dry is None else twist(dry[None]),
-        convected=_compute_convected_rate(system, t, body, acting, slip, under),
+        convected=_compute_convected_rate(system, body, acting, slip),
         footing=under,
-        rise=None if under is None and system.shape is None else slip_velocity(system, t, state)[2],
+        rise=None if under.axes is None and system.shape is None else slip_velocity(system, t, state)[2],
         twisting=twist(Lambda) if is_exact or pivots else None,
         own=system.own_rates(t, body),
         pushed=None if efforts is None else change(jnp.zeros_like(Omegadot), efforts, jnp.zeros_like(R)),
@@ -355,22 +345,14 @@ def response(
 
 
 def _compute_convected_rate(
-    system: AbstractBody,
-    t: Float[Array, ""],
-    body: PlacedState,
-    acting: Load,
-    slip: Float[Array, "3"],
-    under: Footing | None,
+    system: AbstractBody, body: PlacedState, acting: Load, slip: Float[Array, "3"]
 ) -> Float[Array, "3"]:
     """Computes the rate of V = w + r ω × n + v_s, in axes that may turn, without ω̇ and v̇_s."""
-    r, rate = system.radius, jnp.zeros_like(slip)
-    if under is not None:
-        turning = apply(body.Lambda, body.Omega)
-        rate = under.acceleration + r * cross(turning, under.normal_rate) + cross(under.turning, slip)
-    elif acting.arm.rate is not None:
-        rate = apply(body.Lambda, r * cross(body.Omega, acting.arm.rate))
-    table = table_under(system, t, body, slip)
-    return rate if table is None else rate + in_three(table.acceleration)
+    under = acting.footing
+    moved = convert(lambda rate: apply(body.Lambda, system.radius * cross(body.Omega, rate)), acting.arm.rate)
+    turned = convert(lambda turning: cross(turning, slip), under.turning)
+    rate = add(under.acceleration, moved, turned)
+    return jnp.zeros_like(slip) if rate is None else rate
 
 
 def load_of_released(
@@ -378,10 +360,12 @@ def load_of_released(
     t: Float[Array, ""],
     state: ReleasedState,
     touching: Bool[Array, ""] | None,
-    under: Footing | None,
+    under: Footing,
 ) -> tuple[Load, Float[Array, "3"]]:
     """Computes the load on a body that may slip or fly, and its slip velocity in space axes."""
-    slip = slip_velocity(system, t, state) if under is None else state.V - under.centre_velocity
+    slip = state.V - velocity_of_centre(system, state.body, under)
+    if system.planar:
+        slip = slip.at[1].set(0.0)
     return load(system, t, state.body, slip, touching, state.height, under), slip
 
 
@@ -398,13 +382,14 @@ def rates(
     body = state.body
     Omegadot, thetaddot = (body_response.part(name, amounts) for name in ("Omegadot", "thetaddot"))
     moved = body.rates(system.radius, Omegadot, (body.theta, body.thetadot, thetaddot), body_response.own)
-    V = (
-        _turning(system, body, Omegadot, body_response)
-        + in_space(body_response.axes, amounts[:3])
-        + body_response.convected
-    )
+    under = body_response.footing
+    turned = velocity_by_turning(system, body.Lambda, Omegadot, under)
+    V = turned + under.to_space(amounts[:3]) + body_response.convected
     rise = state.V[2] if body_response.rise is None else body_response.rise
-    return ReleasedState(_place_centre(moved, state.V, body_response.footing), V, rise)
+    place = under.coordinate_rates
+    if place is None:
+        place = state.V[0] if isinstance(body, DiskState) else state.V[:2]
+    return ReleasedState(eqx.tree_at(lambda x: x.z, moved, place), V, rise)
 
 
 def with_slip(
@@ -434,7 +419,8 @@ def with_velocities(
 ) -> ReleasedState:
     """Returns the state after changes of Ω, θ̇ and of the slip velocity, contact axes."""
     body = state.body
-    V = state.V + _turning(system, body, Omega, body_response) + in_space(body_response.axes, change)
+    under = body_response.footing
+    V = state.V + velocity_by_turning(system, body.Lambda, Omega, under) + under.to_space(change)
     moved = eqx.tree_at(lambda x: x.thetadot, body.with_Omega(body.Omega + Omega), body.thetadot + thetadot)
     return ReleasedState(moved, V, state.height)
 
@@ -452,7 +438,7 @@ def energy_of_released(system: AbstractBody, t: Float[Array, ""], state: Release
     m = jnp.concatenate([system.mass[None], point_mass_values(system)])
     # What every mass has besides the velocity of rolling on a plane at rest.
     lowest = state.V - velocity_by_turning(system, body.Lambda, body.Omega)
-    up = jnp.zeros_like(state.V).at[2].set(1.0) if system.ground is None else system.ground.up()
+    up = system.up
     centre = position(system, t, state)
     arm, relative = arm_of(system, body.Gamma), apply(body.Lambda.T, lowest)
     T = kinetic_energy(m, principal_inertia(system), r, masses, body.Omega, arm, relative)
@@ -463,25 +449,10 @@ def position(system: AbstractBody, t: Float[Array, ""], state: ReleasedState) ->
     """Returns the place of the geometric centre, space axes; a plane is at the height −r."""
     body, surface = state.body, locate_surface(system, t, state.body)
     if surface is None:
-        return in_three(place(body)).at[2].set(height_over_origin(system, body.Gamma, state.height))
+        return place_of_centre(system, body, AT_REST, state.height)
     return surface.place_of_centre(t, system.radius + state.height, body.z)
-
-
-def _turning(
-    system: AbstractBody, body: PlacedState, Omega: Float[Array, "3"], response: Response
-) -> Float[Array, "3"]:
-    """Computes r ω × n, space axes, where ``Omega`` is Ω, or a rate or a change of it, body axes."""
-    if response.footing is None:
-        return velocity_by_turning(system, body.Lambda, Omega)
-    return system.radius * cross(apply(body.Lambda, Omega), response.footing.normal)
 
 
 def combine_rows(amounts: Float[Array, " amounts"], rows: Float[Array, "amounts n"]) -> Float[Array, " n"]:
     """Computes the sum of rows, each times its amount."""
     return jnp.sum(amounts[:, None] * rows, axis=0)
-
-
-def _place_centre(body: PlacedState, V: Float[Array, "3"], under: Footing | None) -> PlacedState:
-    """Returns the rates of a state with the rates of its place put in."""
-    place = under.coordinate_rates if under is not None else V[0] if isinstance(body, DiskState) else V[:2]
-    return eqx.tree_at(lambda x: x.z, body, place)

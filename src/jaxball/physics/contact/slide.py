@@ -16,10 +16,9 @@ from ...numerics.vectors import apply
 from ..body import AbstractBody
 from ..dynamics.stops import has_stops
 from ..forces.resistance import Resistance
-from ..grounds.ground import Ground
 from .law import Contact
 from .modes import ContactState
-from .released import in_space, rolling_contact, slip_velocity
+from .released import rolling_contact, slip_velocity
 
 if TYPE_CHECKING:
     from .body_on_plane import BodyOnPlane
@@ -30,8 +29,6 @@ def find_rival(body: AbstractBody, contact: Contact) -> str | None:
     if contact.limit_radius is None or body.planar:
         return None
     resistance = body.resistance
-    if isinstance(body.ground, Ground) and body.ground.turntable is not None:
-        return "a turntable, relative to which the body would spin; leave one of them out"
     if isinstance(resistance, Resistance) and resistance.dry_spinning is not None:
         return "`dry_spinning` of the resistance, because both are friction against the spin; leave one of them out"
     if resistance is not None and resistance.is_dry and not resistance.holds:
@@ -69,8 +66,8 @@ def with_slide(
         axes = plane.contact_axes(t, state)
         omega = axes.over_ground(state.body.Omega).at[2].set(wanted[2] / plane.pivot)
         state = dataclasses.replace(state, body=state.body.with_Omega(axes.in_body(omega)))
-    rolling, axes = rolling_contact(plane.body, t, state.body)
-    return dataclasses.replace(state, V=rolling + in_space(axes, slip))
+    rolling, under = rolling_contact(plane.body, t, state.body)
+    return dataclasses.replace(state, V=rolling + under.to_space(slip))
 
 
 def spinning_loss(

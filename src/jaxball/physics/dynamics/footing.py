@@ -11,10 +11,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ...numerics.arrays import select_tree
-from ...numerics.vectors import apply, cross
+from ...numerics.terms import add, convert
+from ...numerics.vectors import apply, cross, in_three
 from ..grounds import AbstractSurface, Footing
+from ..grounds.footing import AT_REST
+from ..grounds.ground import AbstractGround, Ground
 from ..grounds.surface import Coordinates
-from ..state import BallState, PlacedState, Rates, ReducedState, rolling_velocity
+from ..state import BallState, DiskState, Rates, ReducedState, rolling_velocity
 from .parameters import BodyParameters
 
 
@@ -46,13 +49,21 @@ def locate_surface(system: BodyParameters, t: Float[Array, ""], state: Any) -> A
     return surface.following(t, theta, thetadot, jnp.zeros_like(theta))
 
 
-def footing(system: BodyParameters, t: Float[Array, ""], state: Any) -> Footing | None:
-    """Computes how the surface under a body holds it; None on a plane."""
-    surface = surface_under(system, t, state)
-    if surface is None:
-        return None
-    assert isinstance(state, PlacedState)
-    return surface.footing(t, system.radius, state.z, apply(state.Lambda, state.Omega))
+def footing(
+    system: BodyParameters,
+    t: Float[Array, ""],
+    state: Any,
+    V: Float[Array, "3"] | None = None,
+    height: Float[Array, ""] | None = None,
+) -> Footing:
+    """Computes how the ground under a body holds it.
+
+    ``V`` is the velocity of its centre, that of rolling if not given, and ``height`` how far it is above the ground.
+    """
+    ground = surface_under(system, t, state) or system.ground
+    if ground is None or (isinstance(ground, Ground) and not ground.carriers):
+        return AT_REST
+    return ground.footing(t, system.radius, state.z, apply(state.Lambda, state.Omega), V, height)
 
 
 def footing_of_released(
@@ -62,32 +73,23 @@ def footing_of_released(
     V: Float[Array, "3"],
     height: Float[Array, ""],
     touching: Bool[Array, ""] | bool,
-) -> Footing | None:
-    """Computes how the surface under a body holds it while it slips or flies with the velocity ``V``; None on a plane.
+) -> Footing:
+    """Computes how the ground under a body holds it while it slips or flies with the velocity ``V``.
 
-    In flight no ground acts, and the motion is described as on a level plane at rest, for any height: the normal is e3,
-    and the contact axes are those of space. ``coordinate_rates`` are always those of the piece that is nearest; NaN,
-    which ends a solve with a status, where a body that touches the ground is beyond its edge.
+    In flight no ground acts, and over a surface the motion is described as on a level plane at rest, for any height:
+    the normal is e3, and the contact axes are those of space. ``coordinate_rates`` are always those of the piece that
+    is nearest; NaN, which ends a solve with a status, where a body that touches the ground is beyond its edge.
     """
-    surface = surface_under(system, t, state)
+    surface, held = surface_under(system, t, state), footing(system, t, state, V, height)
     if surface is None:
-        return None
-    assert isinstance(state, PlacedState)
-    r, omega = system.radius, apply(state.Lambda, state.Omega)
-    held = surface.footing(t, r, state.z, omega, V, height)
+        return held
     if surface.has_edge:
+        assert held.coordinate_rates is not None
         over = jnp.asarray(touching) & ~(surface.beyond_edge(t, state.z) < 0)
         held = held._replace(coordinate_rates=jnp.where(over, jnp.nan, held.coordinate_rates))
-    axes, none = jnp.eye(3, dtype=r.dtype), jnp.zeros_like(V)
+    none = jnp.zeros_like(V)
     free = held._replace(
-        normal=axes[2],
-        tangents=axes[:2],
-        velocity=none,
-        spin=none,
-        centre_velocity=r * cross(omega, axes[2]),
-        normal_rate=none,
-        acceleration=none,
-        turning=none,
+        axes=jnp.eye(3, dtype=V.dtype), velocity=none, spin=none, normal_rate=none, acceleration=none, turning=none
     )
     return select_tree(jnp.asarray(touching), held, free)
 
@@ -95,10 +97,7 @@ def footing_of_released(
 def contact_normal(system: BodyParameters, t: Float[Array, ""], state: Any) -> Float[Array, "3"]:
     """Computes the normal of the ground towards the body, in body axes: Γ on a plane."""
     surface = surface_under(system, t, state)
-    if surface is None:
-        return state.Gamma
-    assert isinstance(state, PlacedState)
-    return apply(state.Lambda.T, surface.normal(t, state.z))
+    return state.Gamma if surface is None else apply(state.Lambda.T, surface.normal(t, state.z))
 
 
 class Arm(NamedTuple):
@@ -121,8 +120,12 @@ def arm_of(system: BodyParameters, Gamma: Float[Array, "3"]) -> Float[Array, "3"
     return Gamma if system.shape is None else system.shape.arm(Gamma) / system.radius
 
 
-def arm_over_plane(system: BodyParameters, Gamma: Float[Array, "3"], Omega: Float[Array, "3"]) -> Arm:
-    """Computes the arm of a body over a plane, and its rate."""
+def arm_over(system: BodyParameters, state: Any, under: Footing) -> Arm:
+    """Computes the arm of a body over its ground, and its rate."""
+    if under.axes is not None:
+        into_body = state.Lambda.T
+        return Arm(apply(into_body, under.axes[2]), convert(lambda rate: apply(into_body, rate), under.normal_rate))
+    Gamma, Omega = state.Gamma, state.Omega
     if system.shape is None:
         return Arm(Gamma, None)
     along, rate = jax.jvp(lambda Gamma: arm_of(system, Gamma), (Gamma,), (cross(Gamma, Omega),))
@@ -130,20 +133,42 @@ def arm_over_plane(system: BodyParameters, Gamma: Float[Array, "3"], Omega: Floa
 
 
 def velocity_by_turning(
-    system: BodyParameters, Lambda: Float[Array, "3 3"], Omega: Float[Array, "3"]
+    system: BodyParameters,
+    Lambda: Float[Array, "3 3"],
+    Omega: Float[Array, "3"],
+    under: Footing = AT_REST,
 ) -> Float[Array, "3"]:
-    """Computes the velocity of the geometric centre, space axes, of a body whose contact point is at rest on a plane.
+    """Computes r ω × n, space axes, the velocity of the geometric centre of a body whose contact point is at rest.
 
     It is linear in Ω: of a rate or a change of Ω it is that of the velocity.
     """
+    if under.axes is not None:
+        return system.radius * cross(apply(Lambda, Omega), under.axes[2])
     if system.shape is None:
         return in_three(rolling_velocity(Lambda, Omega, system.radius))
     return apply(Lambda, cross(Omega, system.shape.arm(Lambda[2])))
 
 
-def in_three(v: Float[Array, "2"]) -> Float[Array, "3"]:
-    """Returns a horizontal vector with its third component, 0."""
-    return jnp.concatenate([v, jnp.zeros_like(v[:1])])
+def velocity_of_centre(system: BodyParameters, state: Any, under: Footing) -> Float[Array, "3"]:
+    """Computes w + r ω × n, the velocity of the geometric centre of a body that rolls, space axes."""
+    return add(velocity_by_turning(system, state.Lambda, state.Omega, under), under.velocity)
+
+
+def place(state: Any) -> Float[Array, "2"]:
+    """Returns the place of the geometric centre over the plane; a disk moves along e1."""
+    return jnp.stack([state.z, jnp.zeros_like(state.z)]) if isinstance(state, DiskState) else state.z
+
+
+def place_of_centre(
+    system: BodyParameters, state: Any, under: Footing, height: Float[Array, ""] | None
+) -> Float[Array, "3"]:
+    """Returns the place of the geometric centre, at a ``height`` over that of rolling, space axes; a plane is at −r."""
+    if under.centre is not None:
+        return under.centre
+    above = None if system.shape is None else system.shape.height(state.Gamma) - system.radius
+    total = add(height, above)
+    on_plane = in_three(place(state))
+    return on_plane if total is None else on_plane.at[2].set(total)
 
 
 def in_space(system: BodyParameters, state: Any) -> BallState:
@@ -181,24 +206,23 @@ def rates(
     state: Any,
     Omegadot: Float[Array, "3"],
     angles: Rates,
-    under: Footing | None,
+    under: Footing,
 ) -> Any:
     """Computes ẋ where Ω̇ is known, and θ, θ̇, θ̈: the kinematics of rolling. ``under`` is the :func:`footing`."""
-    moved = state.rates(system.radius, Omegadot, angles, system.own_rates(t, state), system.drift(t, state))
-    if under is not None:
+    moved = state.rates(system.radius, Omegadot, angles, system.own_rates(t, state))
+    if under.coordinate_rates is not None:
         return eqx.tree_at(lambda x: x.z, moved, under.coordinate_rates)
-    if system.shape is None or isinstance(state, ReducedState):
+    if isinstance(state, ReducedState) or (system.shape is None and under.velocity is None):
         return moved
-    over = velocity_by_turning(system, state.Lambda, state.Omega)[:2]
-    drift = system.drift(t, state)
-    return eqx.tree_at(lambda x: x.z, moved, over if drift is None else over + drift)
+    V = velocity_of_centre(system, state, under)
+    return eqx.tree_at(lambda x: x.z, moved, V[0] if isinstance(state, DiskState) else V[:2])
 
 
 class ContactAxes(NamedTuple):
     """The axes of the contact, two along the ground and its normal: on a plane, those of space.
 
     ``rows`` takes vectors from body axes to these. ``spin`` is the angular velocity of the ground's matter in them,
-    None on a plane.
+    None where it does not turn.
     """
 
     rows: Float[Array, "3 3"]
@@ -207,49 +231,51 @@ class ContactAxes(NamedTuple):
     @classmethod
     def of(cls, system: BodyParameters, t: Float[Array, ""], state: Any) -> "ContactAxes":
         """Computes the contact axes at a state."""
-        surface = locate_surface(system, t, state)
-        if surface is None:
+        if system.ground is None:
             return cls(state.Lambda, None)
-        axes, spin = _axes_and_spin(surface, t, system.radius, state.z)
-        rows = jnp.sum(axes[:, :, None] * state.Lambda[None], axis=1)
-        return cls(rows, apply(axes, spin))
+        ground = locate_surface(system, t, state) or system.ground
+        axes, spin = _axes_and_spin(ground, t, system.radius, state.z)
+        under = Footing(axes)
+        return cls(under.rows(state.Lambda), convert(under.to_axes, spin))
 
     def over_ground(self, Omega: Float[Array, "3"]) -> Float[Array, "3"]:
         """Computes the angular velocity of the body relative to the ground, from Ω."""
-        omega = apply(self.rows, Omega)
-        return omega if self.spin is None else omega - self.spin
+        return add(apply(self.rows, Omega), convert(jnp.negative, self.spin))
 
     def in_body(self, omega: Float[Array, "3"]) -> Float[Array, "3"]:
         """Computes Ω from the angular velocity relative to the ground."""
-        return apply(self.rows.T, omega if self.spin is None else omega + self.spin)
+        return apply(self.rows.T, add(omega, self.spin))
 
 
 def rate_of_carrier(
     system: BodyParameters, t: Float[Array, ""], state: Any, under: Footing | None = None
 ) -> Float[Array, "3"] | None:
-    """Computes the rate of the components of ω relative to the ground while ω is constant, in body axes; None on a
-    plane.
+    """Computes the rate of the components of ω relative to the ground while ω is constant, in body axes; None where its
+    matter does not turn.
 
     These components change as the axes of the contact turn along the path of the contact point and with the ground.
     ``under`` is the footing of a body that touches its ground, that of rolling if not given.
     """
-    surface = surface_under(system, t, state)
-    if surface is None:
+    under = footing(system, t, state) if under is None else under
+    if under.spin is None:
         return None
+    ground = surface_under(system, t, state) or system.ground
+    assert ground is not None
     omega, u = apply(state.Lambda, state.Omega), state.z
-    under = surface.footing(t, system.radius, u, omega) if under is None else under
 
-    def components(t: Float[Array, ""], u: Coordinates) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
-        axes, spin = _axes_and_spin(surface, t, system.radius, u)
-        return apply(axes, omega - spin), axes
+    def components(t: Float[Array, ""], u: Coordinates) -> tuple[Float[Array, "3"], Float[Array, "3 3"] | None]:
+        axes, spin = _axes_and_spin(ground, t, system.radius, u)
+        return Footing(axes).to_axes(add(omega, convert(jnp.negative, spin))), axes
 
-    _, rate, axes = jax.jvp(components, (t, u), (jnp.ones_like(t), under.coordinate_rates), has_aux=True)
-    return apply(state.Lambda.T, apply(axes.T, rate))
+    # What turns in a plane turns as a whole, so that its rate is the same everywhere.
+    along = jnp.zeros_like(u) if under.coordinate_rates is None else under.coordinate_rates
+    _, rate, axes = jax.jvp(components, (t, u), (jnp.ones_like(t), along), has_aux=True)
+    return apply(state.Lambda.T, Footing(axes).to_space(rate))
 
 
 def _axes_and_spin(
-    surface: AbstractSurface, t: Float[Array, ""], r: Float[Array, ""], u: Coordinates
-) -> tuple[Float[Array, "3 3"], Float[Array, "3"]]:
+    ground: AbstractGround, t: Float[Array, ""], r: Float[Array, ""], u: Coordinates
+) -> tuple[Float[Array, "3 3"] | None, Float[Array, "3"] | None]:
     """Returns the axes of the contact as rows, space axes, and the angular velocity of the ground's matter."""
-    under = surface.footing(t, r, u, jnp.zeros((3,), r.dtype))
-    return jnp.concatenate([under.tangents, under.normal[None]]), under.spin
+    under = ground.footing(t, r, u, jnp.zeros((3,), r.dtype))
+    return under.axes, under.spin

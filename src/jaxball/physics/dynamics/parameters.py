@@ -20,8 +20,8 @@ from ...interface.wording import all_of
 from ...numerics.arrays import Numbers, numbers
 from ..feedback import AbstractLaw
 from ..forces.force import AbstractWrench, FunctionForce, HarmonicForce, require_wrench
-from ..forces.resistance import AbstractResistance, Resistance
-from ..grounds.ground import AbstractGround, Ground
+from ..forces.resistance import AbstractResistance
+from ..grounds.ground import AbstractGround
 from ..mechanisms import AbstractMechanism
 from ..own_states import OwnStates
 from ..prescribed.motion import AbstractMotion, Driven, OnRail, rail_of, schedule_of
@@ -154,12 +154,6 @@ class BodyParameters(Printed):
         require("own_states", own_states, (OwnStates, type(None)), "an OwnStates, or None")
         if self.planar:
             _require_line(ground)
-        has_table = isinstance(ground, Ground) and ground.turntable is not None
-        if has_table and isinstance(resistance, Resistance) and resistance.dry_spinning is not None:
-            raise ValueError(
-                "Argument `ground` must have no turntable where dry friction against spinning acts, which would be "
-                "relative to it; leave `dry_spinning` of the `resistance` out, or the turntable."
-            )
         _require_force(self)
         _require_law(self)
 
@@ -244,11 +238,12 @@ class BodyParameters(Printed):
         """Computes the height of the geometric centre over a plane on which the body stands: r of a sphere."""
         return self.radius if self.shape is None else self.shape.height(Gamma)
 
-    def drift(self, t: Float[Array, ""], state: Any) -> Float[Array, "2"] | None:
-        """Computes the velocity u of a turntable under the body's centre; None without one."""
-        if not isinstance(self.ground, Ground) or self.ground.turntable is None:
-            return None
-        return self.ground.velocity(t, state.z)
+    @property
+    def up(self) -> Float[Array, "3"]:
+        """The vertical −**g**/g, space axes."""
+        if self.ground is None:
+            return jnp.zeros((3,), self.radius.dtype).at[2].set(1.0)
+        return self.ground.up().astype(self.radius.dtype)
 
     @property
     def n_masses(self) -> int:
@@ -316,7 +311,7 @@ def _entry(leaf: Any, index: int) -> Any:
 
 def _require_line(ground: AbstractGround | None) -> None:
     """Refuses what a disk cannot roll on."""
-    if isinstance(ground, Ground) and ground.turntable is not None:
+    if ground is not None and ground.turntable is not None:
         raise ValueError("Argument `ground` must have no turntable under a disk, which rolls on a line; use a Ball.")
 
 

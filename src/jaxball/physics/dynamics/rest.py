@@ -16,10 +16,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ...numerics.directions import diverging, unit
-from ...numerics.vectors import root
+from ...numerics.vectors import in_three, root
 from ...programs.derivatives.differentiation import without_derivatives
 from ..forces.resistance import Resistance
-from .footing import in_three
 from .law import Acting, Law, Rows, load, release
 
 ROUNDING_OF_RATE = 64  # of a rate, in units of rounding: what is smaller is none

@@ -31,16 +31,14 @@ class AbstractResistance(Printed):
     """
 
     @abc.abstractmethod
-    def contact_torque(
-        self, Omega: Float[Array, "3"], Gamma: Float[Array, "3"], W: Float[Array, ""] | None
-    ) -> Float[Array, "3"]:
+    def contact_torque(self, Omega: Float[Array, "3"], Gamma: Float[Array, "3"]) -> Float[Array, "3"]:
         """Computes T at the contact without its dry part, body axes, mass length²/time², shape (3,).
 
         **Arguments:**
 
-        - ``Omega``: Ω, body axes, rad/time, shape (3,).
-        - ``Gamma``: Γ, the unit vector up, body axes, shape (3,).
-        - ``W``: the rate of a turntable under the body, rad/time; None without one.
+        - ``Omega``: Ω relative to the matter of the ground, which turns on a turntable; body axes, rad/time, shape
+          (3,).
+        - ``Gamma``: Γ, the unit vector up, or the normal of a curved ground, body axes, shape (3,).
         """
 
     def medium(self, velocity: Float[Array, "3"], Omega: Float[Array, "3"]) -> tuple[Float[Array, "3"], ...] | None:
@@ -84,9 +82,10 @@ class AbstractResistance(Printed):
 class Resistance(AbstractResistance):
     """Torques at the contact, and the drag of a medium that is at rest relative to the plane.
 
-    With ω_h the horizontal part of ω, over a plane whose turntable turns at W,
+    With ω relative to the matter of the ground, so that ω₃ is less by the rate of a turntable, and its part ω_h along
+    the plane,
 
-    - at the contact T = −rolling ω_h − spinning (ω₃ − W) e3 − N dry r ω_h / √(ω_h² + smoothing²) and
+    - at the contact T = −rolling ω_h − spinning ω₃ e3 − N dry r ω_h / √(ω_h² + smoothing²) and
       −N dry_spinning r ω₃ / √(ω₃² + smoothing²);
     - from the medium, the force −drag ż at the geometric centre and the torque −rotational_drag ω.
 
@@ -109,7 +108,7 @@ class Resistance(AbstractResistance):
     - ``smoothing``: rad/time, far below the rates of interest; the smaller, the stiffer the equations.
     - ``negative``: whether coefficients may be negative, and so supply energy.
     - ``dry_spinning``: the coefficient of dry friction against spinning, a length over the radius; None for none. A
-      disk, which does not spin, does not feel it. Not on a turntable.
+      disk, which does not spin, does not feel it.
     - ``exact``: whether dry friction stops a body and holds it at rest; ``dry`` and ``dry_spinning`` are then positive,
       and ``smoothing`` is not used.
 
@@ -169,13 +168,10 @@ class Resistance(AbstractResistance):
         """Computes −drag ż and −rotational_drag ω, body axes."""
         return -self.drag * velocity, -self.rotational_drag * Omega
 
-    def contact_torque(
-        self, Omega: Float[Array, "3"], Gamma: Float[Array, "3"], W: Float[Array, ""] | None
-    ) -> Float[Array, "3"]:
-        """Computes the viscous part of T at the contact, body axes; ``W`` is the rate of a turntable."""
+    def contact_torque(self, Omega: Float[Array, "3"], Gamma: Float[Array, "3"]) -> Float[Array, "3"]:
+        """Computes the viscous part of T at the contact, body axes."""
         spin = dot(Omega, Gamma)
-        over = spin if W is None else spin - W
-        return -self.rolling * (Omega - spin * Gamma) - self.spinning * over * Gamma
+        return -self.rolling * (Omega - spin * Gamma) - self.spinning * spin * Gamma
 
     def dry_torque(
         self, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]

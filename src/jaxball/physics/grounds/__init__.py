@@ -4,6 +4,8 @@ A surface is one function p(t, u1, u2), a place in space for two coordinates; ev
 differentiation.
 """
 
+from .carriers import Belt as Belt, Turntable as Turntable
+from .footing import Footing as Footing
 from .moving_frame import MovingFrame as MovingFrame, Turn as Turn
 from .shapes import (
     Bowl as Bowl,
@@ -16,4 +18,4 @@ from .shapes import (
     Washboard as Washboard,
 )
 from .signed_distance import SignedDistance as SignedDistance
-from .surface import AbstractSurface as AbstractSurface, Footing as Footing
+from .surface import AbstractSurface as AbstractSurface

@@ -17,12 +17,15 @@ LEAST_MARGIN, END_MARGIN = 4.0, 40.0
 
 
 class Touch(NamedTuple):
-    """p, n and w, and a unit vector e along ∂p/∂u1, or their derivatives."""
+    """p, n and w, a unit vector e along ∂p/∂u1, and what of w is along the ground: the ``flow`` of matter that a
+    turntable or a belt carries, None without them. Or the derivatives of all these.
+    """
 
     p: Float[Array, "3"]
     n: Float[Array, "3"]
     w: Float[Array, "3"]
     e: Float[Array, "3"]
+    flow: Float[Array, "3"] | None = None
 
     @property
     def axes(self) -> Float[Array, "3 3"]:

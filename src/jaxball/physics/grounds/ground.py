@@ -1,4 +1,4 @@
-"""The ground: its contract, and a plane that may be tilted, move without turning, and carry a turntable.
+"""The ground: its contract, and a plane that may be tilted and move without turning.
 
 Space axes move with that plane and never turn; e3 is its normal, and the position z and all velocities are relative to
 these axes. A ground of any other form or motion is a ``surface``, in space axes that are at rest.
@@ -6,28 +6,43 @@ these axes. A ground of any other form or motion is a ``surface``, in space axes
 
 import abc
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Self, cast
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...interface.arguments import describe, require
 from ...interface.printing import Printed
 from ...numerics.arrays import join_arrays, namespace_of, numbers
-from ...numerics.vectors import sine_cosine
+from ...numerics.terms import add
+from ...numerics.vectors import in_three, sine_cosine
 from ..conditions import Condition, ExplainedCondition
 from ..prescribed.motion import AbstractPrescribedMotion
 from ..prescribed.schedules import AbstractSchedule
-
-SINE_ALONG = 1e-6  # how far the sine of a disk's heading may be from 0
+from .carriers import Belt, Turntable, along_disk
+from .footing import Footing
 
 
 class AbstractGround(Printed):
     """What a body rolls on: a :class:`Ground`, which is a plane, or an :class:`~jaxball.AbstractSurface`.
 
-    Nothing else is known to the equations of motion; a ground of one's own is a surface.
+    Nothing else is known to the equations of motion; a ground of one's own is a surface. Any ground may have a
+    ``turntable`` and a ``belt``, which carry its matter along it.
     """
+
+    turntable: Turntable | None = eqx.field(default=None, kw_only=True)
+    belt: Belt | None = eqx.field(default=None, kw_only=True)
+
+    if TYPE_CHECKING:  # to a type checker, a field declared here would come first among the arguments
+        motion = cast(Any, None)
+    else:
+        motion: eqx.AbstractVar[Any]
+
+    def __check_init__(self):
+        require("turntable", self.turntable, (Turntable, type(None)), "a Turntable or None")
+        require("belt", self.belt, (Belt, type(None)), "a Belt or None")
 
     @property
     def driven(self) -> tuple[str, ...]:
@@ -47,9 +62,10 @@ class AbstractGround(Printed):
         """Returns the same ground with others in place of ``schedules``."""
         return self
 
-    @abc.abstractmethod
     def conditions(self, planar: bool = False) -> Iterator[Condition]:
         """Yields the conditions on its numbers; traceable. ``planar``: for a disk, which rolls along e1."""
+        for carrier in self.carriers:
+            yield from carrier.conditions(planar)
 
     def start_conditions(
         self, t: Float[Array, ""], r: Float[Array, ""], state: Any
@@ -57,21 +73,57 @@ class AbstractGround(Printed):
         """Yields the conditions on the ground where a ball of radius ``r`` starts; traceable."""
         yield from ()
 
-    @abc.abstractmethod
+    @property
+    def carriers(self) -> tuple[Turntable | Belt, ...]:
+        """What carries its matter along it."""
+        return tuple(carrier for carrier in (self.turntable, self.belt) if carrier is not None)
+
+    @property
+    def moves(self) -> str:
+        """What moves it, a name of a field; empty of a ground at rest."""
+        return next((name for name in ("turntable", "belt", "motion") if getattr(self, name) is not None), "")
+
     def up(self) -> Float[Array, "3"]:
         """Returns the vertical −**g**/g, space axes."""
+        return jnp.zeros((3,)).at[2].set(1.0)
 
-    @abc.abstractmethod
     def lift(self, t: Float[Array, ""], g: Float[Array, ""]) -> Float[Array, "3"]:
         """Computes the acceleration of the space axes, less **g**, in these axes."""
+        return g * self.up().astype(g.dtype)
 
     @abc.abstractmethod
+    def footing(
+        self,
+        t: Float[Array, ""],
+        r: Float[Array, ""],
+        u: Float[Array, "*two"],
+        omega: Float[Array, "3"],
+        V: Float[Array, "3"] | None = None,
+        height: Float[Array, ""] | None = None,
+    ) -> Footing:
+        """Computes how it holds a ball of radius ``r`` that turns at ``omega``, space axes, where its coordinates are
+        ``u``, of a disk one number.
+
+        ``V`` is the velocity of its centre, that of rolling if not given; ``height`` is how far it is above the ground.
+        """
+
     def kinks(self) -> Float[Array, " kinks"]:
-        """Returns the times at which the acceleration of its matter jumps or has a kink."""
+        """Returns the times at which the acceleration of its matter has a kink or jumps; by default those of what
+        moves and carries it.
+        """
+        return join_arrays([part.kinks() for part in (self.motion, *self.carriers) if part is not None])
 
-    @abc.abstractmethod
-    def prepare(self) -> "AbstractGround":
+    def prepare(self) -> Self:
         """Returns the same ground, ready to be evaluated many times."""
+        parts = (self.motion, self.turntable, self.belt)
+        prepared = tuple(None if part is None else part.prepare() for part in parts)
+        return eqx.tree_at(
+            lambda ground: (ground.motion, ground.turntable, ground.belt), self, prepared, is_leaf=_is_none
+        )
+
+
+def _is_none(part: Any) -> bool:
+    return part is None
 
 
 def require_plane(ground: AbstractGround | None, purpose: str, error: type[Exception] = ValueError) -> None:
@@ -86,46 +138,8 @@ def require_plane(ground: AbstractGround | None, purpose: str, error: type[Excep
         )
 
 
-class Turntable(Printed):
-    """A part of the plane that turns about its normal; it has no edge.
-
-    **Arguments:**
-
-    - ``turning``: its angle of rotation, rad, as a schedule, whose rate is W(t): ``ConstantRate(0.0, rate=2.0)`` turns
-      it at W = 2.
-    - ``centre``: the point c about which it turns, length, shape (2,); the origin if not given.
-
-    **Example:**
-
-    >>> import jax.numpy as jnp
-    >>> from jaxball import Ball, BallState, ConstantRate, Ground, Turntable, vector_field
-    >>> ground = Ground(turntable=Turntable(ConstantRate(0.0, rate=2.0)))
-    >>> ball = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=ground)
-    >>> vector_field(ball, jnp.array(0.0), BallState(z=(1.0, 0.0))).z  # without rolling, carried along
-    Array([0., 2.], dtype=float64)
-    """
-
-    turning: AbstractSchedule
-    centre: Float[Array, "*group 2"] = eqx.field(converter=numbers("centre", (2,)), default=(0.0, 0.0))
-
-    def __check_init__(self):
-        must = "a schedule of its angle of rotation, such as ConstantRate(0.0, rate=2.0)"
-        require("turning", self.turning, AbstractSchedule, must)
-
-    def prepare(self) -> "Turntable":
-        return Turntable(self.turning.prepare(), self.centre)
-
-
-class TableMotion(NamedTuple):
-    """What a turntable does to the body's centre: its rate W, the velocity u, and u̇ in space axes."""
-
-    W: Float[Array, ""]
-    velocity: Float[Array, "2"]
-    acceleration: Float[Array, "2"]
-
-
 class Ground(AbstractGround):
-    """A plane that is tilted, moves or carries a turntable; without a ground, a body rolls on a level plane at rest.
+    """A plane that is tilted or moves; without a ground, a body rolls on a level plane at rest.
 
     **Arguments:**
 
@@ -133,10 +147,11 @@ class Ground(AbstractGround):
     - ``heading``: the direction of steepest descent, from e1 to e2, rad.
     - ``motion``: the displacement X(t) of the plane, with its axes, as a motion: an :class:`~jaxball.Oscillating` of
       sinusoids, an :class:`~jaxball.OnRail` of a rail and a schedule, or a :class:`~jaxball.Free` of a function.
-    - ``turntable``: a :class:`~jaxball.Turntable` in the plane, for a ball.
+    - ``turntable``, ``belt``: a :class:`~jaxball.Turntable` and a :class:`~jaxball.Belt` in the plane, which carry what
+      rolls on them; a disk may have a belt along e1.
 
     Gravity is g (sin a cos b, sin a sin b, −cos a), with a the angle and b the heading. The weight, the plane's
-    acceleration and the turntable act together on the masses as γ = Λ⁻¹(Ẍ + u̇ − **g**), which replaces gΓ.
+    acceleration and that of its matter act together on the masses as γ = Λ⁻¹(Ẍ + u̇ − **g**), which replaces gΓ.
 
     **Example:**
 
@@ -151,67 +166,50 @@ class Ground(AbstractGround):
     angle: Float[Array, "*group"] = eqx.field(converter=numbers("angle"), default=0.0)
     heading: Float[Array, "*group"] = eqx.field(converter=numbers("heading"), default=0.0)
     motion: AbstractPrescribedMotion | None = None
-    turntable: Turntable | None = None
 
     def __check_init__(self):
         must = "a motion of the plane, such as Oscillating(HarmonicSeries(...)), or None"
         require("motion", self.motion, (AbstractPrescribedMotion, type(None)), must)
-        require("turntable", self.turntable, (Turntable, type(None)), "a Turntable or None")
 
     def conditions(self, planar: bool = False) -> Iterator[Condition]:
-        """Yields the conditions on the tilt; traceable. ``planar``: for a disk, which rolls along e1."""
         number = namespace_of(self.angle)
         tilted = "an angle of less than a right angle, π/2, either way"
         yield Condition(abs(self.angle) < number.pi / 2, "ground.angle", self.angle, tilted)
         yield Condition(number.isfinite(self.heading), "ground.heading", self.heading, "a finite number")
         if planar:
-            along = abs(number.sin(self.heading)) < SINE_ALONG
-            yield Condition(along, "ground.heading", self.heading, "0 or π for a disk, which rolls along e1")
-
-    @property
-    def moving(self) -> bool:
-        """Whether it has a motion or a turntable, even one that does not turn."""
-        return not (self.motion is None and self.turntable is None)
+            yield along_disk("ground.heading", self.heading)
+        yield from AbstractGround.conditions(self, planar)
 
     def up(self) -> Float[Array, "3"]:
-        """Returns the vertical −**g**/g, space axes."""
         (sine, cosine), (sine_b, cosine_b) = sine_cosine(self.angle), sine_cosine(self.heading)
         return jnp.stack([-sine * cosine_b, -sine * sine_b, cosine])
 
     def lift(self, t: Float[Array, ""], g: Float[Array, ""]) -> Float[Array, "3"]:
-        """Computes Ẍ − **g**, space axes."""
-        weight = g * self.up()
-        return weight if self.motion is None else weight + self.motion.kinematics(t).chiddot
+        return add(g * self.up(), None if self.motion is None else self.motion.kinematics(t).chiddot)
 
-    def velocity(self, t: Float[Array, ""], z: Float[Array, "2"]) -> Float[Array, "2"] | None:
-        """Computes u = W e3 × (z − c), with which the turntable carries the body's centre; None without one."""
-        if self.turntable is None:
-            return None
-        return self.turntable.turning.derivatives(t)[1] * _turn(z - self.turntable.centre)
+    def velocity(self, t: Float[Array, ""], u: Float[Array, "*two"]) -> Float[Array, "2"] | None:
+        """Computes the velocity with which its matter carries the body's centre; None where nothing carries it."""
+        z = u if u.ndim else jnp.stack([u, jnp.zeros_like(u)])
+        return add(*(carrier.coordinate_rates(t, z, None) for carrier in self.carriers))
 
-    def table_motion(self, t: Float[Array, ""], z: Float[Array, "2"], rolling: Float[Array, "2"]) -> TableMotion | None:
-        """Computes W, u and u̇ where the body's centre is at z and rolls over the table at ``rolling``; None without
-        one.
-        """
-        if self.turntable is None:
-            return None
-        _, W, Wdot = self.turntable.turning.derivatives(t)
-        aside = _turn(z - self.turntable.centre)
-        return TableMotion(W, W * aside, Wdot * aside + W * _turn(rolling + W * aside))
+    def footing(
+        self,
+        t: Float[Array, ""],
+        r: Float[Array, ""],
+        u: Float[Array, "*two"],
+        omega: Float[Array, "3"],
+        V: Float[Array, "3"] | None = None,
+        height: Float[Array, ""] | None = None,
+    ) -> Footing:
+        z = u if u.ndim else jnp.stack([u, jnp.zeros_like(u)])
 
-    def kinks(self) -> Float[Array, " kinks"]:
-        """Returns the times at which Ẍ or Ẇ jumps or has a kink."""
-        sources = [self.motion, None if self.turntable is None else self.turntable.turning]
-        return join_arrays([source.kinks() for source in sources if source is not None])
+        def carried(t: Float[Array, ""], z: Float[Array, "2"]) -> Float[Array, "2"]:
+            return cast(Array, self.velocity(t, z))
 
-    def prepare(self) -> "Ground":
-        motion = None if self.motion is None else self.motion.prepare()
-        turntable = None if self.turntable is None else self.turntable.prepare()
-        return eqx.tree_at(
-            lambda ground: (ground.motion, ground.turntable), self, (motion, turntable), is_leaf=lambda x: x is None
-        )
-
-
-def _turn(v: Float[Array, "2"]) -> Float[Array, "2"]:
-    """Computes e3 × v."""
-    return jnp.stack([-v[1], v[0]])
+        w = carried(t, z)
+        along = w + r * jnp.stack([omega[1], -omega[0]]) if V is None else V[:2]
+        _, acceleration = jax.jvp(carried, (t, z), (jnp.ones_like(t), along))
+        # The angular velocity of the matter is the antisymmetric part of the gradient of its velocity.
+        along_1, along_2 = (jax.jvp(carried, (t, z), (jnp.zeros_like(t), e))[1] for e in jnp.eye(2, dtype=z.dtype))
+        spin = jnp.zeros_like(omega).at[2].set(0.5 * (along_1[1] - along_2[0]))
+        return Footing(velocity=in_three(w), spin=spin, acceleration=in_three(acceleration))

@@ -1,5 +1,6 @@
 """The surfaces that jaxball has: height fields, spheres, cylinders and others, each of which may be moved."""
 
+import dataclasses
 import math
 from collections.abc import Iterator, Sequence
 
@@ -402,7 +403,7 @@ class TiltingPlane(AbstractSurface):
         first, second = (
             next(others) if isinstance(angle, AbstractSchedule) else angle for angle in (self.about_e1, self.about_e2)
         )
-        return TiltingPlane(first, second, self.pivot, self.displacement)
+        return dataclasses.replace(self, about_e1=first, about_e2=second)
 
     @property
     def motion(self) -> MovingFrame:
@@ -424,10 +425,8 @@ class TiltingPlane(AbstractSurface):
         thetadot: Float[Array, " driven"],
         thetaddot: Float[Array, " driven"],
     ) -> "TiltingPlane":
-        angles = {name: getattr(self, name) for name in ("about_e1", "about_e2")}
-        for k, name in enumerate(self.driven):
-            angles[name] = _Near(t, theta[k], thetadot[k], thetaddot[k])
-        return TiltingPlane(**angles, pivot=self.pivot, displacement=self.displacement)
+        near = (_Near(t, theta[k], thetadot[k], thetaddot[k]) for k in range(len(self.driven)))
+        return dataclasses.replace(self, **dict(zip(self.driven, near, strict=True)))
 
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
         return jnp.stack([u1, u2, jnp.zeros_like(u1)])
@@ -439,12 +438,11 @@ class TiltingPlane(AbstractSurface):
         return x[:2]
 
     def prepare(self) -> "TiltingPlane":
-        parts = (self.about_e1, self.about_e2, self.displacement)
-        return eqx.tree_at(
-            lambda plane: (plane.about_e1, plane.about_e2, plane.displacement),
-            self,
-            tuple(part if part is None or isinstance(part, Accelerated) else part.prepare() for part in parts),
-            is_leaf=lambda x: x is None or isinstance(x, Accelerated),
+        names = ("about_e1", "about_e2", "displacement", "turntable", "belt")
+        parts = {name: getattr(self, name) for name in names}
+        still = (type(None), Accelerated)
+        return dataclasses.replace(
+            self, **{name: part if isinstance(part, still) else part.prepare() for name, part in parts.items()}
         )
 
 

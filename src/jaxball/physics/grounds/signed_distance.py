@@ -103,7 +103,8 @@ class SignedDistance(OfKinkedFunctionOfState, AbstractSurface):
             lowest, scale = -jnp.inf, jnp.maximum(jnp.abs(u1), jnp.abs(u2))
         else:
             lowest, scale = 0.0, self.guess
-        return _Met(self, side, find_rising_root(_value_along, self.guess, lowest, scale, self, t, u1, u2, side))
+        met = find_rising_root(_value_along, self.guess, lowest, scale, self, t, u1, u2, side)
+        return _Met(self, side, met, turntable=self.turntable, belt=self.belt)
 
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
         return self.at(t, u1, u2).point(t, u1, u2)

@@ -10,9 +10,8 @@ with rates along the motion of the contact point. The bracket is known at a stat
 
 import abc
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,10 +19,12 @@ from jaxtyping import Array, Float, Int
 
 from ...interface.arguments import require
 from ...interface.status import Status
-from ...numerics.arrays import join_arrays
+from ...numerics.terms import add
 from ...numerics.vectors import cross, dot, unit_vector
 from ..conditions import Condition, ExplainedCondition, Problem
+from .carriers import Slopes
 from .chart import END_MARGIN, LEAST_MARGIN, Chart, Touch, determinant, margin
+from .footing import Footing
 from .ground import AbstractGround
 from .moving_frame import MovingFrame
 from .nearest import Section, nearest
@@ -45,36 +46,6 @@ Coordinates = Float[Array, "*two"]  # those of a ball's contact point, or the on
 Coordinate = Float[Array, ""]
 
 
-class Footing(NamedTuple):
-    """How a surface holds a ball at one moment, in space axes.
-
-    - ``centre``, ``foot``: the positions c of the ball's centre and p of the contact point.
-    - ``normal``: n, a unit vector towards the ball.
-    - ``tangents``: unit vectors along ∂p/∂u1 and across, which with n are right-handed.
-    - ``velocity``: w of the ground's matter at the contact; ``spin`` is the angular velocity of that matter.
-    - ``centre_velocity``, ``coordinate_rates``: w + r ω × n, which is ċ of a ball that rolls, and u̇.
-    - ``normal_rate``: ṅ along the motion of the contact point; ``acceleration`` is ẇ, likewise.
-    - ``turning``: the angular velocity of the tangents and the normal, likewise.
-    """
-
-    centre: Float[Array, "3"]
-    foot: Float[Array, "3"]
-    normal: Float[Array, "3"]
-    tangents: Float[Array, "2 3"]
-    velocity: Float[Array, "3"]
-    spin: Float[Array, "3"]
-    centre_velocity: Float[Array, "3"]
-    coordinate_rates: Coordinates
-    normal_rate: Float[Array, "3"]
-    acceleration: Float[Array, "3"]
-    turning: Float[Array, "3"]
-
-    @property
-    def axes(self) -> Float[Array, "3 3"]:
-        """The contact axes: the tangents and the normal, as rows."""
-        return jnp.concatenate([self.tangents, self.normal[None]])
-
-
 class AbstractSurface(AbstractGround):
     """A smooth ground of any form, which may move and deform, for a ball, or for a disk where it is symmetric.
 
@@ -93,11 +64,6 @@ class AbstractSurface(AbstractGround):
     rest, and gravity is −g e3. That the ground is touched in one point only is checked near that point alone: where it
     bends towards the ball as strongly as the ball is curved, a run ends with the status ``WEDGED``.
     """
-
-    if TYPE_CHECKING:  # to a type checker, a field declared here would come first among the arguments
-        motion = cast(MovingFrame | None, None)
-    else:
-        motion: eqx.AbstractVar[MovingFrame | None]
 
     def __check_init__(self):
         require("motion", self.motion, (MovingFrame, type(None)), "a MovingFrame or None")
@@ -155,6 +121,7 @@ class AbstractSurface(AbstractGround):
     def conditions(self, planar: bool = False) -> Iterator[Condition]:
         if self.motion is not None:
             yield from self.motion.conditions("ground.motion")
+        yield from AbstractGround.conditions(self, planar)
 
     def start_conditions(self, t: Time, r: Float[Array, ""], state: Any) -> Iterator[Condition | ExplainedCondition]:
         """Yields the conditions that a ball, of radius ``r``, is on the ground and more curved than it."""
@@ -209,21 +176,6 @@ class AbstractSurface(AbstractGround):
         deviations = jax.vmap(aside)(jnp.asarray(SECTION_SAMPLES, z.dtype))
         return jnp.max(jnp.where(jnp.isnan(deviations), 0.0, deviations))
 
-    def up(self) -> Float[Array, "3"]:
-        return jnp.zeros((3,)).at[2].set(1.0)
-
-    def lift(self, t: Time, g: Float[Array, ""]) -> Float[Array, "3"]:
-        return g * self.up().astype(g.dtype)
-
-    def kinks(self) -> Float[Array, " kinks"]:
-        """Returns the times at which the acceleration of its matter has a kink or jumps; by default its motion's."""
-        return join_arrays([] if self.motion is None else [self.motion.kinks()])
-
-    def prepare(self) -> "AbstractSurface":
-        if self.motion is None:
-            return self
-        return eqx.tree_at(lambda surface: surface.motion, self, self.motion.prepare())
-
     def nearest(self, t: Time, x: Float[Array, "3"], near: Float[Array, "2"]) -> Float[Array, "2"]:
         """Finds the coordinates of the piece that is nearest to the point ``x``, before ``motion`` moves both, length.
 
@@ -255,6 +207,12 @@ class AbstractSurface(AbstractGround):
             return self.along_section(self.nearest(t, point, both))
         start = self.along_section(self.over(t, point, both))
         return nearest(Section(self), t, point, jnp.stack([start, jnp.zeros_like(start)]))[0]
+
+    def carry(self, t: Time, u: Float[Array, "2"], slopes: Slopes) -> Float[Array, "2"] | None:
+        """Computes the rates of the coordinates of a piece of matter that is carried along the ground; None where
+        nothing carries it.
+        """
+        return add(*(carrier.coordinate_rates(t, u, slopes) for carrier in self.carriers))
 
     def place(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
         """Returns p, where the piece with these coordinates is in space."""
@@ -327,8 +285,8 @@ class AbstractSurface(AbstractGround):
         chart = Chart.of(contact.n, by_u1, by_u2, reach)
         rolling = r * cross(omega, contact.n)
         over = rolling if V is None else V - contact.w
-        # (∂c/∂u) u̇ = ċ − ∂c/∂t along the ground, with c = p + reach n and w = ∂p/∂t.
-        rates = chart.coordinates(over - reach * by_t.n)
+        # (∂c/∂u) u̇ = ċ − ∂c/∂t along the ground, with c = p + reach n and w = ∂p/∂t + what is carried along the ground.
+        rates = chart.coordinates(add(over, contact.flow) - reach * by_t.n)
         # A body that slips or flies may be beyond the edge: ``footing_of_released`` knows whether it touches.
         if V is None:
             rates = jnp.where(self.way_to_edge(t, u) > margin(LEAST_MARGIN, r), rates, jnp.nan)
@@ -344,11 +302,9 @@ class AbstractSurface(AbstractGround):
         return Footing(
             centre=contact.p + reach * contact.n,
             foot=contact.p,
-            normal=contact.n,
-            tangents=tangents,
+            axes=jnp.concatenate([tangents, contact.n[None]]),
             velocity=contact.w,
             spin=spin,
-            centre_velocity=contact.w + rolling,
             coordinate_rates=rates,
             normal_rate=normal_rate,
             acceleration=by_t.w + by_u1.w * rates[0] + by_u2.w * rates[1],
@@ -375,16 +331,14 @@ class AbstractSurface(AbstractGround):
         holds = fit > margin(LEAST_MARGIN, r)
         if V is None:
             holds &= self.way_to_edge(t, z) > margin(LEAST_MARGIN, r)
-        rate = jnp.where(holds, dot(tangents[0], over - reach * by_t.n) / (length * fit), jnp.nan)
+        rate = jnp.where(holds, dot(tangents[0], add(over, contact.flow) - reach * by_t.n) / (length * fit), jnp.nan)
         normal_rate = by_t.n + by_z.n * rate
         return Footing(
             centre=contact.p + reach * contact.n,
             foot=contact.p,
-            normal=contact.n,
-            tangents=tangents,
+            axes=contact.axes,
             velocity=contact.w,
             spin=-dot(contact.n, by_z.w) / length * tangents[1],
-            centre_velocity=contact.w + rolling,
             coordinate_rates=rate,
             normal_rate=normal_rate,
             acceleration=by_t.w + by_z.w * rate,
@@ -402,11 +356,16 @@ class AbstractSurface(AbstractGround):
         return contact._replace(e=unit_vector(along))
 
     def touch(self, t: Time, u1: Coordinate, u2: Coordinate) -> Touch:
-        """Computes the place of a piece, its normal, its velocity and the direction in which u1 grows, space axes."""
+        """Computes the place of a piece, its normal, its velocity, the direction in which u1 grows, and the velocity at
+        which it is carried along the ground; space axes.
+        """
         p, along_1 = _derivative(lambda x: self.place(t, x, u2), u1)
         _, along_2 = _derivative(lambda x: self.place(t, u1, x), u2)
         _, w = _derivative(lambda x: self.place(x, u1, u2), t)
-        return Touch(p, unit_vector(cross(along_1, along_2)), w, unit_vector(along_1))
+        carried = self.carry(t, jnp.stack([u1, u2]), (along_1, along_2))
+        flow = None if carried is None else carried[0] * along_1 + carried[1] * along_2
+        w = w if flow is None else w + flow
+        return Touch(p, unit_vector(cross(along_1, along_2)), w, unit_vector(along_1), flow)
 
     def _slopes(self, t: Time, u: Float[Array, "2"]) -> tuple[Touch, tuple[Touch, Touch, Touch]]:
         """Computes p, n and w, and their derivatives by u1, u2 and t."""
