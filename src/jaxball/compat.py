@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 from jax.core import ShapedArray, Tracer
-from jax.interpreters import ad, batching, mlir
+from jax.interpreters import ad, batching, mlir, partial_eval as pe
 
 try:
     from jaxlib._jax import batched_device_put as _put
@@ -314,6 +314,11 @@ def new_primitive(name: str, rules: Rules) -> Any:
 def no_tangent(tangent: Any) -> bool:
     """Returns whether a tangent or a cotangent is zero by its kind, as for integers."""
     return type(tangent) is ad.Zero or getattr(tangent, "dtype", None) == jax.dtypes.float0
+
+
+def is_recorded(tangent: Any) -> bool:
+    """Returns whether a tangent has no value yet, as where a program is recorded for reverse mode."""
+    return isinstance(tangent, pe.JaxprTracer) and not tangent.is_known()
 
 
 def zero_tangent(primal: Any) -> Any:

@@ -28,7 +28,6 @@ from jaxball import (
     ReleasedState,
     Resistance,
     TiltingPlane,
-    Turntable,
     Wrench,
     energy_losses,
     load_run,
@@ -331,11 +330,6 @@ def test_a_disk_which_does_not_spin_has_coulombs_law():
 
 
 REFUSED = {
-    "a turntable": (
-        {"ground": Ground(turntable=Turntable(ConstantRate(1.0)))},
-        "Argument `contact` must have no LimitSurface where there is a turntable, relative to which the body would "
-        "spin; leave one of them out.",
-    ),
     "two frictions against the spin": (
         {"resistance": Resistance(dry_spinning=0.1, exact=True)},
         "Argument `contact` must have no LimitSurface where there is `dry_spinning` of the resistance, because both "

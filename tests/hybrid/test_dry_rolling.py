@@ -339,8 +339,5 @@ def test_what_exact_resistance_is_not_combined_with(no_type_checks):
         RollingEllipsoid(
             semiaxes=(1.0, 1.0, 1.5), inertia=(0.65, 0.65, 0.4), resistance=Resistance(dry=0.1, exact=True)
         )
-    table = Ground(turntable=jaxball.Turntable(jaxball.ConstantRate(0.0, 1.0)))
-    with pytest.raises(ValueError, match="no turntable where dry friction against spinning"):
-        ball(ground=table)
     (problem,) = jaxball.problems(disk(0.0))
     assert problem == "Argument `resistance.dry` must be a positive number, as it is `exact`, but it is 0.0."

@@ -190,12 +190,3 @@ def test_a_scenario_slides_as_its_law_says():
     run = scenario.simulate(throw=True)
     np.testing.assert_allclose(run.contact.switches.times[0], 2 / (7 * 0.2), rtol=1e-9)
     np.testing.assert_allclose(run.contact.V[-1], [5 / 7, 0.0, 0.0], atol=1e-9)
-
-
-def test_a_limit_surface_over_a_turntable_is_refused():
-    law = 'contact = { friction = { kind = "limit-surface", friction = 0.2, radius = 0.1 } }'
-    table = 'ground = { turntable = { turning = { kind = "constant-rate", theta = 0.0, rate = 1.0 } } }'
-    with pytest.raises(
-        ScenarioError, match=r"Key `contact.friction` must be no limit surface where there is a turntab"
-    ):
-        read_scenario(with_contact(law, table))

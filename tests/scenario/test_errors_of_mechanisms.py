@@ -201,13 +201,6 @@ CASES = {
         with_parts("[resistance]\ndry = 0\nexact = true"),
         "Key `resistance.dry` must be a positive number, as it is `exact`, but it is 0.0.",
     ),
-    "dry spinning on a turntable": (
-        with_parts(
-            "[resistance]\ndry_spinning = 0.1\n[ground.turntable]\n"
-            'turning = { kind = "constant-rate", theta = 0, rate = 1 }'
-        ),
-        "Key `ground.turntable` must be left out where dry friction against spinning acts",
-    ),
     "powers in two dimensions": (
         with_parts("[force]\npowers = [[1, 2]]"),
         "Key `force.powers` must be a list of rows of 3 finite numbers, but it is [[1, 2]].",

@@ -34,7 +34,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ...numerics.directions import unit
-from ...numerics.terms import add
+from ...numerics.terms import add, convert
 from ...numerics.vectors import apply, in_three, root
 from ..body import AbstractBody, AbstractBodyWithModes
 from ..conditions import Condition, ExplainedCondition
@@ -312,9 +312,7 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         if under is None and self.contact is not None:
             under = footing_of_released(self.body, t, state.body, state.V, state.height, touching)
         carried = rate_of_carrier(self.body, t, state.body, under)
-        if carried is None:
-            return None
-        return jnp.where(touching, apply(self.contact_axes(t, state).rows, carried), 0.0)
+        return convert(lambda rate: jnp.where(touching, apply(self.contact_axes(t, state).rows, rate), 0.0), carried)
 
     def turning(self, t: Float[Array, ""], state: Any) -> Turning:
         """Computes how a body that does not slip turns without dry friction, and how torques change that."""

@@ -54,7 +54,8 @@ def slide_of(
     """Computes the slide with a slip velocity that is known."""
     if plane.pivot is None:
         return slip[:2]
-    return jnp.append(slip[:2], plane.pivot * plane.over_ground(t, state)[2])
+    # A body that lands, and one that starts, still have the mode of flight, but it is the ground's spin that counts.
+    return jnp.append(slip[:2], plane.pivot * plane.over_ground(t, plane.on_ground(state))[2])
 
 
 def with_slide(
@@ -63,7 +64,7 @@ def with_slide(
     """Returns the state with another slide, and the same rise."""
     slip = slip_velocity(plane.body, t, state.released).at[:2].set(wanted[:2])
     if plane.pivot is not None:
-        axes = plane.contact_axes(t, state)
+        axes = plane.contact_axes(t, plane.on_ground(state))
         omega = axes.over_ground(state.body.Omega).at[2].set(wanted[2] / plane.pivot)
         state = dataclasses.replace(state, body=state.body.with_Omega(axes.in_body(omega)))
     rolling, under = rolling_contact(plane.body, t, state.body)

@@ -15,7 +15,7 @@ from ...numerics.terms import add, convert
 from ...numerics.vectors import apply, cross, in_three
 from ..grounds import AbstractSurface, Footing
 from ..grounds.footing import AT_REST
-from ..grounds.ground import AbstractGround, Ground
+from ..grounds.ground import AbstractGround
 from ..grounds.surface import Coordinates
 from ..state import BallState, DiskState, Rates, ReducedState, rolling_velocity
 from .parameters import BodyParameters
@@ -61,7 +61,7 @@ def footing(
     ``V`` is the velocity of its centre, that of rolling if not given, and ``height`` how far it is above the ground.
     """
     ground = surface_under(system, t, state) or system.ground
-    if ground is None or (isinstance(ground, Ground) and not ground.carriers):
+    if ground is None:
         return AT_REST
     return ground.footing(t, system.radius, state.z, apply(state.Lambda, state.Omega), V, height)
 

@@ -90,7 +90,7 @@ def load(
     under = footing(system, t, state) if under is None else under
 
     def in_body(v: Float[Array, "3"] | None) -> Float[Array, "3"] | None:
-        return convert(lambda v: apply(_placed(state).Lambda.T, v), v)
+        return convert(lambda v: apply(_require_attitude(state).Lambda.T, v), v)
 
     arm, resisted = arm_over(system, state, under), add(Omega, convert(jnp.negative, in_body(under.spin)))
     # Γ, or the normal of a surface.
@@ -117,7 +117,7 @@ def load(
     return Load(g, normal, gamma, force, torque, applied, resisted, arm, under)
 
 
-def _placed(state: State) -> PlacedState:
+def _require_attitude(state: State) -> PlacedState:
     """Returns a state that says how the body is turned in space, which a reduced one does not."""
     assert not isinstance(state, ReducedState)
     return state
@@ -133,7 +133,7 @@ def _external_wrench(
 ) -> Wrench:
     """Computes the external force and its torque in body axes; on a disk, their parts in its plane."""
     assert system.force is not None
-    state = _placed(state)
+    state = _require_attitude(state)
     position = place_of_centre(system, state, under, height)
     velocity = add(velocity_of_centre(system, state, under), slip)
     motion = BodyMotion(position, velocity, state.Lambda, state.Omega, state.theta, state.thetadot, state.own)

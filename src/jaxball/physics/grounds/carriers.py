@@ -13,7 +13,6 @@ from ...numerics.vectors import root, sine_cosine
 from ..conditions import Condition
 from ..prescribed.schedules import AbstractSchedule
 
-SINE_ALONG = 1e-6  # how far the sine of a disk's heading may be from 0
 Slopes = tuple[Float[Array, "3"], Float[Array, "3"]]  # ∂p/∂u1 and ∂p/∂u2
 
 
@@ -51,8 +50,8 @@ class Turntable(Printed):
         arm = u - self.centre
         return self.turning.derivatives(t)[1] * jnp.stack([-arm[1], arm[0]])
 
-    def conditions(self, planar: bool) -> Iterator[Condition]:
-        """Yields the condition on its centre; traceable. A disk has no turntable."""
+    def conditions(self) -> Iterator[Condition]:
+        """Yields the condition on its centre; traceable."""
         finite = namespace_of(self.centre).isfinite(self.centre).all()
         yield Condition(finite, "ground.turntable.centre", self.centre, "two finite numbers")
 
@@ -106,12 +105,10 @@ class Belt(Printed):
             speed = speed / root(jnp.sum(along**2))
         return speed * jnp.stack([cosine, sine])
 
-    def conditions(self, planar: bool) -> Iterator[Condition]:
-        """Yields the conditions on its heading; traceable. ``planar``: under a disk, which rolls along e1."""
+    def conditions(self) -> Iterator[Condition]:
+        """Yields the condition on its heading; traceable."""
         finite = namespace_of(self.heading).isfinite(self.heading)
         yield Condition(finite, "ground.belt.heading", self.heading, "a finite number")
-        if planar:
-            yield along_disk("ground.belt.heading", self.heading)
 
     def kinks(self) -> Float[Array, " kinks"]:
         """Returns the times at which its acceleration jumps or has a kink."""
@@ -119,9 +116,3 @@ class Belt(Printed):
 
     def prepare(self) -> "Belt":
         return Belt(self.travel.prepare(), self.heading)
-
-
-def along_disk(name: str, heading: Float[Array, ""]) -> Condition:
-    """Returns the condition that a heading is along the line on which a disk rolls."""
-    along = abs(namespace_of(heading).sin(heading)) < SINE_ALONG
-    return Condition(along, name, heading, "0 or π for a disk, which rolls along e1")

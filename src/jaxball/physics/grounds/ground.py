@@ -6,7 +6,7 @@ these axes. A ground of any other form or motion is a ``surface``, in space axes
 
 import abc
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any, Self, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import equinox as eqx
 import jax
@@ -21,8 +21,11 @@ from ...numerics.vectors import in_three, sine_cosine
 from ..conditions import Condition, ExplainedCondition
 from ..prescribed.motion import AbstractPrescribedMotion
 from ..prescribed.schedules import AbstractSchedule
-from .carriers import Belt, Turntable, along_disk
-from .footing import Footing
+from .carriers import Belt, Turntable
+from .footing import AT_REST, Footing
+
+Kind = TypeVar("Kind", bound="AbstractGround")
+SINE_ALONG = 1e-6  # how far the sine of a disk's heading may be from 0
 
 
 class AbstractGround(Printed):
@@ -65,7 +68,7 @@ class AbstractGround(Printed):
     def conditions(self, planar: bool = False) -> Iterator[Condition]:
         """Yields the conditions on its numbers; traceable. ``planar``: for a disk, which rolls along e1."""
         for carrier in self.carriers:
-            yield from carrier.conditions(planar)
+            yield from carrier.conditions()
 
     def start_conditions(
         self, t: Float[Array, ""], r: Float[Array, ""], state: Any
@@ -108,12 +111,12 @@ class AbstractGround(Printed):
         """
 
     def kinks(self) -> Float[Array, " kinks"]:
-        """Returns the times at which the acceleration of its matter has a kink or jumps; by default those of what
-        moves and carries it.
+        """Returns the times at which the acceleration of its matter has a kink or jumps; by default those of its
+        motion, its turntable and its belt.
         """
         return join_arrays([part.kinks() for part in (self.motion, *self.carriers) if part is not None])
 
-    def prepare(self) -> Self:
+    def prepare(self: Kind) -> Kind:
         """Returns the same ground, ready to be evaluated many times."""
         parts = (self.motion, self.turntable, self.belt)
         prepared = tuple(None if part is None else part.prepare() for part in parts)
@@ -176,8 +179,10 @@ class Ground(AbstractGround):
         tilted = "an angle of less than a right angle, π/2, either way"
         yield Condition(abs(self.angle) < number.pi / 2, "ground.angle", self.angle, tilted)
         yield Condition(number.isfinite(self.heading), "ground.heading", self.heading, "a finite number")
-        if planar:
-            yield along_disk("ground.heading", self.heading)
+        headings = {"heading": self.heading} | ({} if self.belt is None else {"belt.heading": self.belt.heading})
+        for name, heading in headings.items() if planar else ():
+            along = abs(number.sin(heading)) < SINE_ALONG
+            yield Condition(along, f"ground.{name}", heading, "0 or π for a disk, which rolls along e1")
         yield from AbstractGround.conditions(self, planar)
 
     def up(self) -> Float[Array, "3"]:
@@ -201,6 +206,8 @@ class Ground(AbstractGround):
         V: Float[Array, "3"] | None = None,
         height: Float[Array, ""] | None = None,
     ) -> Footing:
+        if not self.carriers:
+            return AT_REST
         z = u if u.ndim else jnp.stack([u, jnp.zeros_like(u)])
 
         def carried(t: Float[Array, ""], z: Float[Array, "2"]) -> Float[Array, "2"]:

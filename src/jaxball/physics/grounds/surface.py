@@ -168,7 +168,7 @@ class AbstractSurface(AbstractGround):
 
         def aside(share: Float[Array, ""]) -> Float[Array, ""]:
             contact, by_z, by_t = self._slopes_along(t, z + share * scale)
-            rates = (by_z.p, by_z.n, by_t.p, by_t.w)
+            rates = (by_z.p, by_z.n, contact.w, by_t.w)
             whole = [_length(v) + 1e-3 * (_length(by_z.p) if k < 2 else r) for k, v in enumerate(rates)]
             turned = [jnp.abs(v[1]) / size for v, size in zip(rates, whole, strict=True)]
             return jnp.max(jnp.stack([jnp.abs(contact.p[1]) / r, jnp.abs(contact.n[1]), *turned]))

@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...compat import Rules, new_primitive, no_tangent, unvmap_max, zero_tangent
+from ...compat import Rules, is_recorded, new_primitive, no_tangent, unvmap_max, zero_tangent
 from .. import traces
 
 LAST_ROW, ALONE = "last row", "alone"
@@ -132,7 +132,8 @@ def _differentiate_excess(primals: Sequence[Any], tangents: Sequence[Any]) -> An
     primals = jax.lax.stop_gradient(list(primals))
     error, _, _, weights, tolerance, size = primals
     moved = [
-        jnp.zeros_like(x) if no_tangent(tangent) else _of_probe(jax.lax.stop_gradient(tangent))
+        # Where another library records a solve for reverse mode, there is no probe: its steps are those of the state.
+        jnp.zeros_like(x) if no_tangent(tangent) or is_recorded(tangent) else _of_probe(jax.lax.stop_gradient(tangent))
         for x, tangent in zip(primals, tangents, strict=True)
     ]
     of_error, of_start, of_end, _, _, largest = moved
