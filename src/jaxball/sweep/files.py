@@ -69,7 +69,6 @@ def _remove(path: Path) -> None:
 
 MARKS = ".done"  # the folder with a mark for each chunk whose files have been written
 STATUS = np.dtype(np.int8)
-CHECKSUM = "crc32c"
 BYTES_OF_A_CHECKSUM = 4
 
 
@@ -111,17 +110,13 @@ def damages(folder: Path, *, numbers: bool = True) -> Iterator[Damage]:
         if not _says(about, metadata):
             yield Damage(about, None)
     for name, array in nodes.items():
-        size = _size(array) if array.get("node_type") == "array" else None
-        if size is None:
+        if array["node_type"] != "array":
             continue
-        has_checksum = CHECKSUM in _codecs(array)
-        # Stores of earlier versions have no checksums; their files can only be compared in size.
-        intact = _is_intact if numbers and has_checksum else _is_of_its_size
-        size += BYTES_OF_A_CHECKSUM * has_checksum
+        intact = _is_intact if numbers else _is_of_its_size
         for place in _places(array):
             path = folder.joinpath(name, "c", *map(str, place))
             chunk = place[0] if array["dimension_names"][0] == "row" else None
-            if (chunk is None or chunk in chunks) and not intact(path, size):
+            if (chunk is None or chunk in chunks) and not intact(path, _size(array)):
                 yield Damage(path, chunk)
 
 
@@ -155,17 +150,9 @@ def _says(path: Path, metadata: Mapping[str, Any]) -> bool:
     return contents == {name: value for name, value in metadata.items() if name != "consolidated_metadata"}
 
 
-def _size(array: Mapping[str, Any]) -> int | None:
-    """Returns how many bytes the numbers in each file of an array have; None where that depends on their values."""
-    if not {"bytes"} <= set(_codecs(array)) <= {"bytes", CHECKSUM}:
-        return None
-    kind = array["data_type"]
-    size = np.dtype(kind).itemsize if isinstance(kind, str) else kind["configuration"].get("length_bytes")
-    return None if size is None else size * math.prod(_chunk(array))
-
-
-def _codecs(array: Mapping[str, Any]) -> list[str]:
-    return [codec["name"] for codec in array["codecs"]]
+def _size(array: Mapping[str, Any]) -> int:
+    """Returns how many bytes each file of an array has: its numbers and their checksum."""
+    return np.dtype(array["data_type"]).itemsize * math.prod(_chunk(array)) + BYTES_OF_A_CHECKSUM
 
 
 def _places(array: Mapping[str, Any]) -> list[tuple[int, ...]]:

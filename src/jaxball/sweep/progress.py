@@ -57,8 +57,6 @@ def status_counts(folder: Path) -> StatusCounts:
     looks = (folder / LEFT).is_dir()
     for chunk in list_chunks(folder):
         status = column(folder, "status", chunk, size, STATUS)[: rows - chunk * size]
-        if not np.all((status >= 0) & (status < len(Status))):  # as a store of an earlier version may have them
-            raise change_error(folder / "status" / "c" / str(chunk))
         counts += np.bincount(status, minlength=len(Status))
         failed = ~np.isin(status, SUCCESSES)
         if first is None and np.any(failed):
@@ -75,9 +73,6 @@ def column(folder: Path, name: str, chunk: int, rows: int, dtype: np.dtype) -> n
     **Raises:** :class:`StoreError` when its file has been changed from outside.
     """
     path = folder / name / "c" / str(chunk)
-    content = path.read_bytes() if path.is_file() else b""
-    if len(content) == rows * dtype.itemsize:  # a store of an earlier version
-        return np.frombuffer(content, dtype)
     numbers = numbers_of(path, rows * dtype.itemsize)
     if numbers is None:
         raise change_error(path)

@@ -52,7 +52,8 @@ def identity_of(study: Study) -> dict[str, str]:
 def read_attributes(folder: Path) -> dict[str, Any]:
     """Reads the attributes of a store.
 
-    **Raises:** :class:`StoreError` when there is nothing at ``folder``, or something other than the store of a study.
+    **Raises:** :class:`StoreError` when there is nothing at ``folder``, or something other than the store of a study,
+    or one of another layout.
     """
     # `lexists`, because a broken link is something, too, and must not be overwritten.
     if not os.path.lexists(folder):
@@ -63,6 +64,11 @@ def read_attributes(folder: Path) -> dict[str, Any]:
         attributes = None
     if not isinstance(attributes, dict) or not {"scenario", "axes", "settings"} <= attributes.keys():
         raise StoreError(f'"{folder}" must be the store of a study, but it is something else; it is left as it is.')
+    if attributes.get("layout") != LAYOUT:
+        raise StoreError(
+            f'The store "{folder}" has the layout {attributes.get("layout")}, and this version reads {LAYOUT}; read it '
+            "with the version that wrote it, or run the study into a new store."
+        )
     return attributes
 
 
