@@ -263,7 +263,7 @@ def test_what_is_the_same_for_all_rows_is_written_again(tmp_path):
     assert files(outcome.store) == before
 
 
-LOST = {
+ONCE = {
     "the numbers of an axis, which begin with 0": "axes/time.start/c/0",
     "the labels of a dimension": "save/c/0",
     "what an array says of itself": "phi/zarr.json",
@@ -272,18 +272,34 @@ LOST = {
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", LOST.values(), ids=LOST)
+@pytest.mark.parametrize("name", ONCE.values(), ids=ONCE)
 @pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
 def test_no_file_of_a_store_is_lost_in_silence(tmp_path, name, change):
     found = study(tmp_path, '[[axes]]\npath = "time.start"\nvalues = [0.0]\n', 'save = "times"')
     outcome = sweep(found, tmp_path / "s.zarr", engine=pretend)
-    before, path = files(outcome.store), outcome.store / name
+    before, path, grid = files(outcome.store), outcome.store / name, open_grid(outcome.store).load()
     change(path)
-    with pytest.raises(StoreError, match=f'{path}" must be as the sweep wrote it'):
-        open_grid(outcome.store)
+    if path.name == "zarr.json":  # of which the store's own has a copy, by which it is read
+        assert open_grid(outcome.store).load().identical(grid)
+    else:
+        with pytest.raises(StoreError, match=f'{path}" must be as the sweep wrote it'):
+            open_grid(outcome.store)
     said = io.StringIO()
     assert sweep(found, outcome.store, engine=failing, stream=said).finished  # nothing is computed again
     assert said.getvalue().endswith(f'{path}"; it is written again.\n')
+    assert files(outcome.store) == before
+
+
+def test_a_store_without_metadata_of_its_arrays_is_named_and_completed(tmp_path):
+    found = study(tmp_path, settings=SMALL)
+    outcome = sweep(found, tmp_path / "s.zarr", engine=pretend)
+    before, path = files(outcome.store), outcome.store / "zarr.json"
+    about = json.loads(path.read_text())
+    del about["consolidated_metadata"]
+    path.write_text(json.dumps(about))
+    with pytest.raises(StoreError, match=f'{path}" must be as the sweep wrote it'):
+        describe(outcome.store)
+    assert sweep(found, outcome.store, engine=failing).finished  # nothing is computed again
     assert files(outcome.store) == before
 
 

@@ -60,7 +60,7 @@ def open_grid(folder: str | Path) -> "xarray.Dataset":
 
     from .grid import cross_axes
 
-    return cross_axes(open_dataset(folder), xarray.open_zarr(folder, group=AXES, chunks=None, consolidated=False))
+    return cross_axes(open_dataset(folder), xarray.open_zarr(folder, group=AXES, chunks=None))
 
 
 def row_events(folder: str | Path) -> dict[str, AbstractEvent]:

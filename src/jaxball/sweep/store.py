@@ -169,28 +169,29 @@ class Store:
     def repair(self) -> list[Damage]:
         """Removes the marks of chunks with files that have been changed from outside, so that they are computed again.
 
-        Files that belong to no row are written again. Returns what was changed.
+        What is the same for all rows, metadata and the points of axes, is written again. Returns what was changed.
 
         **Raises:** :class:`StoreError` when that fails.
         """
+        # It follows from the study alone, so that a new store has the same bytes.
+        with _make_store(self, identity_of(self.study)) as blank_store:
+            new = {
+                self.folder / file.relative_to(blank_store): file for file in blank_store.rglob("*") if file.is_file()
+            }
+            changed = [
+                path for path, file in new.items() if not (path.is_file() and path.read_bytes() == file.read_bytes())
+            ]
+            for path in changed:
+                _require_no_folder(path)
+                path.parent.mkdir(parents=True, exist_ok=True)
+                new[path].replace(path)
         # All of them first, because marks that are removed change which chunks are checked.
         damaged = list(damages(self.folder))
         for damage in damaged:
-            if damage.path.is_dir():
-                raise StoreError(
-                    f'The file "{damage.path}" must be as the sweep wrote it, but a folder is in its place; remove '
-                    "the folder, and run the same command again."
-                )
+            _require_no_folder(damage.path)
             if damage.chunk is not None:
                 self._mark(damage.chunk).unlink(missing_ok=True)
-        lost = [damage.path for damage in damaged if damage.chunk is None]
-        # Metadata and the points of axes follow from the study alone, so that a new store has the same bytes.
-        if lost:
-            with _make_store(self, identity_of(self.study)) as blank_store:
-                for path in lost:
-                    path.parent.mkdir(parents=True, exist_ok=True)
-                    (blank_store / path.relative_to(self.folder)).replace(path)
-        return damaged
+        return [*damaged, *(Damage(path, None) for path in changed)]
 
     def _file(self, name: str, chunk: int) -> Path:
         zeros = ["0"] * len(self.outputs[name].shape)
@@ -198,6 +199,14 @@ class Store:
 
     def _mark(self, chunk: int) -> Path:
         return self.folder / MARKS / str(chunk)
+
+
+def _require_no_folder(path: Path) -> None:
+    if path.is_dir():
+        raise StoreError(
+            f'The file "{path}" must be as the sweep wrote it, but a folder is in its place; remove the folder, and '
+            "run the same command again."
+        )
 
 
 def open_store(folder: Path, study: Study, outputs: dict[str, Output]) -> Store:
