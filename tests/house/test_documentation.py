@@ -19,7 +19,7 @@ import pytest
 from sybil.example import SybilFailure
 
 from jaxball.cli import main
-from jaxball.cli.dispatch import _parser
+from jaxball.cli.dispatch import parser_of
 from tests.support.documents import agrees, examples_of
 from tests.support.pictures import coarse
 
@@ -214,7 +214,7 @@ def test_every_folder_of_tests_says_what_it_compares_with():
 
 
 def test_the_page_on_sweeps_names_every_option_of_their_figures():
-    (commands,) = (one for one in _parser(["sweep"])._actions if isinstance(one, argparse._SubParsersAction))
+    (commands,) = (one for one in parser_of(["sweep"])._actions if isinstance(one, argparse._SubParsersAction))
     options = re.findall(r"--[\w-]+", commands.choices["sweep"].usage.split("sweep plot")[1])
     section = (ROOT / "docs" / "how-to" / "sweeps.md").read_text().split("\n## Figures\n")[1]
     assert {"--out", "--force"} <= set(options)
