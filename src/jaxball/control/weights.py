@@ -13,7 +13,7 @@ from ..interface.wording import did_you_mean
 from ..numerics.arrays import AnyArray, Numbers, to_numpy
 
 Weights = Numbers | Mapping[str, Numbers]
-ROUNDING_OF_EIGENVALUE = 1e-10  # of the largest eigenvalue, by which one may be negative
+ROUNDING = 1e-10  # of the largest eigenvalue, by which one may be negative
 
 
 def weight_matrix(name: str, weights: Weights, names: Sequence[str]) -> Float[AnyArray, "n n"]:
@@ -41,9 +41,7 @@ def weight_matrix(name: str, weights: Weights, names: Sequence[str]) -> Float[An
     if is_traced(matrix):
         return matrix
     # Relative to the largest entry, as users' numbers may be of any size.
-    if not np.all(np.isfinite(matrix)) or np.any(
-        np.abs(matrix - matrix.T) > ROUNDING_OF_EIGENVALUE * np.max(np.abs(matrix))
-    ):
+    if not np.all(np.isfinite(matrix)) or np.any(np.abs(matrix - matrix.T) > ROUNDING * np.max(np.abs(matrix))):
         raise ValueError(f"Argument `{name}` must be a finite, symmetric matrix, but it is {matrix.tolist()}.")
     require_positive(name, matrix)
     return matrix
@@ -53,7 +51,7 @@ def require_positive(name: str, matrix: Float[AnyArray, "n n"], strictly: bool =
     """Raises a ``ValueError`` for a symmetric matrix with a negative eigenvalue, or ``strictly``, one of 0."""
     eigenvalues = np.linalg.eigvalsh(matrix)
     least, largest = float(eigenvalues[0]), float(np.max(np.abs(eigenvalues)))
-    if least < -ROUNDING_OF_EIGENVALUE * largest or (strictly and least <= ROUNDING_OF_EIGENVALUE * largest):
+    if least < -ROUNDING * largest or (strictly and least <= ROUNDING * largest):
         must = "positive" if strictly else "0 or positive"
         raise ValueError(f"Argument `{name}` must have eigenvalues that are {must}, but one is {least:.6g}.")
 
@@ -75,7 +73,7 @@ def _by_cholesky(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
     for k in range(len(matrix)):
         pivot = rest[k, k]
         # A pivot of rounding would divide by almost 0; its row is 0 instead.
-        is_positive = pivot > ROUNDING_OF_EIGENVALUE * matrix[k, k]
+        is_positive = pivot > ROUNDING * matrix[k, k]
         row = jnp.where(is_positive, rest[k] / jnp.sqrt(jnp.where(is_positive, pivot, 1.0)), 0.0)
         rows.append(row)
         rest = rest - row[:, None] * row[None]
