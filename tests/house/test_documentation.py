@@ -27,6 +27,7 @@ ROOT = Path(__file__).parents[2]
 # Written by hand: what the site makes itself is not kept, and its parts are tested where they come from.
 DOCUMENTS = [
     ROOT / "README.md",
+    ROOT / "src/jaxball/programs/README.md",
     *(ROOT / name for name in ("docs/index.md", "docs/start.md")),
     *(page for room in ("tutorials", "how-to", "theory") for page in sorted((ROOT / "docs" / room).glob("*.md"))),
     *(ROOT / "docs" / "reference" / name for name in ("index.md", "files.md", "keys.md", "scenario-files.md")),
