@@ -11,7 +11,7 @@ from jaxtyping import Int
 
 from ..interface.activity import ERASE
 from ..interface.status import SUCCESSES, Status
-from ..interface.wording import heading, number_of
+from ..interface.wording import duration, heading, number_of
 from ..scenario import ScenarioError, read_document
 from ..scenario.paths import with_numbers
 from ..simulation.variables import LEFT_PLANE
@@ -233,10 +233,3 @@ class _Worker(NamedTuple):
 
     def after(self, rows: int, last: float) -> "_Worker":
         return _Worker(self.start, last, self.rows + rows)
-
-
-def duration(seconds: float) -> str:
-    """Formats a duration as text: ``42 s``, ``5 min``, ``3.2 h``."""
-    if seconds < 100:
-        return f"{seconds:.2g} s" if seconds < 10 else f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"
