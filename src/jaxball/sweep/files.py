@@ -98,6 +98,18 @@ def numbers_of(path: Path, size: int) -> bytes | None:
     return numbers if len(numbers) == size and content == with_checksum(numbers) else None
 
 
+def read_chunk(path: Path, shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
+    """Reads the numbers of a variable in the rows of a chunk that is done; the last one has padding.
+
+    **Raises:** :class:`StoreError` when its file has been changed from outside.
+    """
+    numbers = numbers_of(path, math.prod(shape) * dtype.itemsize)
+    if numbers is None:
+        # None of it is used: one wrong number says that something else wrote to the file.
+        raise change_error(path)
+    return np.frombuffer(numbers, dtype.newbyteorder("<")).reshape(shape)
+
+
 def damages(folder: Path, *, numbers: bool = True) -> Iterator[Damage]:
     """Lists the files of numbers in the store at ``folder`` that have been changed from outside, in chunks that were
     written.

@@ -29,10 +29,9 @@ from .errors import StoreError
 from .files import (
     MARKS,
     Damage,
-    change_error,
     damages,
     list_chunks,
-    numbers_of,
+    read_chunk,
     remove_dead_parts,
     with_checksum,
     write_atomically,
@@ -157,13 +156,8 @@ class Store:
 
         **Raises:** :class:`StoreError` when its file has been changed from outside.
         """
-        path, output = self._file(name, chunk), self.outputs[name]
-        shape = (self.study.chunk, *output.shape)
-        numbers = numbers_of(path, int(np.prod(shape)) * output.dtype.itemsize)
-        if numbers is None:
-            # None of it is used: one wrong number says that something else wrote to the file.
-            raise change_error(path)
-        array = np.frombuffer(numbers, output.dtype.newbyteorder("<")).reshape(shape)
+        output = self.outputs[name]
+        array = read_chunk(self._file(name, chunk), (self.study.chunk, *output.shape), output.dtype)
         return array[: len(self.study.rows_of(chunk))]
 
     def repair(self) -> list[Damage]:
