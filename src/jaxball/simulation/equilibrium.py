@@ -14,7 +14,7 @@ import optimistix
 from jaxtyping import Array, Bool, Float
 
 from .. import programs
-from ..interface.arguments import refusal, require
+from ..interface.arguments import refusal, require, require_count
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, to_array, to_numpy
 from ..numerics.vectors import apply, cross, dot
@@ -125,11 +125,7 @@ def balance(
         raise refusal("free", "a list of indices of masses", free)
     rails, now = _free_rails(system, free, state, t)
     guess = now if guess is None else to_numpy(guess, "guess")
-    if guess.shape != now.shape:
-        raise ValueError(
-            f"Argument `guess` must have {len(now)} entries, one for each mass in `free`, but its shape is "
-            f"{guess.shape}."
-        )
+    require_count("Argument `guess`", guess.shape, len(now), "mass in `free`")
     offset, masses, total, Lambda = _others(system, free, state, t)
     starts = _starts(rails, np.asarray(system.radius), guess)
     prepared = tuple(rail.prepare() for rail in rails)
@@ -163,11 +159,7 @@ def with_angles(system: System, free: Sequence[int], theta: Numbers, t: Numbers 
     masses, angles = list(system.point_masses), to_array(theta, "theta")
     if not isinstance(free, Sequence | np.ndarray):
         raise refusal("free", "a list of numbers of masses, from 0, such as [0, 2]", free)
-    if angles.shape != (len(free),):
-        raise ValueError(
-            f"Argument `theta` must have one angle for each mass that `free` names, {len(free)} in all, but its shape "
-            f"is {angles.shape}."
-        )
+    require_count("Argument `theta`", angles.shape, len(free), "mass in `free`")
     for index, angle in zip(free, angles, strict=True):
         if not -len(masses) <= index < len(masses):
             raise ValueError(
