@@ -134,7 +134,7 @@ def _many(scenario: Any, rows: int, tolerance: float) -> tuple[float, int, float
 
 
 def drake(scenario: Any, rows: int) -> Solves:
-    """Drake's plants whose integrators control their errors: settings of ``jaxball bench engines``."""
+    """Drake's plants whose integrators control their errors: settings of ``python -m benchmarks engines``."""
     from comparison.engines import DRAKE
 
     for setting in DRAKE.settings:

@@ -17,7 +17,7 @@ from pathlib import Path
 import harness
 import numpy as np
 
-NUMBALSODA, HEYOKA = "numbalsoda DOP853", "heyoka Taylor"  # contenders of ``jaxball bench``
+NUMBALSODA, HEYOKA = "numbalsoda DOP853", "heyoka Taylor"  # contenders of ``python -m benchmarks``
 GOAL = 1e-9
 TYPED, COMPILED, BY_XLA = "jaxball, simulate(ball, times)", "jaxball, jaxball.jit", "jaxball, jax.jit"
 OURS = (TYPED, COMPILED, BY_XLA)

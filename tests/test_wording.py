@@ -8,6 +8,7 @@ from jaxball.cli import main
 from jaxball.interface.wording import (
     all_of,
     did_you_mean,
+    duration,
     heading,
     no_attribute,
     number_of,
@@ -122,3 +123,7 @@ def test_what_would_steer_a_terminal_is_spelled():
     assert plain("\x1b[31mred\x9b1m\r\u202e\u2066") == r"\x1b[31mred\x9b1m\r\u202e\u2066"
     assert plain("Grüße, 球\tμ = 0.3\nnext") == "Grüße, 球\tμ = 0.3\nnext"
     assert heading(" two\n lines\x07 ") == r"two lines\x07"
+
+
+def test_durations():
+    assert [duration(x) for x in (0.12, 42.0, 300.0, 11520.0)] == ["0.12 s", "42 s", "5 min", "3.2 h"]

@@ -1,4 +1,4 @@
-"""Solvers compared at equal achieved error: ``jaxball bench``.
+"""Solvers compared at equal achieved error: ``python -m benchmarks``.
 
 A compared package is imported only when it takes part.
 """

@@ -92,8 +92,8 @@ def _matching(argument: str, name: str, labels: Mapping[str, tuple[str, ...]]) -
     if not matches:
         known = dict.fromkeys(label for values in labels.values() for label in values)
         raise SelectionError(
-            f"Argument `{argument}` must contain names that `jaxball bench --list` shows, but it contains {name!r}; "
-            f"{_suggestion(name, known)}."
+            f"Argument `{argument}` must contain names that `python -m benchmarks --list` shows, but it contains "
+            f"{name!r}; {_suggestion(name, known)}."
         )
     return matches
 

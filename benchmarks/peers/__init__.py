@@ -1,7 +1,7 @@
 """The paper's ball in other integrators: the state is (θ, θ̇, q, Ω, z), the paper's fifteen numbers.
 
-Its equations are those of ``jaxball bench``. Their derivatives are taken with respect to ten parameters: the masses
-m_0 … m_3, the inertia, and the shell's centre of mass.
+Its equations are those of ``python -m benchmarks``. Their derivatives are taken with respect to ten parameters: the
+masses m_0 … m_3, the inertia, and the shell's centre of mass.
 """
 
 from typing import Any

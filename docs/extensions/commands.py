@@ -4,7 +4,7 @@ import argparse
 
 from sphinx.application import Sphinx
 
-from jaxball.cli.dispatch import COMMANDS, _parser
+from jaxball.cli.dispatch import COMMANDS, parser_of
 
 from .links import DOCS, write_page
 
@@ -26,7 +26,7 @@ def parsers(command: str, parser: argparse.ArgumentParser) -> list[tuple[str, ar
 def write_commands(app: Sphinx) -> None:
     text = LEAD
     for name in COMMANDS:
-        whole = next(action for action in _parser([name])._actions if isinstance(action, argparse._SubParsersAction))
+        whole = next(action for action in parser_of([name])._actions if isinstance(action, argparse._SubParsersAction))
         for command, parser in parsers(name, whole.choices[name]):
             parser.formatter_class = of_width(parser.formatter_class)
             depth = "#" * (1 + len(command.split()))

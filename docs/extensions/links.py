@@ -12,6 +12,7 @@ DOCS = ROOT / "docs"
 COPIES = {
     "benchmarks/README.md": "project/benchmarks.md",
     "tests/README.md": "project/tests.md",
+    "src/jaxball/programs/README.md": "project/compiler.md",
     "CONTRIBUTING.md": "project/contributing.md",
     "CHANGELOG.md": "project/changelog.md",
 }

@@ -111,8 +111,8 @@ BODIES = [
     (lambda: jaxball.HarmonicForce(0.3), "`constant` must be 3 numbers"),
     (lambda: FreeRigidBody(inertia="thin"), "`inertia` must be numbers, but it is 'thin'"),
     (lambda: jaxball.Slip([0.3, 0.4]), "`friction` must be a single number"),
-    (lambda: driven(jaxball.Servo((PULSE,), [1.0], [1.0])), "`targets` of the law must have one schedule for each.*2"),
-    (lambda: driven(jaxball.FollowSchedules((PULSE,))), "`schedules` of the law must have one schedule for each"),
+    (lambda: driven(jaxball.Servo((PULSE,), [1.0], [1.0])), "`targets` of the law must have 2 entries, one for each"),
+    (lambda: driven(jaxball.FollowSchedules((PULSE,))), "`schedules` of the law must have 2 entries, one for each"),
 ]
 FUNCTIONS = [
     (

@@ -1,4 +1,4 @@
-"""``jaxball bench`` as a user types it: its files, and that what they say is true."""
+"""``python -m benchmarks`` as a user types it: its files, and that what they say is true."""
 
 import itertools
 import json
@@ -15,6 +15,7 @@ from comparison.contenders import ALL
 from comparison.run import QUICK_SOLVERS
 
 from jaxball.paper import reference
+from tests.support.scripts import BENCHMARKS
 
 COLUMNS = {
     "problem", "solver", "family", "tolerance", "failure", "error", "time", "quartiles", "repeats", "build_time",
@@ -28,9 +29,8 @@ EVALUATIONS_A_STEP = {"diffrax Dopri8": 13, "SciPy DOP853": 11}  # fewer than th
 
 
 def command(*arguments, folder):
-    program = "import sys; from jaxball.cli import main; sys.exit(main())"
     environment = {**os.environ, "XLA_FLAGS": ""}
-    line = [sys.executable, "-c", program, "bench", *arguments]
+    line = [sys.executable, str(BENCHMARKS), *arguments]
     return subprocess.run(line, cwd=folder, capture_output=True, text=True, check=False, env=environment)
 
 
@@ -172,6 +172,11 @@ def test_the_two_kinds_of_figure_are_written(quick):
         ),
         (("ball", "--solvers", "qqqqqqqq"), "the names are Adams, "),
         (("ball", "--tolerances", "-1"), "must be a positive number, but it is -1"),
+        (("engines", "slop"), "PROBLEM must contain slope, slide"),
+        (("--gradients",), "Argument `--gradients` must be left out without the word engines"),
+        (("engines", "--gradients", "--quick"), "Argument `--quick` must be left out with `--gradients`"),
+        (("engines", "--limit", "2"), "Argument `--limit` must be left out after `engines`"),
+        (("--lst",), "there is no --lst here; did you mean --list?"),
     ],
 )
 def test_wrong_names_are_refused_before_anything_is_written(tmp_path, arguments, said):
@@ -193,6 +198,8 @@ def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path):
 def test_list_names_every_problem_and_solver(tmp_path):
     done = command("--list", folder=tmp_path)
     assert done.returncode == 0
+    as_documented = [sys.executable, "-m", "benchmarks", "--list"]
+    assert subprocess.run(as_documented, cwd=BENCHMARKS.parent, capture_output=True, text=True).stdout == done.stdout
     for name in ("ball", "robertson", "van-der-pol", *ALL):
         assert re.search(rf"^  {re.escape(name)}  ", done.stdout, re.MULTILINE)
     assert not list(tmp_path.iterdir())

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from jaxball.scenario import builtin_text
+from tests.support.scripts import BENCHMARKS
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 STUDY = """
@@ -49,7 +50,7 @@ COMMANDS = {
     ("validate", "ball.toml", "study.toml"): 8,
     ("reproduce", "--out", "out"): 25,
     ("reproduce", "--solvers", "--out", "out"): 25,
-    ("bench", "--quick", "--out", "bench"): 25,
+    ("benchmarks", "--quick", "--out", "bench"): 25,
     ("sweep", "study.toml", "--out", "s.zarr"): 25,
     ("sweep", "study.toml", "--out", "s.zarr", "--workers", "2"): 25,
     ("sweep", "study.toml", "--dry-run"): 15,
@@ -71,7 +72,8 @@ class Ending(NamedTuple):
 
 def interrupted(folder: Path, arguments: tuple[str, ...], moment: float, number: int = signal.SIGINT) -> Ending:
     """How a command ends that gets a signal ``moment`` seconds after its start."""
-    command = [sys.executable, "-m", "jaxball", *arguments]
+    program = [str(BENCHMARKS), *arguments[1:]] if arguments[0] == "benchmarks" else ["-m", "jaxball", *arguments]
+    command = [sys.executable, *program]
     with (folder / "output").open("w") as output, (folder / "errors").open("w") as errors:
         process = subprocess.Popen(command, cwd=folder, stdout=output, stderr=errors, start_new_session=True)
     time.sleep(moment)

@@ -109,10 +109,6 @@ def test_files_go_to_standard_output(robot, capsys):
             ["import", "robot.urdf", "--shell", "shel"],
             "Argument `--shell` must be a link of the file, but it",
         ),
-        (["bench", "engines", "slop"], "PROBLEM must contain slope, slide"),
-        (["bench", "--gradients"], "Argument `--gradients` must be left out without the word engines"),
-        (["bench", "engines", "--gradients", "--quick"], "Argument `--quick` must be left out with `--gradients`"),
-        (["bench", "engines", "--limit", "2"], "Argument `--limit` must be left out after `engines`"),
     ],
 )
 def test_what_is_impossible_is_refused_with_a_sentence(files, capsys, arguments, sentence):
@@ -135,11 +131,3 @@ def test_what_is_no_xml_is_refused(robot, capsys):
     (robot / "robot.txt").write_text("a robot")
     assert main(["import", "robot.txt"]) == 2
     assert capsys.readouterr().err.startswith("jaxball: The file must be XML, but it is not")
-
-
-def test_solvers_are_compared_from_a_clone_only(robot, monkeypatch, capsys):
-    from jaxball.cli.commands import bench
-
-    monkeypatch.setattr(bench, "BENCHMARKS", robot / "benchmarks")
-    assert main(["bench", "--list"]) == 2
-    assert capsys.readouterr().err.startswith("jaxball: `jaxball bench` needs jaxball's repository")

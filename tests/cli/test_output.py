@@ -107,7 +107,6 @@ def test_a_folder_that_is_to_be_made(tmp_path):
         ["chaos", "ball", "--plot", "file/means.png"],
         ["verify", "ball", "--json", "file/report.json"],
         ["reproduce", "--out", "file/out"],
-        ["bench", "--out", "file/out"],
         ["design", "problem.toml", "--out", "file/out"],
     ],
     ids=lambda arguments: " ".join(arguments[0::2]),

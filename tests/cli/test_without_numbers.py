@@ -75,7 +75,6 @@ REFUSED = {
     "design none.toml --out found": 'FILE must be a problem file, but it is "none.toml" (No such file or directory).',
     "design text.toml --out found": "text.toml: A problem must be a TOML document, but it is not: ",
     "reproduce --out text.toml": 'Argument `--out` must be a folder, but "text.toml" is a file.',
-    "bench --out text.toml": 'Argument `--out` must be a folder, but "text.toml" is a file.',
 }
 ANSWERED = ["--help", "--version", "scenarios", "scenarios ball", *(f"{name} --help" for name in COMMANDS)]
 

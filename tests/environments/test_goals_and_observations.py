@@ -96,7 +96,7 @@ def test_what_a_path_and_a_speed_are_missed_by():
     ("changes", "sentence"),
     [
         ({"parameters": {"mas": Uniform(0.9, 1.1)}}, "one is 'mas'; did you mean \"mass\"?"),
-        ({"starts": {"zz": Uniform(0.9, 1.1)}}, "must have local coordinates as keys, but one is 'zz'"),
+        ({"starts": {"zz": Uniform(0.9, 1.1)}}, "must have names as keys, but one is 'zz'"),
         ({"starts": {"theta": Normal(0, 1), "theta[0]": Normal(0, 1)}}, r"must give theta\[0\] once"),
         ({"starts": {"z": 3.0}}, r"`starts\['z'\]` must be a distribution, such as"),
         ({"sample": 0.0}, "`sample` must be a positive time, but it is 0"),

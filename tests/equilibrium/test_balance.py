@@ -208,8 +208,8 @@ def in_a_pipe(angle):
     ("free", "theta", "error", "sentence"),
     [
         ([5], [0.0], ValueError, r"`free` must name masses of the body, from 0 to 2, but it names 5\."),
-        ([0, 1], [0.0], ValueError, r"`theta` must have one angle for each mass .* 2 in all, but its shape is \(1,\)"),
-        ([0], 0.0, ValueError, r"`theta` must have one angle for each mass .* 1 in all, but its shape is \(\)"),
+        ([0, 1], [0.0], ValueError, r"`theta` must have 2 entries, one for each mass .*, but its shape is \(1,\)"),
+        ([0], 0.0, ValueError, r"`theta` must have 1 entry, one for each mass .*, but its shape is \(\)"),
         (1, [0.0], TypeError, r"`free` must be a list of numbers of masses, from 0, such as \[0, 2\], but it is 1"),
     ],
 )

@@ -94,7 +94,7 @@ def test_what_does_not_fit():
     with pytest.raises(ValueError, match="Argument `Gamma` must be an array of shape"):
         LinearLaw(Gamma=[[1.0, 2.0]])
     with pytest.raises(
-        ValueError, match="Argument `theta` of the law must have one entry for each driven coordinate, 2"
+        ValueError, match="Argument `theta` of the law must have 2 entries, one for each driven coordinate"
     ):
         ball(LinearLaw(theta=[[1.0, 2.0]]))
     with pytest.raises(TypeError, match=r"Argument `signals\[0\]` must be a number"):

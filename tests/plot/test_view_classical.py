@@ -206,11 +206,9 @@ def test_a_system_of_ones_own_with_the_state_of_a_rigid_body_is_shown():
 
 def test_what_cannot_be_shown_is_refused_in_a_sentence(top_run, particle_run, ball_trajectory):
     spiral = jaxball.simulate(Spiral(), [0.0, 1.0], PlaneState(), **TIGHT)
-    batch = eqx.tree_at(lambda run: run.status, top_run, jnp.zeros((2,), dtype=int))
     other_kind = r'`trajectories` must have runs of one kind, but "b" is a '
     for runs, options, sentence in (
         (spiral, {}, r"`trajectory` must be of a ball, a disk, a rigid body .* is of a Spiral; its method plot\(\)"),
-        (batch, {}, r"`trajectory` must be one trajectory, but it is a batch"),
         ({"a": top_run, "b": particle_run}, {}, other_kind + 'particle and "a" is a rigid body; show'),
         ({"a": ball_trajectory, "b": top_run}, {}, other_kind + 'rigid body and "a" is a body that rolls; show'),
         (top_run, {"friction": 0.3}, r"`friction` must be left out for a rigid body, which is no ball or disk"),
@@ -223,3 +221,6 @@ def test_what_cannot_be_shown_is_refused_in_a_sentence(top_run, particle_run, ba
     ):
         with pytest.raises(ValueError, match=f"^Argument {sentence}"):
             view_document(runs, **options)
+    batch = eqx.tree_at(lambda run: run.status, top_run, jnp.zeros((2,), dtype=int))
+    with pytest.raises(ValueError, match="is for one trajectory, but this is a batch"):
+        view_document(batch)

@@ -278,11 +278,14 @@ def test_what_cannot_be_shown_is_refused_in_a_sentence(
 ):
     batch = eqx.tree_at(lambda run: run.status, ball_trajectory, jnp.zeros((2,), dtype=int))
     for trajectory, sentence in (
-        (reduced_trajectory, r"must contain the position of the ball, .* simulate with a BallState\.$"),
-        (batch, r"must be one trajectory, but it is a batch of shape \(2,\); take one"),
-        (hopeless_trajectory, r"must have a finite state to show, but it has none\."),
+        (
+            reduced_trajectory,
+            r"^Argument `trajectory` must contain the position of the ball, .* simulate with a BallState\.$",
+        ),
+        (batch, r"is for one trajectory, but this is a batch of shape \(2,\); take one"),
+        (hopeless_trajectory, r"^Argument `trajectory` must have a finite state to show, but it has none\."),
     ):
-        with pytest.raises(ValueError, match="^Argument `trajectory` " + sentence):
+        with pytest.raises(ValueError, match=sentence):
             trajectory.view(tmp_path / "run.html")
     for friction in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(ValueError, match=r"^Argument `friction` must be a positive number, but it is"):

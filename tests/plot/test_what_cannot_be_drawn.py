@@ -63,9 +63,9 @@ def test_a_refused_trajectory_leaves_no_file(reduced_trajectory, tmp_path):
 @pytest.mark.parametrize("draw", [*FIGURES, plot.configuration, plot.acceleration])
 def test_a_batch_is_refused_in_a_sentence(draw, ball_trajectory):
     batch = eqx.tree_at(lambda run: run.status, ball_trajectory, jnp.zeros((2,), dtype=int))
-    with pytest.raises(ValueError, match=r"must be one trajectory, but it is a batch of shape \(2,\); take one"):
+    with pytest.raises(ValueError, match=r"is for one trajectory, but this is a batch of shape \(2,\); take one"):
         draw(batch)
-    with pytest.raises(ValueError, match=r"must be one trajectory, but it is a batch of shape \(2,\); take one"):
+    with pytest.raises(ValueError, match=r"is for one trajectory, but this is a batch of shape \(2,\); take one"):
         batch.plot()
 
 

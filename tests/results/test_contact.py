@@ -19,7 +19,6 @@ from jaxball import (
     save,
     simulate,
 )
-from jaxball.results.files import add_checksum
 from jaxball.simulation.variables import HISTORY
 
 LAW = Contact(friction=0.3, static_friction=0.35, restitution=0.4, slowest=0.05, capacity=8)
@@ -127,19 +126,3 @@ def test_a_run_without_a_law_has_no_contact(tmp_path):
     run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0], DiskState(phidot=-1.0), rtol=1e-6, atol=1e-6)
     assert load_run(run.save(tmp_path / "run.npz")).contact is None
     assert "mode" not in run.to_dataset()
-
-
-@pytest.mark.thorough
-def test_a_file_with_names_of_an_earlier_version_is_read_with_a_warning(disk, tmp_path):
-    older = {"rejected": "rejected_steps", "friction_loss": "rubbed", "impact_loss": "struck"}
-    with np.load(disk.save(tmp_path / "run.npz")) as saved:
-        np.savez(tmp_path / "older.npz", **{older.get(name, name): saved[name] for name in saved.files})
-    add_checksum(tmp_path / "older.npz")
-    words = "has names of an earlier version of jaxball; load it and save it again"
-    with pytest.warns(FutureWarning, match=words) as warned:
-        run = load_run(tmp_path / "older.npz")
-    assert_same(run, disk)
-    assert len(warned) == 1
-    assert run.rejected == disk.rejected
-    np.testing.assert_array_equal(run.contact.friction_loss, disk.contact.friction_loss)
-    np.testing.assert_array_equal(run.contact.impact_loss, disk.contact.impact_loss)

@@ -90,7 +90,7 @@ def test_a_file_that_lost_its_checksum_has_changed(run, tmp_path, suffix):
 
 
 def without_checksum(path, **changes):
-    """Writes the arrays and attributes of a saved run again, as earlier versions did, with changes."""
+    """Writes the arrays and attributes of a saved run again, as another program does, with changes."""
     with np.load(path) as data:
         content = {name: data[name] for name in data.files if name != CHECKSUM}
     np.savez(path.with_name("changed.npz"), **(content | changes))

@@ -153,7 +153,7 @@ def test_sentences(ball, tmp_path):
     scenario, trajectory = ball
     good = jaxball.save(trajectory, tmp_path / "run.npz", scenario)
     with np.load(good) as data:
-        content = {name: data[name] for name in data.files if name != CHECKSUM}  # as earlier versions saved it
+        content = {name: data[name] for name in data.files if name != CHECKSUM}  # as another program writes it
 
     def changed(name, **changes):
         np.savez(tmp_path / name, **{key: value for key, value in (content | changes).items() if value is not None})
@@ -184,7 +184,7 @@ def test_sentences(ball, tmp_path):
         "stepless.npz": r"its `steps` is 'many'\.$",
         "unended.npz": r"it has no `reached`\.$",
         "slippery.npz": r"its `contact_friction` is 'ice'\.$",
-        "newer.npz": r"was saved by jaxball 9\.1 in format 2, and this version reads format 1; read it with that",
+        "newer.npz": r"was saved by jaxball 9\.1 in format 2, and this version reads format 1; read it with the",
         "garbled.npz": r"cannot be read by this version of jaxball: Key `.*radios` is not known",
     }
     for name, sentence in cases.items():

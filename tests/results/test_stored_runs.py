@@ -1,4 +1,4 @@
-"""Runs that older versions of jaxball saved are read, and their numbers are those of closed forms."""
+"""Runs that were saved once are read, and their numbers are those of closed forms: the format has not changed."""
 
 from pathlib import Path
 

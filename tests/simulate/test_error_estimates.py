@@ -236,7 +236,7 @@ def test_what_is_refused():
         with pytest.raises(ValueError, match="`of` must be a function whose result has the same form for the run and"):
             run.error_estimate(of=lambda run: next(forms))
     many = jax.vmap(lambda rate: simulate(run.system, times, DiskState(phidot=rate)))(jnp.array([-0.5, -0.6]))
-    with pytest.raises(ValueError, match=r"of one run, but this is a batch of shape \(2,\); take one"):
+    with pytest.raises(ValueError, match=r"is for one trajectory, but this is a batch of shape \(2,\); take one"):
         many.error_estimate()
     with pytest.raises(ValueError, match="outside jit, vmap and grad"):
         jax.jit(lambda rate: simulate(run.system, times, DiskState(phidot=rate)).error_estimate().z)(-0.5)

@@ -14,9 +14,8 @@ from typing import Any
 import jaxtyping
 
 # The compiler's functions are called a hundred thousand times for a program, and take no arrays to be checked.
-# A warning of an old name looks for the line outside jaxball, and would find the one below that checks.
-UNCHECKED = ("jaxball.programs.native", "jaxball.interface.deprecation")
-OPENED = ("jaxball.programs", "jaxball.interface")  # packages that contain these
+UNCHECKED = ("jaxball.programs.native",)
+OPENED = ("jaxball.programs",)  # packages that contain these
 
 # The checks of a call take longer than many a function; of all calls, they would take a quarter of the tests' time.
 # Which calls are the first depends on the order of the tests, so that before a release all are: see tests/README.md.

@@ -1,6 +1,6 @@
 """Runs a study again and again in children that are killed at random moments, until one comes to its end.
 
-python -m tests.sweep.kills FOLDER SEED prints the number of kills.
+python -m tests.sweep.kills FOLDER SEED prints the number of kills, and how many chunks were computed in all.
 """
 
 import os
@@ -11,17 +11,25 @@ import time
 from pathlib import Path
 
 import jax
+import numpy as np
 
-from jaxball.sweep import sweep
+from jaxball.sweep import Batch, Request, sweep
 from tests.sweep.studies import pretend, study
 
 AXES = '[[axes]]\npath = "body.mass"\nlinear = { from = 1.0, to = 2.0, count = 60 }\n'
+CHUNKS = 20
 FEWEST = 3
 
 
 def once(folder: Path) -> None:
-    """The study from beginning to end."""
-    sweep(study(folder, AXES, "chunk = 3"), folder / "s.zarr", engine=pretend)
+    """The study from beginning to end; each chunk that is computed adds a byte to a file."""
+
+    def counted(batch: Batch, request: Request) -> dict[str, np.ndarray]:
+        with (folder / "computed").open("ab") as file:
+            file.write(b".")
+        return pretend(batch, request)
+
+    sweep(study(folder, AXES, "chunk = 3"), folder / "s.zarr", engine=counted)
 
 
 def main() -> None:
@@ -43,7 +51,7 @@ def main() -> None:
             os.kill(child, signal.SIGKILL)
             kills += 1
         if os.waitpid(child, 0)[1] == 0:
-            print(kills)
+            print(kills, (folder / "computed").stat().st_size)
             return
 
 

@@ -1,17 +1,13 @@
 """A store opened along the axes of its study."""
 
-import json
 import shutil
 
 import numpy as np
 import pytest
 import xarray
-import zarr
 
-from jaxball import plot
 from jaxball.plot.sweeps.rows import label_of
-from jaxball.sweep import StoreError, StudyError, describe, open_dataset, open_grid, sweep
-from tests.scenario.documents import BALL
+from jaxball.sweep import open_dataset, open_grid, sweep
 from tests.sweep.studies import pretend, study
 
 SMALL = 'save = "times"\nchunk = 4'
@@ -85,49 +81,6 @@ def test_numbers_that_change_together_lie_along_one_axis(tmp_path):
     assert float(swapped["body.radius"].sel({"body.mass": 1.0})) == 4.0
 
 
-@pytest.mark.thorough
-def test_a_store_without_points_that_counts_from_one_is_opened_and_drawn(tmp_path):
-    """As stores were before everything was counted from 0."""
-    found = study(tmp_path, scenario=BALL)
-    store = sweep(found, tmp_path / "s.zarr", engine=still).store
-    shutil.rmtree(store / "axes")
-    for name, labels in {"axis": [1, 2, 3], "direction": [1, 2]}.items():
-        zarr.open_group(store)[name][:] = labels
-    about = json.loads((store / "zarr.json").read_text())
-    del about["attributes"]["layout"], about["consolidated_metadata"]["metadata"]["axes"]
-    metadata = about["consolidated_metadata"]["metadata"]
-    about["consolidated_metadata"]["metadata"] = {k: item for k, item in metadata.items() if not k.startswith("axes/")}
-    (store / "zarr.json").write_text(json.dumps(about))
-    data = open_dataset(store)
-    assert data["axis"].values.tolist() == [1, 2, 3]
-    assert [label_of(data, name, at_the_end=False) for name in ("Omega[1]", "q[1]")] == [
-        r"$\Omega_{2}$ (rad/time)",
-        "$q_{1}$",
-    ]
-    assert plot.sweep_slice(data, "z[1]", "body.mass").get_ylabel() == "$z_{2}$ at the end (length)"
-    assert "15 of 15 rows" in describe(store)
-    with pytest.raises(StoreError, match="must contain the points of its axes"):
-        open_grid(store)
-    with pytest.raises(StoreError, match="with other layout; it is left as it is"):
-        sweep(found, store, engine=still)
-
-
 def test_symbols_of_driven_masses_have_the_numbers_of_the_paper():
     data = xarray.Dataset({"theta": (("row", "driven"), [[0.1, 0.2]])}, {"row": [0], "driven": [0, 2]})
     assert label_of(data, "theta[1]", at_the_end=False) == r"$\theta_{3}$"
-
-
-def still(batch, wanted):
-    """An engine: balls that stay where they are."""
-    n, times = batch.times.shape
-    counts = np.zeros(n, dtype=int)
-    found = {"status": counts, "steps": counts, "rejected": counts, "reached": batch.times[:, -1]}
-    return found | {name: np.zeros((n, times, size)) for name, size in {"q": 4, "Omega": 3, "z": 2}.items()}
-
-
-@pytest.mark.parametrize("name", ["steps", "phi", "axes", "body.mass"])
-def test_what_is_found_cannot_be_called_as_something_else(tmp_path, name):
-    found = study(tmp_path, settings=f'find = [{{ name = "{name}", maximum = "tests.sweep.test_finds:height" }}]')
-    with pytest.raises(StudyError, match=f"but `{name}` is taken"):
-        sweep(found, tmp_path / "s.zarr", engine=pretend)
-    assert not (tmp_path / "s.zarr").exists()

@@ -1,8 +1,6 @@
 """Rows of a study whose runs go on where the body would leave the plane: they are counted and have a flag."""
 
 import io
-import json
-import shutil
 
 import numpy as np
 import pandas
@@ -10,7 +8,7 @@ import pytest
 
 from jaxball import Status
 from jaxball.scenario import ScenarioError, builtin_text
-from jaxball.sweep import StoreError, describe, open_dataset, open_grid, sweep
+from jaxball.sweep import describe, open_dataset, open_grid, sweep
 from tests.sweep.studies import pretend, study
 from tests.sweep.test_detachment import DETACHED, SPEEDS, WHEEL, normal_force
 
@@ -104,21 +102,6 @@ def test_an_impossible_row_has_no_flag(tmp_path):
     masses = '[[axes]]\npath = "body.mass"\nvalues = [1.0, 2.0, -1.0]\n'
     _, store = store_of(tmp_path, axes=masses)
     assert open_dataset(store)["left_plane"].values.tolist() == [0, 1, -1]
-
-
-def test_a_store_without_the_flag_is_opened_and_described_and_not_gone_on_with(tmp_path):
-    """As stores with contact forces were before it."""
-    whole, store = store_of(tmp_path)
-    shutil.rmtree(store / "left_plane")
-    about = json.loads((store / "zarr.json").read_text())
-    about["attributes"]["layout"] = "4"
-    del about["consolidated_metadata"]["metadata"]["left_plane"]
-    (store / "zarr.json").write_text(json.dumps(about))
-    assert "left_plane" not in open_dataset(store)
-    assert f"{whole.rows} of {whole.rows} rows are done" in describe(store)
-    assert "left_plane" not in describe(store)
-    with pytest.raises(StoreError, match="belongs to another study, with other layout; it is left as it is"):
-        sweep(whole, store, engine=alternating)
 
 
 def test_what_does_not_roll_on_a_plane_has_no_contact(tmp_path):

@@ -8,7 +8,7 @@ import xarray
 
 from jaxball.sweep import describe, sweep
 from jaxball.sweep.executors import ChunkResult
-from jaxball.sweep.progress import Progress, StatusCounts, duration
+from jaxball.sweep.progress import Progress, StatusCounts
 from tests.plot.studies import heavy_ones_fail
 from tests.sweep.studies import study
 
@@ -114,7 +114,3 @@ def test_failures_after_a_run_goes_on_are_those_in_the_store(tmp_path, between):
     assert first == "3 of 15 rows (20.0 %), 2 failed, compiling"
     assert last.startswith("11 of 15 rows (73.3 %), 5 failed, ")
     assert "11 of 15 rows are done (73.3 %)\n  6 SUCCESS\n  5 MAX_STEPS\n" in describe(tmp_path / "s.zarr")
-
-
-def test_durations():
-    assert [duration(x) for x in (0.12, 42.0, 300.0, 11520.0)] == ["0.12 s", "42 s", "5 min", "3.2 h"]

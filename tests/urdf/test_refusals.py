@@ -127,11 +127,11 @@ REFUSALS = {
     ),
     "number": (
         URDF.replace('radius="0.3"', 'radius="big"'),
-        'Attribute `radius` of <sphere> in <link name="shell"> must be a finite number, but it is "big".',
+        'Attribute `radius` of <sphere> in <link name="shell"> must be a number, but it is "big".',
     ),
     "missing": (
         URDF.replace(' radius="0.3"', ""),
-        'Element <sphere> in <link name="shell"> must have `radius`, a finite number, but it is missing.',
+        'Element <sphere> in <link name="shell"> must have `radius`, a number, but it is missing.',
     ),
     "damping": (
         URDF.replace('damping="0.05"', 'damping="-0.05"'),

@@ -1,4 +1,4 @@
-"""Robots in general engines, beside the exact solution: ``jaxball bench engines``.
+"""Robots in general engines, beside the exact solution: ``python -m benchmarks engines``.
 
 Nothing here imports an engine: its own file, which does, is imported when it takes part.
 """

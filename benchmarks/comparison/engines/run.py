@@ -22,7 +22,7 @@ TIMESTEPS = (0.02, 0.01, 0.005, 0.002, 0.001, 0.0005)
 QUICK_TIMESTEPS = (0.01, 0.002)
 QUICK_CASES = ("slope", "disk")
 TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9)
-SECONDS_OF_RUN = 1.0  # s of processor time for a run
+SECONDS = 1.0  # s of processor time for a run
 PACKAGES = ("jaxball", "jax", "numpy", "mujoco", "drake", "pybullet")
 ABOUT = "Robots in general engines beside the exact solution; processor time in seconds per unit of simulated time."
 
@@ -141,7 +141,7 @@ def _of_setting(
     rows: list[Row] = []
     last, seconds = timesteps[0], 0.0
     for timestep in timesteps:
-        if seconds * last / timestep > SECONDS_OF_RUN:
+        if seconds * last / timestep > SECONDS:
             break
         try:
             motion = module.run(case, setting, timestep)

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..interface.printing import Printed, format_value, is_single
 from ..interface.status import SolveError, Status
 
-PARTS_OF_RUN = 16  # parts of the run, to whose means the limit is fitted
+PARTS = 16  # parts of the run, to whose means the limit is fitted
 FEWEST_PARTS = 6
 ALIGNING = 1 / 8  # of the run, during which the deviations align with their directions, and their rates mean nothing
 STANDARD_ERRORS = 2.5  # a limit closer to zero than this many standard errors may be zero
@@ -57,7 +57,7 @@ def limits_of(
     # Each rate is the mean over its interval, and stands for the middle of it.
     middle = times - start - step / 2
     late = middle >= ALIGNING * (times[-1] - start)
-    parts = min(PARTS_OF_RUN, int(np.sum(late)))
+    parts = min(PARTS, int(np.sum(late)))
     if parts < FEWEST_PARTS or not np.all(np.isfinite(rates)):
         return Limits(nothing, nothing, np.full(k, False), np.full(k, False))
     # Means over parts, because successive rates are correlated, and a fit to them would claim to be too exact.

@@ -7,7 +7,7 @@ import json
 import keyword
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from .. import __version__
@@ -32,17 +32,20 @@ COMMANDS = {
     "export": "write a scenario's robot as a file of MuJoCo",
     "import": "read a robot from a file of MuJoCo or ROS",
     "reproduce": "reproduce both runs of Putkaradze & Rogers (2018)",
-    "bench": "compare solvers at equal achieved error",
     "cache": "show or remove kept compiled programs",
 }
-WITHOUT_CACHE = ("scenarios", "bench", "cache")
+WITHOUT_CACHE = ("scenarios", "cache")
 
 
-def run(arguments: Sequence[str]) -> int:
-    """Runs a command, and returns its exit code."""
+def run(arguments: Sequence[str], parser: Callable[[Sequence[str]], argparse.ArgumentParser]) -> int:
+    """Runs a command, and returns its exit code.
+
+    - ``parser``: makes the parser of the arguments, which says what ``run`` of them is, and whether they have a
+      ``cache``.
+    """
     try:
         try:
-            return _run(arguments)
+            return _run(arguments, parser)
         # Within the other block, so that a closed pipe is noticed here, and not as a traceback when the interpreter
         # ends.
         finally:
@@ -58,8 +61,8 @@ def run(arguments: Sequence[str]) -> int:
         return BAD_INPUT
 
 
-def _run(arguments: Sequence[str]) -> int:
-    options = _parser(arguments).parse_args(arguments)
+def _run(arguments: Sequence[str], parser: Callable[[Sequence[str]], argparse.ArgumentParser]) -> int:
+    options = parser(arguments).parse_args(arguments)
     with contextlib.ExitStack() as stack:
         if options.cache:
             from .. import cache  # imported here, because help and lists need none
@@ -87,7 +90,7 @@ def _flush() -> None:
         raise
 
 
-class _Parser(argparse.ArgumentParser):
+class Parser(argparse.ArgumentParser):
     """Suggests the word that may have been meant, where argparse would list all choices.
 
     Unknown arguments are reported by the command that they were given to, not, as in argparse, by the program.
@@ -124,9 +127,9 @@ class _Version(argparse.Action):
         parser.exit()
 
 
-def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
+def parser_of(arguments: Sequence[str]) -> argparse.ArgumentParser:
     """Builds the parser, with the options of the command in ``arguments``, and only the names of the others."""
-    parser = _Parser(
+    parser = Parser(
         prog="jaxball",
         description="Simulates a rolling ball or disk driven by point masses moving inside it.",
     )

@@ -26,7 +26,7 @@ from .inputs import Place, drive_without_motors
 from .sampled import SampledSystem
 
 GAUSS = (0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5)  # of a sample
-MISSING_OF_SAMPLE = 1e-9  # of a sample, by which a run may be shorter than a whole number of them
+MISSING = 1e-9  # of a sample, by which a run may be shorter than a whole number of them
 
 
 class NominalMotion(Printed):
@@ -84,7 +84,7 @@ def samples_in(times: Float[Array | np.ndarray, " T"], sample: float) -> int:
     length = float(times[-1] - times[0])
     if not sample > 0:
         raise ValueError(f"Argument `sample` must be a positive time, but it is {sample:g}.")
-    count = int(np.floor(length / sample + MISSING_OF_SAMPLE))
+    count = int(np.floor(length / sample + MISSING))
     if count < 1:
         raise ValueError(
             f"Argument `sample` must be no longer than the motion, which takes {length:g}, but it is {sample:g}; "

@@ -32,7 +32,7 @@ from .inputs import Place, hold_inputs, limits_of, places_of, with_inputs
 STEPS_OF_BOUNCES = 16  # times the steps of a sample without
 ANY_ORDER = 5.0  # of a method: the mode in which a body starts does not depend on it
 LEAST_REACHED = 1e-8  # of the largest singular value of the reachable subspace's factor; below it is rounding
-ROUNDING_OF_COMBINATION = 1e-6  # of the largest entry of a combination
+ROUNDING = 1e-6  # of the largest entry of a combination
 
 
 class Linear(NamedTuple):
@@ -300,7 +300,7 @@ def _reduce_rows(rows: Float[np.ndarray, "rows n"]) -> Float[np.ndarray, "rows n
         if done == len(rows):
             break
         pivot = done + int(np.argmax(np.abs(rows[done:, column])))
-        if abs(rows[pivot, column]) <= ROUNDING_OF_COMBINATION:
+        if abs(rows[pivot, column]) <= ROUNDING:
             continue
         rows[[done, pivot]] = rows[[pivot, done]]
         rows[done] /= rows[done, column]
@@ -313,9 +313,9 @@ def _reduce_rows(rows: Float[np.ndarray, "rows n"]) -> Float[np.ndarray, "rows n
 def _in_words(row: Float[np.ndarray, " n"], names: Sequence[str]) -> str:
     words, largest = "", np.max(np.abs(row))
     for value, name in zip(row, names, strict=True):
-        if abs(value) <= ROUNDING_OF_COMBINATION * largest:
+        if abs(value) <= ROUNDING * largest:
             continue
-        size = "" if abs(abs(value) - 1) < ROUNDING_OF_COMBINATION else f"{abs(value):.4g} "
+        size = "" if abs(abs(value) - 1) < ROUNDING else f"{abs(value):.4g} "
         sign = ("−" if value < 0 else "") if not words else (" − " if value < 0 else " + ")
         words += f"{sign}{size}{name}"
     return words

@@ -1,6 +1,6 @@
 """Weights that users give regulators, of deviations and of inputs: matrices from numbers, rows, or numbers by name."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import jax.numpy as jnp
@@ -13,7 +13,7 @@ from ..interface.wording import did_you_mean
 from ..numerics.arrays import AnyArray, Numbers, to_numpy
 
 Weights = Numbers | Mapping[str, Numbers]
-ROUNDING_OF_EIGENVALUE = 1e-10  # of the largest eigenvalue, by which one may be negative
+ROUNDING = 1e-10  # of the largest eigenvalue, by which one may be negative
 
 
 def weight_matrix(name: str, weights: Weights, names: Sequence[str]) -> Float[AnyArray, "n n"]:
@@ -41,9 +41,7 @@ def weight_matrix(name: str, weights: Weights, names: Sequence[str]) -> Float[An
     if is_traced(matrix):
         return matrix
     # Relative to the largest entry, as users' numbers may be of any size.
-    if not np.all(np.isfinite(matrix)) or np.any(
-        np.abs(matrix - matrix.T) > ROUNDING_OF_EIGENVALUE * np.max(np.abs(matrix))
-    ):
+    if not np.all(np.isfinite(matrix)) or np.any(np.abs(matrix - matrix.T) > ROUNDING * np.max(np.abs(matrix))):
         raise ValueError(f"Argument `{name}` must be a finite, symmetric matrix, but it is {matrix.tolist()}.")
     require_positive(name, matrix)
     return matrix
@@ -53,7 +51,7 @@ def require_positive(name: str, matrix: Float[AnyArray, "n n"], strictly: bool =
     """Raises a ``ValueError`` for a symmetric matrix with a negative eigenvalue, or ``strictly``, one of 0."""
     eigenvalues = np.linalg.eigvalsh(matrix)
     least, largest = float(eigenvalues[0]), float(np.max(np.abs(eigenvalues)))
-    if least < -ROUNDING_OF_EIGENVALUE * largest or (strictly and least <= ROUNDING_OF_EIGENVALUE * largest):
+    if least < -ROUNDING * largest or (strictly and least <= ROUNDING * largest):
         must = "positive" if strictly else "0 or positive"
         raise ValueError(f"Argument `{name}` must have eigenvalues that are {must}, but one is {least:.6g}.")
 
@@ -75,7 +73,7 @@ def _by_cholesky(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
     for k in range(len(matrix)):
         pivot = rest[k, k]
         # A pivot of rounding would divide by almost 0; its row is 0 instead.
-        is_positive = pivot > ROUNDING_OF_EIGENVALUE * matrix[k, k]
+        is_positive = pivot > ROUNDING * matrix[k, k]
         row = jnp.where(is_positive, rest[k] / jnp.sqrt(jnp.where(is_positive, pivot, 1.0)), 0.0)
         rows.append(row)
         rest = rest - row[:, None] * row[None]
@@ -91,17 +89,24 @@ def by_name(name: str, given: Mapping[str, Any], names: Sequence[str], other: fl
     """
     require(name, given, Mapping, 'a dictionary of numbers by name, such as {"z": 0.1}')
     values: list[Any] = [other] * len(names)
-    # A group has entries such as "z[0]"; a name such as "mechanisms[0].joints[0]" is of a single coordinate.
-    groups = [entry.partition("[")[0] for entry in names if entry.count("[") == 1 and "." not in entry]
-    key_names = list(dict.fromkeys([*groups, *names]))
-    for key, value in given.items():
-        if key not in key_names:
-            there = f"the names are {', '.join(key_names)}"
-            raise ValueError(
-                f"Argument `{name}` must have names as keys, but one is {key!r}{did_you_mean(key, key_names, there)}"
-            )
-        number = value if is_traced(value) else float(to_numpy(value, f"{name}[{key!r}]"))
-        values = [
-            number if key in (entry, entry.partition("[")[0]) else old for entry, old in zip(names, values, strict=True)
-        ]
+    for key, places in places_by_name(name, given, names).items():
+        number = given[key] if is_traced(given[key]) else float(to_numpy(given[key], f"{name}[{key!r}]"))
+        for place in places:
+            values[place] = number
     return (jnp if any(map(is_traced, values)) else np).asarray(values)
+
+
+def places_by_name(name: str, keys: Iterable[str], names: Sequence[str]) -> dict[str, list[int]]:
+    """Returns the places in ``names`` that each key stands for: its own, or those of a group, ``"z"`` for ``"z[0]"``
+    and ``"z[1]"``.
+
+    **Raises:** ``ValueError`` for an unknown key of the argument ``name``.
+    """
+    # A group has entries such as "z[0]"; a name such as "mechanisms[0].joints[0]" is of a single coordinate.
+    groups = [entry.partition("[")[0] if entry.count("[") == 1 and "." not in entry else entry for entry in names]
+    known = list(dict.fromkeys([*groups, *names]))
+    for key in keys:
+        if key not in known:
+            there = did_you_mean(key, known, f"the names are {', '.join(known)}")
+            raise ValueError(f"Argument `{name}` must have names as keys, but one is {key!r}{there}")
+    return {key: [k for k, pair in enumerate(zip(groups, names, strict=True)) if key in pair] for key in keys}

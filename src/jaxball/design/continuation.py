@@ -38,7 +38,7 @@ FOLD_SEARCHES, FLAT = 40, 1e-9
 CORRECTION_TOLERANCE = 1e-10
 LEAST_SHARE = 1e-4
 # Corrections below this that no longer decrease are rounding.
-ROUNDING_OF_CORRECTION = 1e-7
+ROUNDING = 1e-7
 
 # A dense NumPy array, or a sparse SciPy array, whose types do not declare what its methods return.
 Matrix = Any
@@ -167,7 +167,7 @@ def newton(
         else:
             # No shortening helped. Where corrections are as small as this, rounding alone prevents the next from
             # being shorter.
-            if largest <= ROUNDING_OF_CORRECTION:
+            if largest <= ROUNDING:
                 return y
             break
         y = y + share * change
@@ -389,7 +389,7 @@ class _Corrector:
             sizes = np.append(self.equations.sizes(Y[:-1]), 1 + np.abs(Y[-1]))
             before, largest = largest, np.max(np.abs(change) / sizes)
             # Corrections that no longer become half as large have reached rounding.
-            if largest <= self.tolerance or before / 2 < largest < ROUNDING_OF_CORRECTION:
+            if largest <= self.tolerance or before / 2 < largest < ROUNDING:
                 return Y, k
         return None
 

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from ..interface.html import repr_html
 from ..interface.output import OutputError, write_text
-from ..interface.wording import number_of
+from ..interface.wording import duration, number_of
 from ..results.saving import PACKAGES
 from ..scenario import Scenario, load_scenario, read_document
 from ..scenario.sources import naming, scenario_document
@@ -65,13 +65,6 @@ class Source(NamedTuple):
 
     def _is(self, path: Path) -> bool:
         return path.exists() and path.samefile(self.file)
-
-
-def duration(seconds: float) -> str:
-    """Formats a time in hours, minutes and seconds."""
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s" if minutes else f"{seconds:.1f} s"
 
 
 def provenance(source: Source | None, elapsed: float, resumed: bool = False) -> list[list[str]]:

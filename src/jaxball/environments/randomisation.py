@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..compat import is_traced
+from ..control.weights import places_by_name
 from ..interface.arguments import require
 from ..interface.printing import Printed
 from ..interface.wording import did_you_mean
@@ -130,23 +131,11 @@ def require_numbers_of(system: System, names: Iterable[str]) -> dict[str, Float[
 
 
 def directions_by_name(names: Iterable[str], directions: tuple[str, ...]) -> dict[str, list[int]]:
-    """Finds the places of local coordinates, by their names or by the name of a field, ``"z"`` for ``"z[0]"`` and
-    ``"z[1]"``.
+    """Finds the places of local coordinates, by their names or by those of their groups.
 
     **Raises:** ``ValueError`` for an unknown name, and for a coordinate that two names give.
     """
-    indices: dict[str, list[int]] = {}
-    key_names = list(dict.fromkeys([*(direction.partition("[")[0] for direction in directions), *directions]))
-    for name in names:
-        indices[name] = [
-            k for k, direction in enumerate(directions) if name in (direction, direction.partition("[")[0])
-        ]
-        if not indices[name]:
-            there = f"the names are {', '.join(key_names)}"
-            raise ValueError(
-                f"Argument `starts` must have local coordinates as keys, but one is {name!r}"
-                f"{did_you_mean(name, key_names, there)}"
-            )
+    indices = places_by_name("starts", names, directions)
     places = [place for places in indices.values() for place in places]
     for place in places:
         if places.count(place) > 1:

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .. import programs
 from ..compat import is_traced
-from ..interface.arguments import refusal
+from ..interface.arguments import refusal, require_count
 from ..interface.printing import Printed
 from ..interface.wording import number_of
 from ..physics.state import PlacedState
@@ -155,10 +155,7 @@ class AbstractEstimate(Printed):
         if type(truth) is not type(self.state):
             raise refusal("truth", f"the states at the samples, a {type(self.state).__name__}", truth)
         counts = [jax.tree.leaves(states)[0].shape[0] for states in (truth, self.state)]
-        if counts[0] != counts[1]:
-            raise ValueError(
-                f"Argument `truth` must have {counts[1]} states, one for each sample, but it has {counts[0]}."
-            )
+        require_count("Argument `truth`", counts[0], counts[1], "sample")
         return jax.vmap(lambda estimated, true: estimated.difference(true))(self.state, truth)
 
     def nees(self, truth: PlacedState) -> Float[Array, " K"]:

@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .wording import did_you_mean
+from .wording import did_you_mean, number_of
 
 Kind = TypeVar("Kind")
 
@@ -59,6 +59,16 @@ def whole_number(name: str, value: Any, least: int, most: int | None = None) -> 
     if most is not None and value > most:
         raise ValueError(f"Argument `{name}` must be at most {most:,}, but it is {value:,}.")
     return int(value)
+
+
+def require_count(what: str, size: int | tuple[int, ...], count: int, each: str) -> None:
+    """Raises a ``ValueError`` unless ``what``, such as "Argument `theta`", has ``count`` entries, one for ``each``.
+
+    - ``size``: how many it has, or the shape of the array that it is.
+    """
+    if size not in (count, (count,)):
+        got = f"its shape is {size}" if isinstance(size, tuple) else f"it has {size}"
+        raise ValueError(f"{what} must have {number_of(count, 'entry', 'entries')}, one for each {each}, but {got}.")
 
 
 def refusal(name: str, must: str, value: Any, remedy: str = "") -> TypeError:

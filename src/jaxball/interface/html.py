@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 SIZE = 140  # of a sketch, in pixels
-MARGIN_OF_SKETCH = 6
-MOST_POINTS_OF_SKETCH = 400
+MARGIN = 6
+MOST_POINTS = 400
 LEAST_EXTENT = 1e-9  # of the size of its coordinates, below which a path is a point
 
 
@@ -29,15 +29,15 @@ def sketch_of(points: Float[np.ndarray, "n 2"], name: str) -> str:
     - ``name``: what it shows, for readers of the screen.
     """
     points = points[np.isfinite(points).all(axis=1)]
-    points = points[:: max(1, -(-len(points) // MOST_POINTS_OF_SKETCH))] if len(points) else points
+    points = points[:: max(1, -(-len(points) // MOST_POINTS))] if len(points) else points
     extent = float(np.max(np.ptp(points, axis=0), initial=0.0)) if len(points) else 0.0
     if len(points) < 2 or extent <= LEAST_EXTENT * np.max(np.abs(points)):
         return ""
-    scale = (SIZE - 2 * MARGIN_OF_SKETCH) / extent
+    scale = (SIZE - 2 * MARGIN) / extent
     low, high = points.min(axis=0), points.max(axis=0)
-    width, height = np.ceil((high - low) * scale + 2 * MARGIN_OF_SKETCH).astype(int)
-    x = MARGIN_OF_SKETCH + (points[:, 0] - low[0]) * scale
-    y = MARGIN_OF_SKETCH + (high[1] - points[:, 1]) * scale  # upwards, as in a figure
+    width, height = np.ceil((high - low) * scale + 2 * MARGIN).astype(int)
+    x = MARGIN + (points[:, 0] - low[0]) * scale
+    y = MARGIN + (high[1] - points[:, 1]) * scale  # upwards, as in a figure
     line = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
     return (
         f'<svg width="{width}" height="{height}" role="img" aria-label="{html.escape(name, quote=True)}">'

@@ -58,6 +58,13 @@ def number_of(number: int, thing: str, things: str = "") -> str:
     return f"{number:,} {thing if number == 1 else things or f'{thing}s'}"
 
 
+def duration(seconds: float) -> str:
+    """Formats a duration as text: ``42 s``, ``5 min``, ``3.2 h``."""
+    if seconds < 100:
+        return f"{seconds:.2g} s" if seconds < 10 else f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"
+
+
 def nearest(name: str, known: Iterable[str], most: int = 1, cutoff: float = 0.6) -> list[str]:
     """Finds up to ``most`` known names similar to ``name``, the most similar first, ignoring case."""
     import difflib  # here, because it is for mistakes alone

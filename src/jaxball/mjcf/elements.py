@@ -52,12 +52,26 @@ def numbers(
 
     **Raises:** :class:`MJCFError` where they are missing without a default, or something else.
     """
-    text = element.get(name)
     count = len(default) if count is None and default is not None else count
-    must = f"{count} numbers" if count != 1 else "a number"
+    return read_numbers(element, name, label(element), default, count, MJCFError)
+
+
+def read_numbers(
+    element: ET.Element,
+    name: str,
+    where: str,
+    default: Sequence[float] | Float[np.ndarray, " n"] | None,
+    count: int | None,
+    error: type[UserError],
+) -> Float[np.ndarray, " n"]:
+    """Reads the numbers of an attribute of an element, which is ``where``: ``count`` of them, if that is known.
+
+    **Raises:** ``error`` where they are missing without a default, or something else.
+    """
+    text, must = element.get(name), f"{count} numbers" if count != 1 else "a number"
     if text is None:
         if default is None:
-            raise MJCFError(f"Element {label(element)} must have `{name}`, {must}, but it is missing.")
+            raise error(f"Element {where} must have `{name}`, {must}, but it is missing.")
         return np.asarray(default, dtype=float)
     try:
         values = np.asarray([float(word) for word in text.split()])
@@ -65,7 +79,7 @@ def numbers(
         # Not finite, for the sentence below.
         values = np.asarray([np.nan])
     if not np.isfinite(values).all() or (count is not None and len(values) != count):
-        raise MJCFError(f'Attribute `{name}` of {label(element)} must be {must}, but it is "{text}".')
+        raise error(f'Attribute `{name}` of {where} must be {must}, but it is "{text}".')
     return values
 
 

@@ -21,7 +21,7 @@ from .recordings import Recording
 from .schema import ACTUATORS
 from .settings import Settings
 
-COUNT_OF_GEARS = 6  # of which a hinge and a slide use the first
+GEARS = 6  # of which a hinge and a slide use the first
 
 
 class Actuated(NamedTuple):
@@ -125,10 +125,9 @@ def joint_of(actuator: ET.Element) -> str:
 def gear_of(actuator: ET.Element) -> float:
     """Reads the gear of an actuator of a joint with one axis: the first of up to six numbers."""
     gears = np.ones(1) if actuator.get("gear") is None else numbers(actuator, "gear")
-    if not 1 <= len(gears) <= COUNT_OF_GEARS:
+    if not 1 <= len(gears) <= GEARS:
         raise MJCFError(
-            f"Attribute `gear` of {label(actuator)} must be up to {COUNT_OF_GEARS} numbers, but it is "
-            f'"{actuator.get("gear")}".'
+            f'Attribute `gear` of {label(actuator)} must be up to {GEARS} numbers, but it is "{actuator.get("gear")}".'
         )
     return float(gears[0])
 

@@ -19,8 +19,8 @@ from .elements import MJCFError, add
 
 TABLE_RADIUS = 100.0  # the radius of a turntable, in radii of the body
 FLYWHEEL = 1e6  # the moment of inertia of a turntable in M r²; solvers lose small ones beside 1e8 to rounding
-EXTENT_OF_HEIGHTS = 10.0  # half the side of a height field, in radii of the body
-SPACING_OF_HEIGHTS = 0.2  # the most between its points, in the same
+EXTENT = 10.0  # half the side of a height field, in radii of the body
+SPACING = 0.2  # the most between its points, in the same
 LARGEST_EXTENT = 100.0  # the same: a file has every height as text
 TIMES_AT_REST = 16  # of a scenario, at which a ground must be where it is at the start
 
@@ -96,9 +96,7 @@ def write_ground(
         add(world, "geom", name="ground", type="sphere", size=R, pos=(0.0, 0.0, -R), **friction)
         return ()
     if isinstance(ground, AbstractSurface):
-        return _write_heights(
-            root, world, ground, start, r, friction, EXTENT_OF_HEIGHTS * r if extent is None else extent
-        )
+        return _write_heights(root, world, ground, start, r, friction, EXTENT * r if extent is None else extent)
     if not isinstance(ground, Ground) or ground.turntable is None:
         # Zeros are a plane without end; the last number is the mesh in which it is drawn.
         add(world, "geom", name="plane", type="plane", size=(0.0, 0.0, 0.1 * r), **friction)
@@ -131,7 +129,7 @@ def _write_heights(
             f"a million heights then, but it is {extent:g}."
         )
     # Odd, so that one of them is at the start.
-    count = 2 * int(np.ceil(extent / (SPACING_OF_HEIGHTS * r))) + 1
+    count = 2 * int(np.ceil(extent / (SPACING * r))) + 1
     offsets = np.linspace(-extent, extent, count)
     # MuJoCo reads heights as one looks at a map: the first row is that of the largest y.
     y, x = (axis.ravel() for axis in np.meshgrid(centre[1] - offsets, centre[0] + offsets, indexing="ij"))

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 from numpy.polynomial import chebyshev
 
 # As many samples of a piece as fill a vector, its ends among them.
-SAMPLES_OF_PIECE = 8
+SAMPLES = 8
 # No piece is longer than this part of a run, as long as a step has at most MOST_PIECES: a long step, such as one of a
 # body that rolls freely, would hide what a function does within it.
 LONGEST_PIECE = 1 / 32
@@ -84,9 +84,7 @@ def _matrices(count: int) -> _Matrices:
     return _Matrices(nodes, value, chebyshev.chebder(value, axis=0))
 
 
-def nodes_between(
-    low: Float[Array, ""], high: Float[Array, ""], count: int = SAMPLES_OF_PIECE
-) -> Float[Array, " samples"]:
+def nodes_between(low: Float[Array, ""], high: Float[Array, ""], count: int = SAMPLES) -> Float[Array, " samples"]:
     """Returns the Chebyshev points between two numbers, which are the first and the last."""
     return low + jnp.asarray(_matrices(count).nodes, low.dtype) * (high - low)
 
@@ -167,5 +165,5 @@ class Pieces(NamedTuple):
 
     def times(self, span: Span, place: Int[Array, ""], width: Int[Array, ""]) -> Float[Array, " samples"]:
         """Returns the times of the Chebyshev points of a piece."""
-        nodes = jnp.asarray(_matrices(SAMPLES_OF_PIECE).nodes, span.start.dtype)
+        nodes = jnp.asarray(_matrices(SAMPLES).nodes, span.start.dtype)
         return span.time((place.astype(nodes.dtype) + nodes * width.astype(nodes.dtype)) / float(self.unit))

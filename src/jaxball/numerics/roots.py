@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..programs.derivatives.differentiation import without_derivatives
 from ..programs.identity.closures import put_captures, take_captures
 
-TRIALS_OF_ROOT = 60  # a factor of 1e18 in the distance from the guess, by steps that only double it
+TRIALS = 60  # a factor of 1e18 in the distance from the guess, by steps that only double it
 LONGER_STEPS = 4.0  # the most by which a step may be longer than the one before
 Number = Float[Array, ""]
 
@@ -96,7 +96,7 @@ class _Trial(NamedTuple):
 
     @property
     def goes_on(self) -> Bool[Array, ""]:
-        return ~self.done & (self.trials < TRIALS_OF_ROOT)
+        return ~self.done & (self.trials < TRIALS)
 
     @property
     def is_bracketed(self) -> Bool[Array, ""]:

@@ -36,7 +36,7 @@ KEEP_SIGN += ("broadcast_in_dim", "reshape", "squeeze")
 STEP_FUNCTIONS = ("floor", "ceil", "round")
 
 
-ROUNDINGS_OF_CHANGE = 8  # roundings, of all numbers involved, between the time of a change and where it really is
+ROUNDINGS = 8  # roundings, of all numbers involved, between the time of a change and where it really is
 
 Comparison = Callable[[Any, Any], Any]
 
@@ -225,7 +225,7 @@ def _as_rounded(times: Array, line: Piece, other: Piece, comparison: Comparison)
     slopes = sum(jnp.abs(piece.slope()) for piece in (line, other) if piece.slope is not None)
     moves = jnp.isfinite(times)
     near = jnp.abs(times) + offsets / jnp.where(moves, slopes, 1.0)
-    width = ROUNDINGS_OF_CHANGE * jnp.finfo(times.dtype).eps * jnp.where(moves, near, 0.0)
+    width = ROUNDINGS * jnp.finfo(times.dtype).eps * jnp.where(moves, near, 0.0)
     centre = jnp.where(moves, times, 0.0)
 
     def holds_at(t: Array, place: Array) -> Array:

@@ -14,7 +14,7 @@ from jaxtyping import Array
 
 from ..compat import function_of
 
-MOST_PIECES_OF_TIME = 16
+MOST_PIECES = 16
 
 Lazy = Callable[[], Any]
 
@@ -95,7 +95,7 @@ class Piecewise(NamedTuple):
 
     @classmethod
     def of(cls, pieces: tuple[Piece, ...]) -> "Value":
-        if len(pieces) <= MOST_PIECES_OF_TIME:
+        if len(pieces) <= MOST_PIECES:
             return cls(pieces)
         return Dependent(any(piece.slope is not None for piece in pieces), False)
 
@@ -146,7 +146,7 @@ def is_linear(name: str, equation: Any, given: Sequence[Value]) -> bool:
     count = 1
     for value in given:
         count *= len(pieces_of(value))
-    if count > MOST_PIECES_OF_TIME:
+    if count > MOST_PIECES:
         return False
     if name in OF_ALL or name in OF_FIRST or name in ROUNDING_OPERATIONS[:3]:
         return True

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..interface.arguments import call_with, require_callable_with, require_each, traceable
+from ..interface.arguments import call_with, require_callable_with, require_count, require_each, traceable
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, default_dtype, number_or_none, numbers, require_shape
 from ..numerics.functions import OfKinkedFunctionOfState
@@ -112,7 +112,7 @@ class FollowSchedules(AbstractLaw):
         require_each("schedules", self.schedules, AbstractSchedule, "a schedule, such as Pulse(...)")
 
     def require_driven(self, count: int) -> None:
-        _require_count("schedules", self.schedules, count)
+        require_count("Argument `schedules` of the law", len(self.schedules), count, "driven mass")
 
     def __call__(self, t: Float[Array, ""], state: State) -> Float[Array, " driven"]:
         return jnp.stack([schedule.derivatives(t)[2] for schedule in self.schedules])
@@ -152,7 +152,7 @@ class Servo(AbstractLaw):
             require_shape(name, getattr(self, name), (len(self.targets),))
 
     def require_driven(self, count: int) -> None:
-        _require_count("targets", self.targets, count)
+        require_count("Argument `targets` of the law", len(self.targets), count, "driven mass")
 
     def __call__(self, t: Float[Array, ""], state: State) -> Float[Array, " driven"]:
         return self.among(range(state.theta.shape[-1]), t, state)
@@ -244,11 +244,7 @@ class LinearLaw(AbstractLaw):
 
     def require_driven(self, count: int) -> None:
         for name, size in self._counts().items():
-            if size != count:
-                raise ValueError(
-                    f"Argument `{name}` of the law must have one entry for each driven coordinate, {count} in all, "
-                    f"but it has {size}."
-                )
+            require_count(f"Argument `{name}` of the law", size, count, "driven coordinate")
 
     def __call__(self, t: Float[Array, ""], state: State) -> Float[Array, " driven"]:
         u = jnp.stack([signal(t) for signal in self.signals]) if self.signals else None
@@ -283,11 +279,3 @@ def _numbers_of(state: State, name: str, factor: Float[Array, "driven columns"])
             f"{type(state).__name__}, but it has {factor.shape[1]}."
         )
     return value
-
-
-def _require_count(name: str, schedules: tuple[AbstractSchedule, ...], count: int) -> None:
-    if len(schedules) != count:
-        raise ValueError(
-            f"Argument `{name}` of the law must have one schedule for each driven mass, {count} in all, but it has "
-            f"{len(schedules)}."
-        )

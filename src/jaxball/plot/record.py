@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from ..interface.arguments import a
 from ..physics.body import AbstractBody
+from ..simulation.arguments import require_one_run
 from ..simulation.one_sided import with_one_sided_limits
 from ..simulation.trajectory import Trajectory
 
@@ -57,11 +58,7 @@ def require_finite_rows(trajectory: Trajectory) -> np.ndarray:
 
 def require_one(trajectory: Trajectory) -> None:
     """Raises ``ValueError`` for a batch of trajectories."""
-    if np.ndim(trajectory.status):
-        raise ValueError(
-            "Argument `trajectory` must be one trajectory, but it is a batch of shape "
-            f"{np.shape(trajectory.status)}; take one of them with jax.tree.map(lambda leaf: leaf[k], ...)."
-        )
+    require_one_run(trajectory.status, "A picture")
 
 
 def require_one_of_body(trajectory: Trajectory) -> None:

@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 
 from .. import programs
-from ..interface.wording import number_of
+from ..interface.arguments import require_count
 from ..numerics.arrays import Numbers, to_array
 from ..physics.body import System
 from ..physics.dynamics.moments import kinematics, moments
@@ -144,11 +144,7 @@ def _count_coincident(places: Sequence[Float[np.ndarray, "..."]], system: System
 def _positions(system: System, t: Numbers, theta: Numbers) -> Positions:
     angles = to_array(theta)
     names = system.coordinates
-    if angles.shape != (len(names),):
-        raise ValueError(
-            f"Argument `theta` must have {number_of(len(names), 'entry', 'entries')}, as many as the body's "
-            f"coordinates {list(names)}, but its shape is {angles.shape}."
-        )
+    require_count("Argument `theta`", angles.shape, len(names), f"of the body's coordinates {list(names)}")
     return Positions(*jax.tree.map(np.asarray, _evaluate(system, to_array(t), angles)))
 
 

@@ -20,7 +20,7 @@ from ..physics.grounds import AbstractSurface, Bowl, Cylinder, MovingFrame, Sign
 
 ROOM = 1.6  # from the path to the edge of the mesh, in radii
 CLOSE = 0.02  # radii, the allowed distance of the surface from the lines of the mesh
-POINTS_OF_CURVE = 721  # points of the section under a disk
+POINTS = 721  # points of the section under a disk
 FINEST, COARSEST = 120, 12  # cells of the mesh in each direction
 BEND = 1.5  # rad from the lowest or highest point of a sphere, beyond which a mesh of it need not go
 TOP = 0.98 * np.pi  # rad, where the coordinates of a sphere are not yet too large
@@ -253,7 +253,7 @@ def curve_under(
         # Not more than once around.
         middle, half = (low + high) / 2, np.pi * float(surface.radius)
         low, high = max(low, middle - half), min(high, middle + half)
-    along = np.linspace(low, high, POINTS_OF_CURVE)
+    along = np.linspace(low, high, POINTS)
     grid = np.stack([np.asarray(u) for u in surface.section(to_array(along))], axis=-1)[:, None]
     points = mesh_points(surface, times if contacts.deforms else times[:1], grid)
     return Curve(points[:, :, 0], along, z, contacts)

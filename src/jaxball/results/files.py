@@ -3,7 +3,6 @@
 import contextlib
 import importlib.util
 import math
-import warnings
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -17,8 +16,6 @@ FORMAT = 1
 SUFFIXES = (".nc", ".npz", ".csv", ".mcap")
 READ_BACK = SUFFIXES[:2]
 NUMBERS_ONLY = {".csv": "numbers", ".mcap": "messages"}
-# Names in files of earlier versions, and those of today.
-OLDER = {"rejected_steps": "rejected", "rubbed": "friction_loss", "struck": "impact_loss"}
 UNKNOWN_SOLVER = "# Made from a trajectory, which does not contain its solver settings: there is no table [solve].\n"
 
 
@@ -48,7 +45,7 @@ def check_saved(path: Path) -> None:
 
 
 def load_attributes(path: Path) -> Mapping[str, Any]:
-    """Loads the attributes of a saved run, under today's names; a warning says where a file has older ones.
+    """Loads the attributes of a saved run.
 
     **Raises:** :class:`RunError` where there is none, or one of another version of the format.
     """
@@ -58,17 +55,11 @@ def load_attributes(path: Path) -> Mapping[str, Any]:
         about = CONTENTS[path.suffix](path, arrays=False)
         if CHECKSUM in about and not has_checksum:
             raise no_run(path, f"it must end with its {CHECKSUM}, so that it has changed since")
-    if OLDER.keys() & about.keys():
-        message = (
-            f'The run "{path}" has names of an earlier version of jaxball; load it and save it again for today\'s.'
-        )
-        warnings.warn(message, FutureWarning, stacklevel=3)
-        about = _of_today(about)
     number = attribute_of(path, about, "format", int)
     if number != FORMAT:
         raise RunError(
             f'The run "{path}" was saved by jaxball {about.get("jaxball_version", "?")} in format {number}, '
-            f"and this version reads format {FORMAT}; read it with that version, or a later one."
+            f"and this version reads format {FORMAT}; read it with the version that saved it."
         )
     return about
 
@@ -140,13 +131,11 @@ def add_checksum(path: Path) -> None:
 
 
 def _require_unchanged(path: Path) -> bool:
-    """Returns whether a file ends with a checksum, which those of earlier versions have not.
+    """Returns whether a file ends with a checksum, which one that another program wrote again has not.
 
     **Raises:** :class:`RunError` where it is not that of the file.
     """
-    size = path.stat().st_size - len(_MARK) - _DIGITS
-    if size < 0:
-        return False
+    size = max(path.stat().st_size - len(_MARK) - _DIGITS, 0)
     with path.open("rb") as file:
         crc = _crc(file, size)
         end = file.read()
@@ -227,13 +216,9 @@ CONTENTS: dict[str, Callable[..., Mapping[str, Any]]] = dict(zip(READ_BACK, (_of
 
 
 def load_arrays(path: Path) -> Mapping[str, Any]:
-    """Loads the arrays of a saved run, whose attributes have been loaded, under today's names.
+    """Loads the arrays of a saved run, whose attributes have been loaded.
 
     **Raises:** :class:`RunError` where they cannot be read.
     """
     with refuse_errors(path):
-        return _of_today(CONTENTS[path.suffix](path, arrays=True))
-
-
-def _of_today(saved: Mapping[str, Any]) -> Mapping[str, Any]:
-    return {OLDER.get(name, name): value for name, value in saved.items()}
+        return CONTENTS[path.suffix](path, arrays=True)

@@ -20,6 +20,7 @@ from ..physics.hybrid import NO_HISTORY, AbstractHistory, History, Switches
 from ..physics.state import AbstractBodyState, DiskState, ReducedState
 from ..scenario.body import CONTACT
 from ..sensors import AbstractSensor
+from ..simulation.arguments import require_one_run
 from ..simulation.events import Occurrences
 from ..simulation.trajectory import Trajectory, always_rolls
 from ..simulation.variables import (
@@ -48,11 +49,7 @@ def values(trajectory: Trajectory[Any, Any]) -> Variables:
 
     **Raises:** ``ValueError`` for a batch of trajectories.
     """
-    if np.ndim(trajectory.times) != 1 or np.ndim(trajectory.status) != 0:
-        raise ValueError(
-            "Argument `trajectory` must be a single trajectory, but it is a batch with times of shape "
-            f"{np.shape(trajectory.times)}; take one of them with jax.tree.map(lambda leaf: leaf[k], ...)."
-        )
+    require_one_run(trajectory.status, "A file")
     if not isinstance(trajectory.system, AbstractBody):
         return _classical_values(trajectory)
     variables = {}

@@ -10,7 +10,6 @@ from typing import Any
 from ..interface.wording import did_you_mean
 from .errors import ScenarioError, describe, key_error
 from .logs import with_logs
-from .renamed import with_new_keys
 
 _FOLDER = os.path.join(os.path.dirname(__file__), "builtin")
 SAVED_RUNS = {".nc", ".npz"}
@@ -124,10 +123,9 @@ def document_of(text: str, what: str, error: type[ScenarioError]) -> dict[str, A
     **Raises:** ``error`` when it is not TOML.
     """
     try:
-        document = _parse(text)
+        return _parse(text)
     except (ValueError, RecursionError) as cause:
         raise error(f"A {what} must be a TOML document, but it is not: {_reason(cause)}{_heading(text)}.") from None
-    return with_new_keys(document)
 
 
 def scenario_document(value: Any, folder: Path, error: type[ScenarioError]) -> dict[str, Any]:
@@ -150,7 +148,7 @@ def scenario_document(value: Any, folder: Path, error: type[ScenarioError]) -> d
             f"Key `scenario` must be a table, a scenario file, or the name of a built-in one, but it is "
             f"{describe(value)} ({_reason(cause)}){nearest_builtin(value)}"
         ) from None
-    return with_logs(with_new_keys(document), (folder / value).parent)
+    return with_logs(document, (folder / value).parent)
 
 
 def _parse(text: str) -> dict[str, Any]:

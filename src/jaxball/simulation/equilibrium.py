@@ -14,7 +14,7 @@ import optimistix
 from jaxtyping import Array, Bool, Float
 
 from .. import programs
-from ..interface.arguments import refusal, require
+from ..interface.arguments import refusal, require, require_count
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, to_array, to_numpy
 from ..numerics.vectors import apply, cross, dot
@@ -30,9 +30,9 @@ from ..physics.grounds.ground import Ground, require_plane
 from ..physics.grounds.surface import ON_CHART, Coordinates
 from ..physics.state import BallState, DiskState, PlacedState, RotationState, State
 
-STARTS_OF_BALANCE = 256
+STARTS = 256
 BALANCED = 1e-10  # of the radius: the centre of mass is this close to the vertical, ...
-ROUNDING_OF_BALANCE = 64  # ... or this close in units of rounding, which in float32 is more
+ROUNDING = 64  # ... or this close in units of rounding, which in float32 is more
 SAME_BALANCE = 1e-6  # between angles, or the square root of rounding where that is more, as in float32
 # What counts as motion of a ground, and how far beside a body it is looked for, in radii.
 STILL, BESIDE = 1e-9, 1e-3
@@ -125,11 +125,7 @@ def balance(
         raise refusal("free", "a list of indices of masses", free)
     rails, now = _free_rails(system, free, state, t)
     guess = now if guess is None else to_numpy(guess, "guess")
-    if guess.shape != now.shape:
-        raise ValueError(
-            f"Argument `guess` must have {len(now)} entries, one for each mass in `free`, but its shape is "
-            f"{guess.shape}."
-        )
+    require_count("Argument `guess`", guess.shape, len(now), "mass in `free`")
     offset, masses, total, Lambda = _others(system, free, state, t)
     starts = _starts(rails, np.asarray(system.radius), guess)
     prepared = tuple(rail.prepare() for rail in rails)
@@ -163,11 +159,7 @@ def with_angles(system: System, free: Sequence[int], theta: Numbers, t: Numbers 
     masses, angles = list(system.point_masses), to_array(theta, "theta")
     if not isinstance(free, Sequence | np.ndarray):
         raise refusal("free", "a list of numbers of masses, from 0, such as [0, 2]", free)
-    if angles.shape != (len(free),):
-        raise ValueError(
-            f"Argument `theta` must have one angle for each mass that `free` names, {len(free)} in all, but its shape "
-            f"is {angles.shape}."
-        )
+    require_count("Argument `theta`", angles.shape, len(free), "mass in `free`")
     for index, angle in zip(free, angles, strict=True):
         if not -len(masses) <= index < len(masses):
             raise ValueError(
@@ -273,7 +265,7 @@ def _starts(rails, radius, guess):
     for _ in range(60):
         ratio = (1 + ratio) ** (1 / (k + 1))
     steps = (1 / ratio) ** np.arange(1, k + 1)
-    unit = (0.5 + np.arange(1, STARTS_OF_BALANCE)[:, None] * steps) % 1
+    unit = (0.5 + np.arange(1, STARTS)[:, None] * steps) % 1
     low = np.array([-radius if rail.period is None else 0.0 for rail in rails])
     width = np.array([2 * radius if rail.period is None else rail.period for rail in rails])
     return np.concatenate([guess[None], low + unit * width])
@@ -325,7 +317,7 @@ def _choose(end: _Candidates, rails, guess, above, radius, sloping) -> Balance:
             # Of angles that differ by full turns, the one nearest to the guess.
             theta[:, j] = guess[j] + (theta[:, j] - guess[j] + rail.period / 2) % rail.period - rail.period / 2
     rounding = float(np.finfo(end.miss.dtype).eps)
-    good = miss < max(BALANCED, ROUNDING_OF_BALANCE * rounding) * radius
+    good = miss < max(BALANCED, ROUNDING * rounding) * radius
     if above is not None:
         good &= (end.height > 0) == above
     indices, apart = list[int](), max(SAME_BALANCE, rounding**0.5)

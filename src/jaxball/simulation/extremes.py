@@ -23,7 +23,7 @@ from .simulate import simulate
 from .trajectory import Interpolant, Trajectory
 
 # Of the weight, or of 1: anything smaller counts as zero, and leaves a constant value constant.
-ROUNDING_OF_EXTREME = 1e-12
+ROUNDING = 1e-12
 MOST_STEPS_OF_SAMPLE = 256  # of a run under feedback
 SAME_VALUE = 1e-8  # the relative change that a constant value may have
 # Relative to values, and in units of rounding: what forces vary by less is no peak.
@@ -90,7 +90,7 @@ class ContactExtremes(Printed):
         lines = [f"least normal force {least:.10g} {self.when[0]}, {least / float(self.weight):.4g} of the weight"]
         if np.isfinite(self.friction_needed):
             mu = float(self.friction_needed)
-            lines.append(f"friction needed, max |f|/N, {mu if mu > ROUNDING_OF_EXTREME else 0.0:.10g} {self.when[1]}")
+            lines.append(f"friction needed, max |f|/N, {mu if mu > ROUNDING else 0.0:.10g} {self.when[1]}")
         else:
             lines.append("the body would leave the plane, so no friction is enough")
         return "\n".join(lines)
@@ -186,7 +186,7 @@ def _observe(steps: Steps, packing: Packing) -> tuple[Float[Array, "3"], Float[A
 def _are_same(largest: Float[Array, "3"], least: Float[Array, "3"], weight: Float[Array, ""]) -> Bool[Array, "3"]:
     """Returns whether N, |f| / N and |f| are constant to within rounding."""
     sizes = jax.lax.stop_gradient(jnp.stack([weight, jnp.ones_like(weight), weight]))
-    return largest - least <= jnp.maximum(SAME_VALUE * jnp.abs(largest), ROUNDING_OF_EXTREME * jnp.abs(sizes))
+    return largest - least <= jnp.maximum(SAME_VALUE * jnp.abs(largest), ROUNDING * jnp.abs(sizes))
 
 
 @programs.filter_jit

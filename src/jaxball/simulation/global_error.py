@@ -21,7 +21,7 @@ from ..physics.contact.modes import Mode
 from ..physics.contact.released import ReleasedState, rolling_contact, with_rise
 from ..physics.packing import ravel_state
 from ..physics.system import AbstractSystem
-from .arguments import PrecisionError
+from .arguments import PrecisionError, require_one_run
 from .simulate import simulate
 from .trajectory import Trajectory
 
@@ -99,11 +99,7 @@ def _check(run: Any) -> None:
             "The error of a run is estimated outside jit, vmap and grad, by solves that are compiled on their own, but "
             "this run is traced; return it from the function, and estimate its error there."
         )
-    if np.ndim(run.status):
-        raise ValueError(
-            f"The error is estimated of one run, but this is a batch of shape {np.shape(run.status)}; take one of its "
-            "runs, such as jax.tree.map(lambda leaf: leaf[0], runs)."
-        )
+    require_one_run(run.status, "`estimate_error`")
     if run.times.dtype != np.float64:
         raise PrecisionError(
             f"The error of a run is estimated by solves at a tolerance of {TOLERANCE_BETWEEN_TIMES:g}, but this run is "

@@ -25,7 +25,7 @@ from ..solvers.dense.steps import Steps
 from .arguments import require_one_run
 from .trajectory import Interpolant, Trajectory
 
-POINTS_OF_STEP = 8  # in each step: as exact as the dense output, as in ``verify``
+POINTS = 8  # in each step: as exact as the dense output, as in ``verify``
 OF_RESISTANCE = 2  # powers before those of joints
 
 
@@ -117,7 +117,7 @@ def _integrate(
         ends = ends if until is None else [jnp.minimum(end, until) for end in ends]
 
         def between(low: Float[Array, ""], high: Float[Array, ""]) -> Float[Array, " laws"]:
-            nodes, weights = (jnp.asarray(x, times.dtype) for x in np.polynomial.legendre.leggauss(POINTS_OF_STEP))
+            nodes, weights = (jnp.asarray(x, times.dtype) for x in np.polynomial.legendre.leggauss(POINTS))
             places = low + (high - low) * (1 + nodes) / 2
             each = jax.lax.map(lambda t: _powers(packing, t, states.evaluate(t)), places)
             return (high - low) / 2 * jnp.sum(weights[:, None] * each, axis=0)

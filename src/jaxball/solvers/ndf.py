@@ -92,7 +92,7 @@ EULER = diagonally_implicit([1.0], [[1.0]])
 # more steps and no larger error. A kappa of 0.05 costs some problems more steps.
 ITERATION = SimplifiedNewton(kappa=0.03, reuse=0.6, slowest=0.3)
 # Lengths of equal steps differ by rounding, and the square of the effect on their differences is negligible.
-ROUNDING_OF_LENGTHS = 1e-8
+ROUNDING = 1e-8
 # A step shorter than this, relative to the distance of the points, adds none.
 SHORT_NDF_STEP = 0.2
 
@@ -316,7 +316,7 @@ def _at_distance(state: NDFState, ratio: Float[Array, ""]) -> tuple[Float[Array,
         inside = jnp.where(up_to(order, len(differences)), resample(differences, ratio), 0.0)
         return inside, _scale(beyond, scales)
 
-    return jax.lax.cond(jnp.abs(ratio - 1) < ROUNDING_OF_LENGTHS, equal, another)
+    return jax.lax.cond(jnp.abs(ratio - 1) < ROUNDING, equal, another)
 
 
 def _scale(rows: Float[Array, "rows n"], scales: Float[Array, " rows"]) -> Float[Array, "rows n"]:

@@ -23,7 +23,7 @@ from .steady import kind_of
 PERIODIC_TOLERANCE = 1e-11
 SAME_RATES = 1e-9  # up to which, relative to the largest, rates of change count as the same
 # Irregular, so that no harmonic of the forcing has the same value at all of them.
-SHARES_OF_PERIOD = np.array([0.0, 0.137, 0.381, 0.733])  # of the period: times at which the equations are compared
+SHARES = np.array([0.0, 0.137, 0.381, 0.733])  # of the period: times at which the equations are compared
 BESIDE = 0.01  # the distance of a state at which the equations are compared as well
 STANDING = 1e-8  # the change over a period at the initial rate, up to which a state counts as steady
 
@@ -164,7 +164,7 @@ def equations_of(system: AbstractSystem, state: Any, t: float, period: float) ->
     beside = x + BESIDE * generic_vectors(1, x.size)
     turned = [beside + TURN * np.eye(x.size)[k] for k in np.flatnonzero(candidates)]
     # A period later again: a forcing with another period shows there.
-    times = np.concatenate([t + period * SHARES_OF_PERIOD, t + period * (1 + SHARES_OF_PERIOD)])
+    times = np.concatenate([t + period * SHARES, t + period * (1 + SHARES)])
     rates = np.asarray(rates_at(system, state, to_array(times), to_array(np.concatenate([x[None], beside, *turned]))))
     # Where nothing moves all rates are 0, and equal.
     same = SAME_RATES * max(float(np.max(np.abs(rates))), 1e-300)

@@ -239,7 +239,7 @@ def steady_rolling(ball: Ball, inclination: float, precession: float, *, t: Numb
     return stability(ball, ReducedState(Omega, Gamma), turning=-spin, t=t)
 
 
-STARTS_OF_SEARCH = 128
+STARTS = 128
 SAME_MOTION = 1e-6
 
 
@@ -306,7 +306,7 @@ def _search(ball: Ball, rate, t, starts) -> Float[Array, "n 3"]:
 
 def _sphere() -> np.ndarray:
     """Returns points that cover the sphere evenly, on a golden spiral."""
-    height = 1 - (2 * np.arange(STARTS_OF_SEARCH) + 1) / STARTS_OF_SEARCH
-    azimuth = np.pi * (3 - np.sqrt(5)) * np.arange(STARTS_OF_SEARCH)
+    height = 1 - (2 * np.arange(STARTS) + 1) / STARTS
+    azimuth = np.pi * (3 - np.sqrt(5)) * np.arange(STARTS)
     radius = np.sqrt(1 - height**2)
     return np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), height], axis=1)

@@ -54,19 +54,13 @@ def open_grid(folder: str | Path) -> "xarray.Dataset":
     values as coordinate. An axis of several numbers, such as a design, is called ``axes[k]``, counted from 0, and its
     numbers are coordinates along it. Rows that are not done are NaN, or -1 for whole numbers.
 
-    **Raises:** :class:`StoreError` as :func:`open_dataset`, and for a store that holds no points of its axes.
+    **Raises:** :class:`StoreError` as :func:`open_dataset`.
     """
     import xarray
 
     from .grid import cross_axes
 
-    data = open_dataset(folder)
-    if not (Path(folder) / AXES).is_dir():
-        raise StoreError(
-            f'The store "{folder}" must contain the points of its axes, but another version of jaxball wrote it '
-            "without them; use open_dataset for its rows."
-        )
-    return cross_axes(data, xarray.open_zarr(folder, group=AXES, chunks=None, consolidated=False))
+    return cross_axes(open_dataset(folder), xarray.open_zarr(folder, group=AXES, chunks=None))
 
 
 def row_events(folder: str | Path) -> dict[str, AbstractEvent]:

@@ -6,9 +6,9 @@ import math
 import re
 import shutil
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -69,12 +69,11 @@ def _remove(path: Path) -> None:
 
 MARKS = ".done"  # the folder with a mark for each chunk whose files have been written
 STATUS = np.dtype(np.int8)
-CHECKSUM = "crc32c"
 BYTES_OF_A_CHECKSUM = 4
 
 
 class Damage(NamedTuple):
-    """A file that is not as it was written, and its chunk of rows; None if it belongs to no chunk."""
+    """A file that is not as it was written, and its chunk of rows; None if it is the same for all rows."""
 
     path: Path
     chunk: int | None
@@ -99,30 +98,39 @@ def numbers_of(path: Path, size: int) -> bytes | None:
     return numbers if len(numbers) == size and content == with_checksum(numbers) else None
 
 
+def read_chunk(path: Path, shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
+    """Reads the numbers of a variable in the rows of a chunk that is done; the last one has padding.
+
+    **Raises:** :class:`StoreError` when its file has been changed from outside.
+    """
+    numbers = numbers_of(path, math.prod(shape) * dtype.itemsize)
+    if numbers is None:
+        # None of it is used: one wrong number says that something else wrote to the file.
+        raise change_error(path)
+    return np.frombuffer(numbers, dtype.newbyteorder("<")).reshape(shape)
+
+
 def damages(folder: Path, *, numbers: bool = True) -> Iterator[Damage]:
-    """Lists the files of the store at ``folder`` that have been changed from outside, in chunks that were written.
+    """Lists the files of numbers in the store at ``folder`` that have been changed from outside, in chunks that were
+    written.
 
     With ``numbers`` all files are read; otherwise only their sizes are checked.
     """
     chunks = set(list_chunks(folder))
-    nodes = _nodes(folder)
-    for name, metadata in nodes.items():
-        about = folder / name / "zarr.json"
-        if not _says(about, metadata):
-            yield Damage(about, None)
+    metadata = folder / "zarr.json"
+    nodes = json.loads(metadata.read_text(encoding="utf-8")).get("consolidated_metadata", {}).get("metadata", {})
+    if not nodes:
+        yield Damage(metadata, None)
     for name, array in nodes.items():
-        size = _size(array) if array.get("node_type") == "array" else None
-        if size is None:
+        if array["node_type"] != "array":
             continue
-        has_checksum = CHECKSUM in _codecs(array)
-        # Stores of earlier versions have no checksums; their files can only be compared in size.
-        intact = _is_intact if numbers and has_checksum else _is_of_its_size
-        size += BYTES_OF_A_CHECKSUM * has_checksum
-        for place in _places(array):
+        shape = array["chunk_grid"]["configuration"]["chunk_shape"]
+        size = np.dtype(array["data_type"]).itemsize * math.prod(shape)
+        of_rows = array["dimension_names"][0] == "row"
+        for place in np.ndindex(*(-(-rows // at_once) for rows, at_once in zip(array["shape"], shape, strict=True))):
             path = folder.joinpath(name, "c", *map(str, place))
-            chunk = place[0] if array["dimension_names"][0] == "row" else None
-            if (chunk is None or chunk in chunks) and not intact(path, size):
-                yield Damage(path, chunk)
+            if (not of_rows or place[0] in chunks) and not _is_intact(path, size, numbers):
+                yield Damage(path, place[0] if of_rows else None)
 
 
 def check_intact(folder: Path, *, numbers: bool = True) -> None:
@@ -139,50 +147,10 @@ def change_error(path: Path) -> StoreError:
     )
 
 
-def _nodes(folder: Path) -> Mapping[str, Any]:
-    """Reads the metadata of each array and of each group in the store, by its path."""
-    # Readers open a store by the consolidated metadata, which are the reference for the others.
-    about = json.loads((folder / "zarr.json").read_text(encoding="utf-8"))
-    return about.get("consolidated_metadata", {}).get("metadata", {})
-
-
-def _says(path: Path, metadata: Mapping[str, Any]) -> bool:
-    """Returns whether the metadata file of an array or a group agrees with the store's, which Zarr reads instead."""
-    try:
-        contents = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return False
-    return contents == {name: value for name, value in metadata.items() if name != "consolidated_metadata"}
-
-
-def _size(array: Mapping[str, Any]) -> int | None:
-    """Returns how many bytes the numbers in each file of an array have; None where that depends on their values."""
-    if not {"bytes"} <= set(_codecs(array)) <= {"bytes", CHECKSUM}:
-        return None
-    kind = array["data_type"]
-    size = np.dtype(kind).itemsize if isinstance(kind, str) else kind["configuration"].get("length_bytes")
-    return None if size is None else size * math.prod(_chunk(array))
-
-
-def _codecs(array: Mapping[str, Any]) -> list[str]:
-    return [codec["name"] for codec in array["codecs"]]
-
-
-def _places(array: Mapping[str, Any]) -> list[tuple[int, ...]]:
-    counts = (-(-size // chunk) for size, chunk in zip(array["shape"], _chunk(array), strict=True))
-    return list(np.ndindex(*counts))
-
-
-def _chunk(array: Mapping[str, Any]) -> list[int]:
-    return array["chunk_grid"]["configuration"]["chunk_shape"]
-
-
-def _is_of_its_size(path: Path, size: int) -> bool:
-    return path.is_file() and path.stat().st_size == size
-
-
-def _is_intact(path: Path, size: int) -> bool:
-    return numbers_of(path, size - BYTES_OF_A_CHECKSUM) is not None
+def _is_intact(path: Path, size: int, numbers: bool) -> bool:
+    if numbers:
+        return numbers_of(path, size) is not None
+    return path.is_file() and path.stat().st_size == size + BYTES_OF_A_CHECKSUM
 
 
 def _checksum(content: bytes) -> bytes:

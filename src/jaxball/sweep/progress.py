@@ -11,12 +11,12 @@ from jaxtyping import Int
 
 from ..interface.activity import ERASE
 from ..interface.status import SUCCESSES, Status
-from ..interface.wording import heading, number_of
+from ..interface.wording import duration, heading, number_of
 from ..scenario import ScenarioError, read_document
 from ..scenario.paths import with_numbers
 from ..simulation.variables import LEFT_PLANE
 from .executors import ChunkResult
-from .files import STATUS, change_error, check_intact, list_chunks, numbers_of
+from .files import STATUS, check_intact, list_chunks, read_chunk
 from .outputs import LEFT, went_on
 from .store import read_attributes
 
@@ -56,32 +56,16 @@ def status_counts(folder: Path) -> StatusCounts:
     # Studies without contact forces have no such variable.
     looks = (folder / LEFT).is_dir()
     for chunk in list_chunks(folder):
-        status = column(folder, "status", chunk, size, STATUS)[: rows - chunk * size]
-        if not np.all((status >= 0) & (status < len(Status))):  # as a store of an earlier version may have them
-            raise change_error(folder / "status" / "c" / str(chunk))
+        status = read_chunk(folder / "status" / "c" / str(chunk), (size,), STATUS)[: rows - chunk * size]
         counts += np.bincount(status, minlength=len(Status))
         failed = ~np.isin(status, SUCCESSES)
         if first is None and np.any(failed):
             first = chunk * size + int(np.argmax(failed))
         if looks:
-            flags = column(folder, LEFT, chunk, size, np.dtype(LEFT_PLANE[LEFT].dtype))[: status.size]
+            path, dtype = folder / LEFT / "c" / str(chunk), np.dtype(LEFT_PLANE[LEFT].dtype)
+            flags = read_chunk(path, (size,), dtype)[: status.size]
             left += went_on(status, flags)
     return StatusCounts(counts, first, left)
-
-
-def column(folder: Path, name: str, chunk: int, rows: int, dtype: np.dtype) -> np.ndarray:
-    """Reads a variable with one number per row, in the ``rows`` of a chunk that is done; the last one has padding.
-
-    **Raises:** :class:`StoreError` when its file has been changed from outside.
-    """
-    path = folder / name / "c" / str(chunk)
-    content = path.read_bytes() if path.is_file() else b""
-    if len(content) == rows * dtype.itemsize:  # a store of an earlier version
-        return np.frombuffer(content, dtype)
-    numbers = numbers_of(path, rows * dtype.itemsize)
-    if numbers is None:
-        raise change_error(path)
-    return np.frombuffer(numbers, dtype)
 
 
 def describe(folder: str | Path) -> str:
@@ -113,9 +97,13 @@ def describe(folder: str | Path) -> str:
 def _failure(folder: Path, attributes: Mapping[str, Any], row: int) -> str:
     size = attributes["chunk"]
     chunk, place = divmod(row, size)
-    values = {path: float(column(folder, path, chunk, size, np.dtype("<f8"))[place]) for path in attributes["paths"]}
+
+    def read(name: str, dtype: np.dtype) -> Any:
+        return read_chunk(folder / name / "c" / str(chunk), (size,), dtype)[place]
+
+    values = {path: float(read(path, np.dtype("f8"))) for path in attributes["paths"]}
     shown = ", ".join(f"{path} = {value:.6g}" for path, value in values.items())
-    status = Status(int(column(folder, "status", chunk, size, STATUS)[place]))
+    status = Status(int(read("status", STATUS)))
     line = f"  the first failed row is {row}, {status.name}, with {shown}"
     try:
         read_document(with_numbers(tomllib.loads(attributes["scenario"]), values))
@@ -238,10 +226,3 @@ class _Worker(NamedTuple):
 
     def after(self, rows: int, last: float) -> "_Worker":
         return _Worker(self.start, last, self.rows + rows)
-
-
-def duration(seconds: float) -> str:
-    """Formats a duration as text: ``42 s``, ``5 min``, ``3.2 h``."""
-    if seconds < 100:
-        return f"{seconds:.2g} s" if seconds < 10 else f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"

@@ -102,7 +102,7 @@ class Request(NamedTuple):
 Engine = Callable[[Batch, Request], dict[str, np.ndarray]]
 
 
-ROWS_OF_BATCH = 1024
+ROWS = 1024
 
 
 def read_rows(
@@ -161,7 +161,7 @@ class _Stacked(NamedTuple):
 def _read_stack(study: Study, values: Float[np.ndarray, "rows numbers"]) -> _Stacked:
     structure, program = _compile_reader(tomli_w.dumps(study.document), study.paths)
     # Of one size, so that chunks of a study share one compiled program.
-    changing, possible, certain = in_batches(program, values, min(ROWS_OF_BATCH, study.chunk))
+    changing, possible, certain = in_batches(program, values, min(ROWS, study.chunk))
     # Where a condition holds but for rounding, the row's own document decides, as it would for a single run.
     for k in np.flatnonzero(possible & ~certain):
         possible[k] = _read(study, values[k]) is not None

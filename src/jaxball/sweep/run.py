@@ -16,7 +16,7 @@ import numpy as np
 from ..cpu import cores
 from ..interface.arguments import require_flags
 from ..interface.interruption import on_interrupt, stop_requested
-from ..interface.wording import number_of
+from ..interface.wording import duration, number_of
 from ..scenario import Scenario
 from .engine import solve_in_lanes
 from .errors import StudyError
@@ -24,7 +24,7 @@ from .executors import Task, compute, executor_of, solve_all, solve_chunk, solve
 from .files import BYTES_OF_A_CHECKSUM, Damage, remove_dead_parts
 from .locks import only_one
 from .outputs import Output, outputs_of
-from .progress import Progress, Stream, duration, status_counts
+from .progress import Progress, Stream, status_counts
 from .rows import Engine
 from .store import POINTS_TOGETHER, Store, open_store, write_table
 from .study import Study

@@ -29,10 +29,9 @@ from .errors import StoreError
 from .files import (
     MARKS,
     Damage,
-    change_error,
     damages,
     list_chunks,
-    numbers_of,
+    read_chunk,
     remove_dead_parts,
     with_checksum,
     write_atomically,
@@ -52,7 +51,8 @@ def identity_of(study: Study) -> dict[str, str]:
 def read_attributes(folder: Path) -> dict[str, Any]:
     """Reads the attributes of a store.
 
-    **Raises:** :class:`StoreError` when there is nothing at ``folder``, or something other than the store of a study.
+    **Raises:** :class:`StoreError` when there is nothing at ``folder``, or something other than the store of a study,
+    or one of another layout.
     """
     # `lexists`, because a broken link is something, too, and must not be overwritten.
     if not os.path.lexists(folder):
@@ -63,6 +63,11 @@ def read_attributes(folder: Path) -> dict[str, Any]:
         attributes = None
     if not isinstance(attributes, dict) or not {"scenario", "axes", "settings"} <= attributes.keys():
         raise StoreError(f'"{folder}" must be the store of a study, but it is something else; it is left as it is.')
+    if attributes.get("layout") != LAYOUT:
+        raise StoreError(
+            f'The store "{folder}" has the layout {attributes.get("layout")}, and this version reads {LAYOUT}; read it '
+            "with the version that wrote it, or run the study into a new store."
+        )
     return attributes
 
 
@@ -151,40 +156,36 @@ class Store:
 
         **Raises:** :class:`StoreError` when its file has been changed from outside.
         """
-        path, output = self._file(name, chunk), self.outputs[name]
-        shape = (self.study.chunk, *output.shape)
-        numbers = numbers_of(path, int(np.prod(shape)) * output.dtype.itemsize)
-        if numbers is None:
-            # None of it is used: one wrong number says that something else wrote to the file.
-            raise change_error(path)
-        array = np.frombuffer(numbers, output.dtype.newbyteorder("<")).reshape(shape)
+        output = self.outputs[name]
+        array = read_chunk(self._file(name, chunk), (self.study.chunk, *output.shape), output.dtype)
         return array[: len(self.study.rows_of(chunk))]
 
     def repair(self) -> list[Damage]:
         """Removes the marks of chunks with files that have been changed from outside, so that they are computed again.
 
-        Files that belong to no row are written again. Returns what was changed.
+        What is the same for all rows, metadata and the points of axes, is written again. Returns what was changed.
 
         **Raises:** :class:`StoreError` when that fails.
         """
+        # It follows from the study alone, so that a new store has the same bytes.
+        with _make_store(self, identity_of(self.study)) as blank_store:
+            new = {
+                self.folder / file.relative_to(blank_store): file for file in blank_store.rglob("*") if file.is_file()
+            }
+            changed = [
+                path for path, file in new.items() if not (path.is_file() and path.read_bytes() == file.read_bytes())
+            ]
+            for path in changed:
+                _require_no_folder(path)
+                path.parent.mkdir(parents=True, exist_ok=True)
+                new[path].replace(path)
         # All of them first, because marks that are removed change which chunks are checked.
         damaged = list(damages(self.folder))
         for damage in damaged:
-            if damage.path.is_dir():
-                raise StoreError(
-                    f'The file "{damage.path}" must be as the sweep wrote it, but a folder is in its place; remove '
-                    "the folder, and run the same command again."
-                )
+            _require_no_folder(damage.path)
             if damage.chunk is not None:
                 self._mark(damage.chunk).unlink(missing_ok=True)
-        lost = [damage.path for damage in damaged if damage.chunk is None]
-        # Metadata and the points of axes follow from the study alone, so that a new store has the same bytes.
-        if lost:
-            with _make_store(self, identity_of(self.study)) as blank_store:
-                for path in lost:
-                    path.parent.mkdir(parents=True, exist_ok=True)
-                    (blank_store / path.relative_to(self.folder)).replace(path)
-        return damaged
+        return [*damaged, *(Damage(path, None) for path in changed)]
 
     def _file(self, name: str, chunk: int) -> Path:
         zeros = ["0"] * len(self.outputs[name].shape)
@@ -192,6 +193,14 @@ class Store:
 
     def _mark(self, chunk: int) -> Path:
         return self.folder / MARKS / str(chunk)
+
+
+def _require_no_folder(path: Path) -> None:
+    if path.is_dir():
+        raise StoreError(
+            f'The file "{path}" must be as the sweep wrote it, but a folder is in its place; remove the folder, and '
+            "run the same command again."
+        )
 
 
 def open_store(folder: Path, study: Study, outputs: dict[str, Output]) -> Store:

@@ -92,7 +92,7 @@ def _read_find(value: Any, path: str, template: Scenario) -> Find:
 
 FORMAT = 1
 LARGEST_CHUNK = 8192
-MOST_NUMBERS_OF_CHUNK = 2**24  # in the states of a chunk
+MOST_NUMBERS = 2**24  # in the states of a chunk
 NUMBERS_OF_A_STATE = 16  # about as many as for a ball with a few driven masses
 SMALLEST_CHUNK = 16
 ENOUGH_CHUNKS = 16  # for a small study
@@ -363,6 +363,6 @@ def _chunk_for(rows: int, saves: int) -> int:
     """Chooses the rows of a chunk: enough chunks to share among workers and to lose little, but not as many as make
     lanes and files costly.
     """
-    most = min(LARGEST_CHUNK, MOST_NUMBERS_OF_CHUNK // (NUMBERS_OF_A_STATE * saves))
+    most = min(LARGEST_CHUNK, MOST_NUMBERS // (NUMBERS_OF_A_STATE * saves))
     # A power of two, from about a sixteenth of the rows.
     return max(1, min(max(SMALLEST_CHUNK, 1 << (rows // ENOUGH_CHUNKS).bit_length()), most, rows))

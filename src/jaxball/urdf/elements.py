@@ -8,7 +8,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from ..interface.wording import UserError
-from ..mjcf.elements import Frame, Inertial, label, principal
+from ..mjcf.elements import Frame, Inertial, label, principal, read_numbers
 from ..mjcf.source import Source, read_xml
 from ..physics.conditions import real_inertia
 
@@ -52,19 +52,8 @@ def numbers(
 
     **Raises:** :class:`URDFError` where they are missing without a default, or something else.
     """
-    text, must = element.get(name), f"{count} finite numbers" if count != 1 else "a finite number"
     where = label(element) if element is owner else f"<{element.tag}> in {label(owner)}"
-    if text is None:
-        if default is None:
-            raise URDFError(f"Element {where} must have `{name}`, {must}, but it is missing.")
-        return np.asarray(default)
-    try:
-        values = np.asarray([float(word) for word in text.split()])
-    except ValueError:
-        values = np.full(count, np.nan)
-    if len(values) != count or not np.isfinite(values).all():
-        raise URDFError(f'Attribute `{name}` of {where} must be {must}, but it is "{text}".')
-    return values
+    return read_numbers(element, name, where, default, count, URDFError)
 
 
 def number(element: ET.Element, name: str, owner: ET.Element, default: float | None = None) -> float:

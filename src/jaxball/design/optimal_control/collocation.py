@@ -183,7 +183,7 @@ def _term(
 
 
 # The number of nodes evaluated by one call of a compiled program, the same for each mesh.
-NODES_OF_CALL = 64
+NODES = 64
 # The barrier at the start, and that of a finished solution; it only affects inequalities.
 BARRIER, SHARP = 1e-2, 1e-8
 
@@ -442,7 +442,7 @@ def _compile_partial(function: Callable[..., Any], *arguments: Any) -> programs.
 
 
 def _over_nodes(function: Callable[..., Any], *rows: np.ndarray) -> Any:
-    return in_batches(lambda batch: function(*batch), rows, NODES_OF_CALL)
+    return in_batches(lambda batch: function(*batch), rows, NODES)
 
 
 def _vary(vary: Vary, problem: Any, parameter) -> AbstractControlProblem:

@@ -29,7 +29,7 @@ from .problem import Path
 from .rolling import Rolling
 
 # The number of times per interval of the mesh.
-TIMES_OF_GUESS = 10
+TIMES = 10
 # The number of corrections of the angles at each time, and their damping where the rails cannot follow.
 CORRECTIONS, DAMPING = 3, 1e-4
 
@@ -56,7 +56,7 @@ def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stag
     :class:`~jaxball.design.FollowTrajectory`, where gravity cannot accelerate the ball as desired, and where the
     path leaves the ground.
     """
-    times = np.linspace(mesh[0], mesh[-1], TIMES_OF_GUESS * (len(mesh) - 1) + 1)
+    times = np.linspace(mesh[0], mesh[-1], TIMES * (len(mesh) - 1) + 1)
     target = _target_path(problem, times)
     theta, thetadot = (np.tile(np.asarray(x), (len(times), 1)) for x in (problem.state.theta, problem.state.thetadot))
     state = _rolling_states(problem, target, (theta, thetadot))

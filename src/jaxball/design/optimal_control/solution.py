@@ -21,7 +21,7 @@ from .collocation import SHARP, Collocation, Unknowns, in_time
 from .problem import AbstractControlProblem, Path
 from .rolling import rolling
 
-MOST_PIECES_OF_INTERVAL = 4
+MOST_PIECES = 4
 MOST_REFINEMENTS = 8
 # Keeps the equations for the multipliers regular where constraints are redundant.
 REGULARISATION = 1e-12
@@ -236,7 +236,7 @@ def finer_mesh(
     """
     pieces = [
         # The error of an interval falls with this power of its length.
-        min(MOST_PIECES_OF_INTERVAL, max(2, math.ceil((error / tolerance) ** (1 / order)))) if error > tolerance else 1
+        min(MOST_PIECES, max(2, math.ceil((error / tolerance) ** (1 / order)))) if error > tolerance else 1
         for error in errors
     ]
     cut = [np.linspace(a, b, k, endpoint=False) for a, b, k in zip(mesh[:-1], mesh[1:], pieces, strict=True)]

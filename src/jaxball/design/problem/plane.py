@@ -18,11 +18,11 @@ from ...numerics.arrays import Numbers, numbers, require_shape, to_array
 from ...numerics.functions import PiecewisePolynomial, cubic_spline_with_slopes
 from .space import DesignError
 
-SAMPLES_OF_OUTLINE = 200
+SAMPLES = 200
 
 
 # A deviation from e1 smaller than this fraction of the extent is rounding.
-ROUNDING_OF_PLACE = 1e-9
+ROUNDING = 1e-9
 
 
 Converter = Callable[[Numbers], Float[Array, "..."]]
@@ -59,7 +59,7 @@ def off_e1(points: Float[ArrayLike, "n 2"]) -> str:
     # Relative to the extent, because users' units may be of any size.
     points = np.abs(np.asarray(points))
     most = np.max(points[:, 1], initial=0.0)
-    return f"a position {most:.6g} off e1" if most > ROUNDING_OF_PLACE * np.max(points, initial=0.0) else ""
+    return f"a position {most:.6g} off e1" if most > ROUNDING * np.max(points, initial=0.0) else ""
 
 
 class AbstractCurve(eqx.Module):
@@ -75,7 +75,7 @@ class AbstractCurve(eqx.Module):
 
     def spanning_vectors(self) -> Float[Array, "k 2"]:
         """Returns vectors of which each of its points is a linear combination; by default points of it."""
-        return self.points(SAMPLES_OF_OUTLINE)
+        return self.points(SAMPLES)
 
 
 @programs.filter_jit

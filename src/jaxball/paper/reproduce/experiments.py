@@ -39,7 +39,7 @@ SOLVERS: dict[str, diffrax.AbstractAdaptiveSolver] = {
     "Kvaerno5": diffrax.Kvaerno5(),
 }
 WARM_CALLS = 5
-MAX_STEPS_OF_PAPER = 100_000  # at the paper's tolerances, a method of order 2 takes some 25,000
+MAX_STEPS = 100_000  # at the paper's tolerances, a method of order 2 takes some 25,000
 PACKAGES = ("jaxball", "diffrax", "equinox", "jax", "jaxlib", "numpy")
 Row = TypeVar("Row")
 Whole = TypeVar("Whole")
@@ -162,7 +162,7 @@ class Experiment:
             atol=self.tolerance,
             step_to_times=True,
             dae=self.dae,
-            max_steps=MAX_STEPS_OF_PAPER,
+            max_steps=MAX_STEPS,
             throw=True,
         )
 

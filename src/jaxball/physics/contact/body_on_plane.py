@@ -70,7 +70,7 @@ from .slide import coefficient_and_direction, slide, slide_of, slide_size
 from .transition import transition
 from .window import Beginning
 
-ROUNDING_OF_VELOCITY = 8  # in units of rounding: velocities and accelerations that are smaller count as zero
+ROUNDING = 8  # in units of rounding: velocities and accelerations that are smaller count as zero
 
 
 def has_contact(system: Any) -> TypeGuard["BodyOnPlane"]:
@@ -177,7 +177,7 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         gains = jnp.concatenate([moved.body.Omega, moved.body.thetadot])
         g, r = self.body.gravity, self.body.radius
         # The gains are angular accelerations, and linear ones of sliding joints: the smaller of both scales decides.
-        least = ROUNDING_OF_VELOCITY * float(jnp.finfo(g.dtype).eps) * jnp.minimum(g, g / r)
+        least = ROUNDING * float(jnp.finfo(g.dtype).eps) * jnp.minimum(g, g / r)
         stays = jnp.all(speeds == 0) & jnp.all(moved.body.z == 0)
         rests = rolls & stays & jnp.all(jnp.abs(gains) <= least)
         # Rounding must not set in motion a body that friction holds; its derivatives are unchanged.
@@ -444,7 +444,7 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
 
     def rounding_of_velocity(self, state: ReleasedState | ContactState) -> Float[Array, ""]:
         """Computes the velocity below which one counts as zero."""
-        return ROUNDING_OF_VELOCITY * float(jnp.finfo(state.V.dtype).eps) * self.speed_of(state)
+        return ROUNDING * float(jnp.finfo(state.V.dtype).eps) * self.speed_of(state)
 
     def speed_of(self, state: ReleasedState | ContactState) -> Float[Array, ""]:
         """Computes a reference speed for errors of velocities."""

@@ -30,8 +30,8 @@ from ..body import AbstractBody
 from .friction import push, slip_direction
 from .released import ReleasedState, Response, slip_velocity, with_slip
 
-MOST_STEPS_OF_IMPACT = 20_000
-ERROR_OF_IMPACT = 500  # of a step, in units of rounding of the velocity before, to which its length is chosen
+MOST_STEPS = 20_000
+ERROR = 500  # of a step, in units of rounding of the velocity before, to which its length is chosen
 TURNING = 0.5  # of the impulse in which v_s changes by its own size: the longest step while σ turns
 LIMITED = 1e-3  # a rebound slower than Newton's by a smaller fraction, in square roots of rounding, counts as Newton's
 
@@ -127,7 +127,7 @@ def _after_process(D, slip, mu, restitution, care: _Care) -> Float[Array, "3"]:
     impact.
     """
     process, eps = _Process(D, inverse(D), mu, -restitution * slip[2]), float(jnp.finfo(slip.dtype).eps)
-    error, still = ERROR_OF_IMPACT * eps * root(jnp.sum(slip**2)), care.still * root(jnp.sum(slip[:2] ** 2))
+    error, still = ERROR * eps * root(jnp.sum(slip**2)), care.still * root(jnp.sum(slip[:2] ** 2))
 
     def slips(x: Float[Array, "4"]) -> Bool[Array, ""]:
         return jnp.sum(x[:2] ** 2) > still**2
@@ -141,7 +141,7 @@ def _after_process(D, slip, mu, restitution, care: _Care) -> Float[Array, "3"]:
 
     def goes_on(carry):
         _, h, count = carry
-        return (h != 0) & (count < MOST_STEPS_OF_IMPACT)
+        return (h != 0) & (count < MOST_STEPS)
 
     def advance(carry):
         x, h, count = carry

@@ -32,7 +32,7 @@ from .stops import strike_stop
 if TYPE_CHECKING:
     from .body_on_plane import BodyOnPlane
 
-ROUNDING_OF_STRIKE = 64  # of the rate that an impact may give a joint, in units of rounding: what is smaller is none
+ROUNDING = 64  # of the rate that an impact may give a joint, in units of rounding: what is smaller is none
 
 
 def transition(
@@ -156,7 +156,7 @@ def _find_struck_joints(
     change = slip_velocity(plane.body, t, after.released) - slip_velocity(plane.body, t, before.released)
     least = jnp.sqrt(jnp.sum(change**2)) * jnp.max(gains, axis=0) + jnp.abs(before.body.thetadot[slots])
     # The largest rate that such an impact could give the joint: what is rounding of it did not set it in motion.
-    directions = jnp.where(jnp.abs(rate) <= ROUNDING_OF_STRIKE * eps * least, 0.0, jnp.sign(rate))
+    directions = jnp.where(jnp.abs(rate) <= ROUNDING * eps * least, 0.0, jnp.sign(rate))
     if before.stop_loss is not None:
         rests = (directions == 0) & (before.slips == 0)
         directions = jnp.where(rubs(plane.body), directions, jnp.where(rests, 0.0, 1.0))

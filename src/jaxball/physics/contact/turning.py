@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from .body_on_plane import BodyOnPlane
 
 SLOW_TURNING = 0.4  # as slip.SLOW, for rolling, which is followed to its end with what acts halfway
-ERRORS_OF_ROLLING = 50  # tolerances: how fast a ball may roll to and fro by the errors of a method of low order
+ERRORS = 50  # tolerances: how fast a ball may roll to and fro by the errors of a method of low order
 LONGEST_WAY = 10  # in tolerances: the angle over which a ball is followed to its rest however long that takes, ...
 STEADY_RESPONSE = 0.2  # ... if what acts halfway changes the time until then by no more than this share
 
@@ -105,7 +105,7 @@ def approach_rest(
     """
     least, omega = heading.least, plane.over_ground(step.end, step.state)
     # Within the errors of the method the ball rolls to and fro, so that it may never be as slow as ``least``.
-    slowest = least + ERRORS_OF_ROLLING * (accuracy.atol + accuracy.rtol * root(jnp.sum(omega**2)))
+    slowest = least + ERRORS * (accuracy.atol + accuracy.rtol * root(jnp.sum(omega**2)))
     slow = root(jnp.sum(omega[:2] ** 2)) <= 2 * slowest
     before, after = step.guards[guard, 0] + least, step.guards[guard, -1] + least
     nears = slow & slips.nears_its_end(before, after, slowest)

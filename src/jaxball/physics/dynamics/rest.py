@@ -21,7 +21,7 @@ from ...programs.derivatives.differentiation import without_derivatives
 from ..forces.resistance import Resistance
 from .law import Acting, Law, Rows, load, release
 
-ROUNDING_OF_RATE = 64  # of a rate, in units of rounding: what is smaller is none
+ROUNDING = 64  # of a rate, in units of rounding: what is smaller is none
 TORQUES = 32  # of a torque, in units of rounding of the torque that it is compared with: a smaller one is none
 
 
@@ -129,7 +129,7 @@ def candidates(resistance: Resistance, omega: Float[Array, "3"], planar: bool) -
     """Returns the mode of a body where friction holds all that does not move, whether it can or not."""
     # A disk turns about the second axis alone.
     rolling, spin = jnp.where(np.array([planar, False]), 0.0, omega[:2]), 0 * omega[2] if planar else omega[2]
-    least = jax.lax.stop_gradient(ROUNDING_OF_RATE * float(jnp.finfo(omega.dtype).eps) * root(jnp.sum(omega**2)))
+    least = jax.lax.stop_gradient(ROUNDING * float(jnp.finfo(omega.dtype).eps) * root(jnp.sum(omega**2)))
     rolls, spins = jnp.sum(rolling**2) > least**2, jnp.abs(spin) > least
     sigma = in_three(jnp.where(rolls, unit(rolling), 0.0))
     rests = ~rolls & (resistance.dry is not None)

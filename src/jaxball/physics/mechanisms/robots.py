@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...compat import is_traced
-from ...interface.arguments import refusal
+from ...interface.arguments import refusal, require_count
 from ...numerics.arrays import Numbers, numbers
 from ...numerics.vectors import cross, root
 from ..conditions import real_inertia
@@ -341,8 +341,7 @@ def _ring(
 def _of_each(drives: Sequence[Drive], count: int) -> Sequence[Drive]:
     if not isinstance(drives, list | tuple):
         raise refusal("drives", f"a list of {count}, one for each joint", drives)
-    if len(drives) != count:
-        raise ValueError(f"Argument `drives` must have {count} entries, one for each joint, but it has {len(drives)}.")
+    require_count("Argument `drives`", len(drives), count, "joint")
     return drives
 
 

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     import xarray
 
 MATRIX_PANEL = 1.75
-MOST_DOTS_OF_PANEL = 5_000
+MOST_DOTS = 5_000
 MOST_VARIABLES = 8
 MOST_LETTERS = 18
 LONG_NUMBERS = 4  # as many digits before the point, or zeros after it, are written as a power of ten
@@ -99,7 +99,7 @@ def sweep_matrix(
     variables += [_result(rows, name, labels) for name in results]
     variables = [_in_powers_of_ten(variable) for variable in variables]
     n, keys, panels = len(variables), {}, {}
-    drawn, left_out = sample(rows, MOST_DOTS_OF_PANEL)
+    drawn, left_out = sample(rows, MOST_DOTS)
     figure = ShownFigure(figsize=(MATRIX_PANEL * n + 0.6, MATRIX_PANEL * n + 0.6), layout="constrained")
     caption_of_study(figure, rows.data)
     for i, up in enumerate(variables):

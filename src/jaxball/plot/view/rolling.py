@@ -44,7 +44,7 @@ from .scene import (
 ON_RAILS = 1e-3  # radii, the allowed error of a rail between its points
 ELEVATION, AZIMUTH = {False: 20.0, True: 8.0}, {False: -60.0, True: -90.0}  # degrees, of a ball and of a disk
 ELEVATION_ON_SURFACES = 28.0
-POINTS_OF_EDGE = 65  # points of the edge of a disc on a surface
+POINTS = 65  # points of the edge of a disc on a surface
 _POLAR, _AZIMUTH = np.meshgrid(np.linspace(0.0, np.pi, 49), np.linspace(0.0, 2 * np.pi, 97), indexing="ij")
 _NORMALS = np.stack(  # where the surface of a body is drawn: row by row from E3 down, each from E1 around E3
     [np.sin(_POLAR) * np.cos(_AZIMUTH), np.sin(_POLAR) * np.sin(_AZIMUTH), np.cos(_POLAR)], axis=-1
@@ -254,7 +254,7 @@ def _on_surface(bodies: Sequence[Shown], desired_path: Float[np.ndarray, "k 2"] 
     first, surface = bodies[0], bodies[0].system.ground
     assert isinstance(surface, AbstractSurface)
     times, every = first.run.times, [body.placed.setting.contacts for body in bodies if body.placed.setting.contacts]
-    around = np.linspace(0.0, 2 * np.pi, POINTS_OF_EDGE)
+    around = np.linspace(0.0, 2 * np.pi, POINTS)
     circle = np.stack([np.cos(around), np.sin(around)], axis=1)
     edges = [np.asarray(centre) + radius * circle for centre, radius in discs]
     curves = edges if desired_path is None else [desired_path, *edges]

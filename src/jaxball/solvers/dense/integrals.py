@@ -25,15 +25,15 @@ from ...numerics.arrays import select_tree
 from ...numerics.cuts import Cut, longest_share
 from ...programs.derivatives.reverse_rules import sum_while
 
-NODES_OF_RULE = 8  # as many as fill a vector
+NODES = 8  # as many as fill a vector
 END_INSIDE = 0.6  # the power of the rounding unit that is the distance of the outer nodes from the ends of a piece
 # Of the last two terms of a series, relative to the two before, where it decays and can be extrapolated.
 DECAYED_INTEGRAND = 0.1
-ROUNDINGS_OF_INTEGRAND = 64  # of the values in a piece: an error below that is none
+ROUNDINGS = 64  # of the values in a piece: an error below that is none
 LEAST_INTEGRAND = 1e-3  # of the absolute tolerance, to which a function that is next to zero is integrated
-GROWTH_OF_INTEGRAL = 4.0  # the longest piece, relative to the one before it in the step
+GROWTH = 4.0  # the longest piece, relative to the one before it in the step
 SMALLEST_WIDTH = 64  # the width of a piece that is not cut any more, in rounding units of a step
-WINDOW_OF_MINIMUM = 1 / 64  # of a piece, on each side of a minimum where it is sought again
+WINDOW = 1 / 64  # of a piece, on each side of a minimum where it is sought again
 STEPS_TO_MINIMUM = 6
 
 Functions = Callable[[Float[Array, " n"]], Float[Array, "n k"]]
@@ -93,10 +93,10 @@ class _Rule(NamedTuple):
 
 @cache
 def _rule(dtype: np.dtype) -> _Rule:
-    inner = np.real(legendre.Legendre.basis(NODES_OF_RULE - 1).deriv().roots())
+    inner = np.real(legendre.Legendre.basis(NODES - 1).deriv().roots())
     end = 1 - 2 * float(np.finfo(dtype).eps) ** END_INSIDE
     x = np.concatenate([[-end], np.sort(inner), [end]])
-    series = np.linalg.inv(legendre.legvander(x, NODES_OF_RULE - 1))
+    series = np.linalg.inv(legendre.legvander(x, NODES - 1))
     # The constant term is the mean over the piece.
     return _Rule((1 + x) / 2, series[0], series, np.linalg.inv(np.vander(x, increasing=True)))
 
@@ -151,7 +151,7 @@ class _Trial(NamedTuple):
 
         def go_on(trial: "_Trial") -> "_Trial":
             start = trial.cut.end
-            longest = jnp.minimum(GROWTH_OF_INTEGRAL * width, trial.accuracy.longest(start))
+            longest = jnp.minimum(GROWTH * width, trial.accuracy.longest(start))
             return trial._replace(
                 cut=trial.cut.go_on(longest, _find_end(start)), size=size, at_minimum=jnp.asarray(False)
             )
@@ -165,7 +165,7 @@ class _Trial(NamedTuple):
         """
         place, is_minimum = _find_least_square(values)
         cut, (low, high) = self.cut, self.ends
-        minimum, aside = low + 0.5 * (1 + place) * (high - low), WINDOW_OF_MINIMUM * cut.width
+        minimum, aside = low + 0.5 * (1 + place) * (high - low), WINDOW * cut.width
         # Where a piece that ends at a minimum is not exact enough, there is something else to be found.
         looks, meets = is_minimum & ~self.seeks & ~self.at_minimum, is_minimum & self.seeks
         window = jnp.stack([jnp.maximum(cut.start, minimum - aside), jnp.minimum(cut.end, minimum + aside)])
@@ -182,7 +182,7 @@ class _Trial(NamedTuple):
         rtol, atol, *_ = accuracy = self.accuracy
         until = accuracy.until(self.cut.end)
         mean = size / jnp.where(until > 0, until, 1.0)
-        rounding = ROUNDINGS_OF_INTEGRAND * float(jnp.finfo(values.dtype).eps) * jnp.max(jnp.abs(values), axis=0)
+        rounding = ROUNDINGS * float(jnp.finfo(values.dtype).eps) * jnp.max(jnp.abs(values), axis=0)
         tiny = float(jnp.finfo(values.dtype).tiny)
         return accuracy.length(self.cut.start) * (rtol * mean + LEAST_INTEGRAND * atol) + rounding + tiny
 
@@ -242,7 +242,7 @@ def _find_least_square(values: Float[Array, " nodes"]) -> tuple[Float[Array, ""]
     def newton(_, carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         x, _, _ = carry
         slope, bend = jnp.zeros_like(x), jnp.zeros_like(x)
-        for k in range(NODES_OF_RULE - 1, 0, -1):
+        for k in range(NODES - 1, 0, -1):
             bend = bend * x + slope
             slope = slope * x + k * a[k]
         change = jnp.clip(jnp.where(bend > 0, -slope / jnp.where(bend > 0, bend, 1.0), 0.0), -0.5, 0.5)

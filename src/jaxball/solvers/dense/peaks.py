@@ -20,8 +20,8 @@ from ...numerics.cuts import Cut, longest_share
 from ...numerics.pieces import SLOPE_TAIL
 from .steps import sampling
 
-TAIL_OF_PEAK = 16.0  # the weight of the last two terms in a bound: those of random values are as large as the first
-GROWTH_OF_PEAK = 2.0  # the longest piece, relative to the one before it in the step
+TAIL = 16.0  # the weight of the last two terms in a bound: those of random values are as large as the first
+GROWTH = 2.0  # the longest piece, relative to the one before it in the step
 SMALLEST_PEAK = 2.0**-12  # the width of a piece that is not cut any more
 
 Functions = Callable[[Float[Array, " n"]], Float[Array, "n k"]]
@@ -108,7 +108,7 @@ def search(
 
         def go_on(state: _Search) -> _Search:
             return state.note(_find_largest(samples), jnp.min(samples, axis=0))._replace(
-                cut=cut.go_on(jnp.minimum(GROWTH_OF_PEAK * cut.width, longest), 1.0)
+                cut=cut.go_on(jnp.minimum(GROWTH * cut.width, longest), 1.0)
             )
 
         return jax.lax.cond(passes, go_on, lambda state: state._replace(cut=cut.shorten()), state)
@@ -142,7 +142,7 @@ def is_settled(
     terms = jnp.sum(jnp.asarray(_series(), samples.dtype)[..., None] * samples[None], axis=1)
     sizes = jnp.abs(terms)
     before, last = sizes[1] + sizes[2], sizes[3] + sizes[4]
-    is_lower = terms[0] + before + TAIL_OF_PEAK * last <= known
+    is_lower = terms[0] + before + TAIL * last <= known
     # The slope of the second Legendre polynomial is at most 3. Where a function is monotone it is largest at an end.
     is_monotone = sizes[1] > 3 * sizes[2] + SLOPE_TAIL * last
     is_known = last <= negligible * jnp.max(jnp.abs(samples), axis=0)

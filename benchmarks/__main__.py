@@ -1,21 +1,29 @@
-"""``jaxball bench``: solvers compared at equal achieved error, by ``benchmarks/comparison`` of a clone of jaxball."""
+"""``python -m benchmarks``, in a clone of jaxball: solvers compared at equal achieved error.
+
+Its benchmarks are imported when they run, as the commands of jaxball are.
+"""
 
 import argparse
 import dataclasses
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
-from ...interface.interruption import interrupt_message
-from ...interface.output import check_folder
-from ...interface.starting import EXIT_INTERRUPTED, STOPPED
-from ..jax_setup import set_up_jax
-from ..options import BadInputError, positive
+from jaxball.cli import main
+from jaxball.cli.dispatch import Parser
+from jaxball.cli.jax_setup import set_up_jax
+from jaxball.cli.options import BadInputError, positive
+from jaxball.interface.interruption import interrupt_message
+from jaxball.interface.output import check_folder
+from jaxball.interface.starting import EXIT_INTERRUPTED, STOPPED
 
 ENGINES = "engines"
-BENCHMARKS = Path(__file__).parents[4] / "benchmarks"  # of a clone; a wheel does not have it
 
 
-def add(parser: argparse.ArgumentParser) -> None:
+def parser(_: Sequence[str]) -> argparse.ArgumentParser:
+    """Makes the parser of the command, whatever its arguments are."""
+    parser = Parser(prog="python -m benchmarks", description="Compares solvers at equal achieved error.")
+    parser.set_defaults(cache=False, run=run)
     parser.add_argument(
         "problems",
         nargs="*",
@@ -36,10 +44,11 @@ def add(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--quick", action="store_true", help="two problems, a few solvers, two tolerances")
     parser.add_argument("--list", action="store_true", help="list problems and solvers")
+    return parser
 
 
 def run(options: argparse.Namespace) -> int:
-    _find_comparison()
+    """Runs what the options choose, and returns the exit code."""
     if not options.list:
         check_folder(options.out, "--out")
     if options.gradients:
@@ -65,17 +74,6 @@ def run(options: argparse.Namespace) -> int:
     with interrupt_message(lambda: _describe_stop(options.out)):
         results = comparison.compare(plan.problems, plan.contenders, settings, options.out)
     return EXIT_INTERRUPTED if results.interrupted else 0
-
-
-def _find_comparison() -> None:
-    """Puts the benchmarks where modules are found."""
-    if not (BENCHMARKS / "comparison").is_dir():
-        raise BadInputError(
-            "`jaxball bench` needs jaxball's repository, whose folder `benchmarks` is not in the installed package: "
-            "clone it, and install the clone with pip install -e '.[bench]'."
-        )
-    if str(BENCHMARKS) not in sys.path:
-        sys.path.insert(0, str(BENCHMARKS))
 
 
 def _check_gradients(options: argparse.Namespace) -> None:
@@ -115,3 +113,8 @@ def _engines(options: argparse.Namespace) -> int:
 def _describe_stop(out: Path) -> str:
     written = (out / "results.json").exists()
     return f'Stopped; "{out}" has the problems that were finished.' if written else STOPPED
+
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).parent))
+    sys.exit(main(parser=parser))
