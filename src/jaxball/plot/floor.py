@@ -34,6 +34,7 @@ class Setting(NamedTuple):
     turned: Float[np.ndarray, " T"] | None  # the angle of the turntable, if there is one
     centre: Float[np.ndarray, "3"]  # about which it turns, space axes
     contacts: Contacts | None = None  # with a surface
+    carried: Float[np.ndarray, "T 2"] | None = None  # how far the belt has moved, if there is one; space axes
 
     @property
     def tilted(self) -> bool:
@@ -44,7 +45,8 @@ class Setting(NamedTuple):
         """Whether the ground is displaced or turned during the run."""
         if self.contacts is not None:
             return self.contacts.moves
-        return self.turned is not None or bool(np.ptp(self.moved, axis=0).any())
+        carried = self.turned is not None or self.carried is not None
+        return carried or bool(np.ptp(self.moved, axis=0).any())
 
     @property
     def downhill(self) -> float:
@@ -88,12 +90,12 @@ def place(trajectory: Trajectory, run: Record) -> Placed:
     rows, seen, system = finite_rows(trajectory), run.observables, trajectory.system
     plane = system.ground if isinstance(system.ground, Ground) else None
     with_arms, state = system if system.mechanisms else None, jax.tree.map(lambda leaf: leaf[rows], trajectory.state)
-    Lambda, arms, moved, turned = jax.tree.map(np.asarray, _evaluate(plane, with_arms, to_array(run.times), state))
+    Lambda, arms, *ground = jax.tree.map(np.asarray, _evaluate(plane, with_arms, to_array(run.times), state))
     if isinstance(system.ground, AbstractSurface):
         contacts = contacts_of(system.ground, run.times, np.asarray(state.z), np.asarray(state.theta))
         setting = Setting(np.eye(3), contacts.moved, None, np.zeros(3), contacts)
     else:
-        setting = _on_plane(plane, moved, turned, len(rows))
+        setting = _on_plane(plane, *ground, len(rows))
     page, contacts = setting.page, setting.contacts
     return Placed(
         times=run.times,
@@ -111,6 +113,7 @@ def _on_plane(
     plane: Ground | None,
     moved: Float[np.ndarray, "T 3"] | None,
     turned: Float[np.ndarray, " T"] | None,
+    carried: Float[np.ndarray, "T 2"] | None,
     count: int,
 ) -> Setting:
     """Returns the setting of a plane, from its displacement in space axes."""
@@ -121,20 +124,24 @@ def _on_plane(
     displacement = np.zeros((count, 3)) if moved is None else moved @ page.T
     table = None if plane is None else plane.turntable
     centre = (0.0, 0.0) if table is None else np.asarray(table.centre)
-    return Setting(page, displacement, turned, np.array([*centre, 0.0]))
+    return Setting(page, displacement, turned, np.array([*centre, 0.0]), carried=carried)
 
 
 @programs.filter_jit
 def _evaluate(ground, system, times, states):
-    """Computes Λ, the arms, X and the angle of the turntable at each time; None for what the ground lacks."""
+    """Computes Λ, the arms, X, the angle of the turntable and the way of the belt at each time; None for what the
+    ground lacks.
+    """
     ground, system = (None if part is None else part.prepare() for part in (ground, system))
 
     def at_time(t, state):
         moved = None if ground is None or ground.motion is None else ground.motion.kinematics(t).chi
         table = None if ground is None else ground.turntable
         turned = None if table is None else table.turning.derivatives(t)[0]
+        belt = None if ground is None else ground.belt
+        carried = None if belt is None else belt.travel.derivatives(t)[0] * belt.direction
         rods = [] if system is None else arms(system, t, state.theta)
-        return state.in_space().Lambda, rods, moved, turned
+        return state.in_space().Lambda, rods, moved, turned, carried
 
     return jax.vmap(at_time)(times, states)
 

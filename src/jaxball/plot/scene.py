@@ -306,7 +306,8 @@ def draw_floor(
 ) -> Callable[[int], None]:
     """Draws the floor, and returns a function that moves it to the k-th saved time.
 
-    It has lines at every whole multiple of the radius, or the turntable with rings there and with spokes, one darker.
+    It has lines at every whole multiple of the radius, which a belt carries with it, or the turntable with rings there
+    and with spokes, one darker.
     """
     top, base = floor.block
     moves = setting.moves
@@ -317,7 +318,7 @@ def draw_floor(
         seen = (side for side in map(np.stack, around) if np.cross(side[1] - side[0], [0.0, 0.0, 1.0]) @ viewer > 0)
         faces += [(side, face(ax, facecolor=SIDE, zorder=0, animated=moves)) for side in seen]
     if setting.turned is None:
-        marks = [(_grid(floor, r), line(ax, **GRID, animated=moves))]
+        marks = [(_grid(floor, r, np.zeros(2)), line(ax, **GRID, animated=moves))]
     else:
         rim = floor.table * parallel(0.0)
         faces.append((_turn_to_page(rim, floor, setting), face(ax, facecolor=TABLE, edgecolor="0.8", zorder=0.5)))
@@ -332,6 +333,7 @@ def draw_floor(
         for corners, artist in faces:
             artist.set_verts([corners + setting.moved[k]])
         for points, artist in marks:
+            points = points if setting.carried is None else _grid(floor, r, setting.carried[k])
             placed = points @ setting.page.T
             if setting.turned is not None:
                 c, s = np.cos(setting.turned[k]), np.sin(setting.turned[k])
@@ -378,17 +380,17 @@ def _turn_to_page(
     return (points + setting.centre + [0.0, 0.0, floor.height]) @ setting.page.T
 
 
-def _grid(floor: Floor, r: float) -> Float[np.ndarray, "points 3"]:
-    """Returns the lines on the floor, as one curve with breaks; space axes."""
+def _grid(floor: Floor, r: float, moved: Float[np.ndarray, "2"]) -> Float[np.ndarray, "points 3"]:
+    """Returns the lines on the floor after they have moved, as one curve with breaks; space axes."""
     (x0, y0), (x1, y1), z = floor.low, floor.high, floor.height
-    lines = [np.array([[x, y0, z], [x, y1, z]]) for x in multiples(r, x0, x1)]
-    lines += [np.array([[x0, y, z], [x1, y, z]]) for y in multiples(r, y0, y1)]
+    lines = [np.array([[x, y0, z], [x, y1, z]]) for x in multiples(r, x0, x1, moved[0])]
+    lines += [np.array([[x0, y, z], [x1, y, z]]) for y in multiples(r, y0, y1, moved[1])]
     return np.concatenate([part for each in lines for part in (each, BREAK)])
 
 
-def multiples(r: float, low: float, high: float) -> Float[np.ndarray, " n"]:
-    """Returns the whole multiples of ``r`` from ``low`` to ``high``."""
-    return r * np.arange(int(np.ceil(low / r)), int(np.floor(high / r)) + 1)
+def multiples(r: float, low: float, high: float, moved: float = 0.0) -> Float[np.ndarray, " n"]:
+    """Returns the whole multiples of ``r`` from ``low`` to ``high``, or what they are after they have ``moved``."""
+    return moved + r * np.arange(int(np.ceil((low - moved) / r)), int(np.floor((high - moved) / r)) + 1)
 
 
 def _table_spokes(radius: float) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "2 3"]]:
@@ -407,14 +409,19 @@ def draw_ground(ax: Axes, path: Float[np.ndarray, "T 3"], r: float, setting: Set
         ax.add_patch(wedge)
     surface = line(ax, color=SHELL, linewidth=1.2, zorder=1, animated=setting.moves)
     height = path[0, 2]
-    places = multiples(r, path[:, 0].min() - ROOM_AROUND * r, path[:, 0].max() + ROOM_AROUND * r)
-    ticks = [np.array([[x, 0.0, height - 0.06 * r], [x, 0.0, height], [np.nan] * 3]) @ setting.page.T for x in places]
+    ends = path[:, 0].min() - ROOM_AROUND * r, path[:, 0].max() + ROOM_AROUND * r
+
+    def ticks(moved: float) -> Float[np.ndarray, "points 3"]:
+        places = multiples(r, *ends, moved)
+        each = [np.array([[x, 0.0, height - 0.06 * r], [x, 0.0, height], [np.nan] * 3]) for x in places]
+        return np.concatenate(each) @ setting.page.T
+
     marks = line(ax, color=SHELL, linewidth=0.8, zorder=1, animated=setting.moves)
 
     def show(k: int) -> None:
         wedge.set_xy((np.concatenate([top, base[::-1]]) + setting.moved[k])[:, [0, 2]])
         move(surface, top + setting.moved[k])
-        move(marks, np.concatenate(ticks) + setting.moved[k])
+        move(marks, ticks(0.0 if setting.carried is None else setting.carried[k, 0]) + setting.moved[k])
 
     return show
 

@@ -98,12 +98,16 @@ class Belt(Printed):
 
         Without ``slopes``, on a plane, that length is 1.
         """
-        sine, cosine = sine_cosine(self.heading)
-        speed = self.travel.derivatives(t)[1]
+        d, speed = self.direction, self.travel.derivatives(t)[1]
         if slopes is not None:
-            along = cosine * slopes[0] + sine * slopes[1]
-            speed = speed / root(jnp.sum(along**2))
-        return speed * jnp.stack([cosine, sine])
+            speed = speed / root(jnp.sum((d[0] * slopes[0] + d[1] * slopes[1]) ** 2))
+        return speed * d
+
+    @property
+    def direction(self) -> Float[Array, "2"]:
+        """The unit vector d along it, in coordinates of the ground."""
+        sine, cosine = sine_cosine(self.heading)
+        return jnp.stack([cosine, sine])
 
     def conditions(self) -> Iterator[Condition]:
         """Yields the condition on its heading; traceable."""

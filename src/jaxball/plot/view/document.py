@@ -8,7 +8,7 @@ have numbers at each saved time that the solve reached; where these are too many
 are kept, as ``note`` says, and ``saved`` is the number of all. A ball or a disk has
 
 - ``time`` (T,); ``centre`` (T, 3), of the shell, and ``quaternion`` (T, 4), the scalar last: from body axes to those of
-  the page; ``moved`` (T, 3) and ``turned`` (T,), of a ground that moves and of a turntable;
+  the page; ``moved`` (T, 3), ``turned`` (T,) and ``belt`` (T, 2), of a ground that moves, of a turntable and of a belt;
 - of a body that is no ball, ``foot`` (T, 3), from there to its lowest point, in axes of the page, and its ``surface``
   (49 · 97, 3) in body axes, row after row from E3 down, each from E1 around E3;
 - on a surface, ``mesh`` (S, nodes, 3), row after row, in axes that move with it, of which S = T if it changes its form

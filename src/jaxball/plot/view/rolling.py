@@ -129,6 +129,8 @@ def body_numbers(one: Shown, plane: float, grid: Float[np.ndarray, "rows columns
         numbers |= _surface_numbers(system.ground, run.times, setting.contacts, grid, r)
     if setting.turned is not None:
         numbers["turned"] = Numbers(setting.turned, 1.0)
+    if setting.carried is not None:
+        numbers["belt"] = Numbers(setting.carried, r)
     numbers |= {
         f"rail_{j}": Numbers(thin_curve(points, ON_RAILS * r), r, over_time=False)
         for j, (_, points) in enumerate(rails_of(system))

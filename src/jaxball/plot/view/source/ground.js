@@ -31,7 +31,9 @@ export class Ground extends Group {
       this.add(quads(sides, flat(() => css("side"), face)));
     }
     if (floor.table > 0) this.plane.add(this.table(floor, r));
-    else this.plane.add(grid(floor, r));
+    else this.plane.add((this.grid = new LineSegments(lines(floor, r, STILL), flat(() => css("grid")))));
+    this.floor = floor;
+    this.r = r;
     if (obstacles.length) this.plane.add(this.discs(obstacles, floor.height, r));
     this.add(this.plane);
     if (!wanted) return;
@@ -76,6 +78,7 @@ export class Ground extends Group {
   show({ arrays }, k) {
     this.position.fromArray(row(arrays.moved, k, STILL));
     if (this.turning) this.turning.rotation.z = row(arrays.turned, k)[0];
+    else if (arrays.belt) this.grid.geometry = lines(this.floor, this.r, row(arrays.belt, k));
   }
 }
 
@@ -83,23 +86,30 @@ function lifted(points, axes, height) {
   return points.map((value, i) => value + height * axes[i % 3][2]);
 }
 
-function grid({ low, high, height }, r) {
-  const lines = [];
+// The grid after a belt has moved it.
+function lines({ low, high, height }, r, moved) {
+  const points = [];
   const z = height + 0.001 * r;
   let step = r;
   while (Math.max(high[0] - low[0], high[1] - low[1]) / step > MOST_LINES) step *= 10;
-  for (let j = Math.ceil(low[0] / step); j * step <= high[0]; j++) lines.push(j * step, low[1], z, j * step, high[1], z);
-  for (let j = Math.ceil(low[1] / step); j * step <= high[1]; j++) lines.push(low[0], j * step, z, high[0], j * step, z);
-  return thin(lines);
+  const places = (i) => {
+    const first = moved[i] + step * Math.ceil((low[i] - moved[i]) / step);
+    return Array.from({ length: Math.floor((high[i] - first) / step) + 1 }, (_, j) => first + j * step);
+  };
+  for (const x of places(0)) points.push(x, low[1], z, x, high[1], z);
+  for (const y of places(1)) points.push(low[0], y, z, high[0], y, z);
+  return positions(points);
+}
+
+function positions(points) {
+  return new BufferGeometry().setAttribute("position", new Float32BufferAttribute(points, 3));
 }
 
 function thin(points) {
-  const geometry = new BufferGeometry().setAttribute("position", new Float32BufferAttribute(points, 3));
-  return new LineSegments(geometry, flat(() => css("grid")));
+  return new LineSegments(positions(points), flat(() => css("grid")));
 }
 
 function quads(corners, material) {
   const points = corners.flatMap(([a, b, c, d]) => [...a, ...b, ...c, ...a, ...c, ...d]);
-  const geometry = new BufferGeometry().setAttribute("position", new Float32BufferAttribute(points, 3));
-  return new Mesh(geometry, material);
+  return new Mesh(positions(points), material);
 }
