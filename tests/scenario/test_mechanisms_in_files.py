@@ -168,6 +168,18 @@ GROUNDS = {
         'turntable = { turning = { kind = "constant-rate", theta = 0, rate = 2 }, centre = [1, 0.5] }',
         jaxball.Ground(turntable=jaxball.Turntable(ConstantRate(0.0, 2.0), (1.0, 0.5))),
     ),
+    "a belt": (
+        'belt = { travel = { kind = "constant-rate", theta = 0, rate = 2 }, heading = 0.5 }',
+        jaxball.Ground(belt=jaxball.Belt(ConstantRate(0.0, 2.0), 0.5)),
+    ),
+    "a turntable in a bowl": (
+        'kind = "bowl"\nradius = 3\nturntable = { turning = { kind = "constant-rate", theta = 0, rate = 2 } }',
+        jaxball.Bowl(3.0, turntable=jaxball.Turntable(ConstantRate(0.0, 2.0))),
+    ),
+    "a belt on a plate": (
+        'kind = "tilting-plane"\nbelt = { travel = { kind = "constant-rate", theta = 0, rate = 2 } }',
+        jaxball.TiltingPlane(belt=jaxball.Belt(ConstantRate(0.0, 2.0))),
+    ),
 }
 
 

@@ -52,7 +52,7 @@ def why_not_moving_energy(system: AbstractBody) -> str:
     """Says why there is no balance of the moving energy; empty where there is, on a level turntable."""
     if not isinstance(system.ground, Ground) or system.ground.turntable is None:
         return NO_TURNTABLE
-    if system.ground.motion is not None or float(system.ground.angle) != 0:
+    if system.ground.motion is not None or system.ground.belt is not None or float(system.ground.angle) != 0:
         return "the ground is tilted or moves"
     return ""
 
