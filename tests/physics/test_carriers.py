@@ -175,7 +175,7 @@ def test_energy_on_a_belt_over_waves():
 
 
 @pytest.mark.parametrize(
-    "contact", [None, Contact(0.15), Contact(LimitSurface(0.15, 0.2))], ids=["rolls", "slips", "spins"]
+    "contact", [None, Contact(0.15), Contact(LimitSurface(0.5, 0.3))], ids=["rolls", "slips", "spins"]
 )
 def test_a_steady_belt_is_a_plane_seen_in_passing(contact):
     """On a belt with a constant velocity all is as on a plane at rest, seen from axes that move with it."""
