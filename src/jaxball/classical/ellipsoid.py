@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..numerics.arrays import numbers
+from ..numerics.declare import number
 from ..numerics.vectors import apply, cross, dot, inverse, outer, sine_cosine
 from ..numerics.versor import derivative
 from ..physics.conditions import Condition, positive, positive_inertia, real_inertia
@@ -34,7 +34,7 @@ class EllipsoidState(OrientedState):
     EllipsoidState(q=(1.0, 0.0, 0.0, 0.0), Omega=(0.0, 0.0, 2.0), z=(0.0, 0.0))
     """
 
-    z: Float[Array, "*batch 2"] = eqx.field(converter=numbers("z", (2,), batch=True), default=(0.0, 0.0))
+    z: Float[Array, "*batch 2"] = eqx.field(converter=number(), default=(0.0, 0.0))
 
 
 class EllipsoidLaws(NamedTuple):
@@ -88,12 +88,12 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState], AbstractRollingS
     -2.0
     """
 
-    mass: Float[Array, ""] = eqx.field(converter=numbers("mass"), default=1.0, kw_only=True)
-    semiaxes: Float[Array, "3"] = eqx.field(converter=numbers("semiaxes", (3,)), kw_only=True)
-    inertia: Float[Array, "3"] = eqx.field(converter=numbers("inertia", (3,)), kw_only=True)
-    turn: Float[Array, ""] = eqx.field(converter=numbers("turn"), default=0.0, kw_only=True)
-    offset: Float[Array, "3"] = eqx.field(converter=numbers("offset", (3,)), default=(0.0, 0.0, 0.0), kw_only=True)
-    gravity: Float[Array, ""] = eqx.field(converter=numbers("gravity"), default=1.0, kw_only=True)
+    mass: Float[Array, ""] = eqx.field(converter=number(), default=1.0, kw_only=True)
+    semiaxes: Float[Array, "3"] = eqx.field(converter=number(), kw_only=True)
+    inertia: Float[Array, "3"] = eqx.field(converter=number(), kw_only=True)
+    turn: Float[Array, ""] = eqx.field(converter=number(), default=0.0, kw_only=True)
+    offset: Float[Array, "3"] = eqx.field(converter=number(), default=(0.0, 0.0, 0.0), kw_only=True)
+    gravity: Float[Array, ""] = eqx.field(converter=number(), default=1.0, kw_only=True)
     resistance: AbstractResistance | None = eqx.field(default=None, kw_only=True)
 
     title: ClassVar[str] = "rolling ellipsoid"

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..numerics.arrays import numbers
+from ..numerics.declare import number
 from ..numerics.vectors import cross, dot
 from ..physics.conditions import Condition, positive, positive_inertia, real_inertia
 from .rigid_body import gyroscopic_torque, kinetic_energy, rates_of, versor_squared
@@ -59,10 +59,10 @@ class HeavyTop(AbstractClassicalSystem[RigidBodyState]):
     2.75
     """
 
-    mass: Float[Array, ""] = eqx.field(converter=numbers("mass"), default=1.0, kw_only=True)
-    inertia: Float[Array, "3"] = eqx.field(converter=numbers("inertia", (3,)), kw_only=True)
-    chi: Float[Array, "3"] = eqx.field(converter=numbers("chi", (3,)), kw_only=True)
-    gravity: Float[Array, ""] = eqx.field(converter=numbers("gravity"), default=1.0, kw_only=True)
+    mass: Float[Array, ""] = eqx.field(converter=number(), default=1.0, kw_only=True)
+    inertia: Float[Array, "3"] = eqx.field(converter=number(), kw_only=True)
+    chi: Float[Array, "3"] = eqx.field(converter=number(), kw_only=True)
+    gravity: Float[Array, ""] = eqx.field(converter=number(), default=1.0, kw_only=True)
 
     title: ClassVar[str] = "heavy top"
     state_type: ClassVar[type[RigidBodyState]] = RigidBodyState

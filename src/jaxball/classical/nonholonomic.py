@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, numbers
+from ..numerics.declare import number
 from ..numerics.vectors import sine_cosine
 from ..physics.conditions import Condition, ExplainedCondition, positive
 from .lagrangian import AbstractLagrangianSystem, LagrangianState
@@ -44,9 +45,9 @@ class ChaplyginSleigh(AbstractLagrangianSystem):
     0.832117
     """
 
-    mass: Float[Array, ""] = eqx.field(converter=numbers("mass"), default=1.0, kw_only=True)
-    inertia: Float[Array, ""] = eqx.field(converter=numbers("inertia"), kw_only=True)
-    ahead: Float[Array, ""] = eqx.field(converter=numbers("ahead"), kw_only=True)
+    mass: Float[Array, ""] = eqx.field(converter=number(), default=1.0, kw_only=True)
+    inertia: Float[Array, ""] = eqx.field(converter=number(), kw_only=True)
+    ahead: Float[Array, ""] = eqx.field(converter=number(), kw_only=True)
 
     coordinates = ("x", "y", "theta")
     title: ClassVar[str] = "Chaplygin sleigh"
@@ -79,10 +80,10 @@ class KnifeEdge(AbstractLagrangianSystem):
     - ``gravity``: g, length/time².
     """
 
-    mass: Float[Array, ""] = eqx.field(converter=numbers("mass"), default=1.0, kw_only=True)
-    inertia: Float[Array, ""] = eqx.field(converter=numbers("inertia"), default=1.0, kw_only=True)
-    slope: Float[Array, ""] = eqx.field(converter=numbers("slope"), kw_only=True)
-    gravity: Float[Array, ""] = eqx.field(converter=numbers("gravity"), default=1.0, kw_only=True)
+    mass: Float[Array, ""] = eqx.field(converter=number(), default=1.0, kw_only=True)
+    inertia: Float[Array, ""] = eqx.field(converter=number(), default=1.0, kw_only=True)
+    slope: Float[Array, ""] = eqx.field(converter=number(), kw_only=True)
+    gravity: Float[Array, ""] = eqx.field(converter=number(), default=1.0, kw_only=True)
 
     coordinates = ("x", "y", "theta")
     title: ClassVar[str] = "knife edge"
@@ -184,11 +185,11 @@ class Snakeboard(AbstractLagrangianSystem):
     - ``half_length``: l, from the middle to the axle of a truck, length.
     """
 
-    mass: Float[Array, ""] = eqx.field(converter=numbers("mass"), default=1.0, kw_only=True)
-    board: Float[Array, ""] = eqx.field(converter=numbers("board"), default=0.1, kw_only=True)
-    rotor: Float[Array, ""] = eqx.field(converter=numbers("rotor"), default=0.1, kw_only=True)
-    truck: Float[Array, ""] = eqx.field(converter=numbers("truck"), default=0.01, kw_only=True)
-    half_length: Float[Array, ""] = eqx.field(converter=numbers("half_length"), default=0.5, kw_only=True)
+    mass: Float[Array, ""] = eqx.field(converter=number(), default=1.0, kw_only=True)
+    board: Float[Array, ""] = eqx.field(converter=number(), default=0.1, kw_only=True)
+    rotor: Float[Array, ""] = eqx.field(converter=number(), default=0.1, kw_only=True)
+    truck: Float[Array, ""] = eqx.field(converter=number(), default=0.01, kw_only=True)
+    half_length: Float[Array, ""] = eqx.field(converter=number(), default=0.5, kw_only=True)
 
     coordinates = ("x", "y", "theta", "psi", "back", "front")
     title: ClassVar[str] = "snakeboard"
@@ -224,10 +225,10 @@ class RollerRacer(AbstractLagrangianSystem):
     - ``lengths``: from the rear axle to the joint, and from the joint to the front axle, shape (2,).
     """
 
-    mass: Float[Array, ""] = eqx.field(converter=numbers("mass"), default=1.0, kw_only=True)
-    rear: Float[Array, ""] = eqx.field(converter=numbers("rear"), default=0.2, kw_only=True)
-    front: Float[Array, ""] = eqx.field(converter=numbers("front"), default=0.05, kw_only=True)
-    lengths: Float[Array, "2"] = eqx.field(converter=numbers("lengths", (2,)), default=(0.5, 0.1), kw_only=True)
+    mass: Float[Array, ""] = eqx.field(converter=number(), default=1.0, kw_only=True)
+    rear: Float[Array, ""] = eqx.field(converter=number(), default=0.2, kw_only=True)
+    front: Float[Array, ""] = eqx.field(converter=number(), default=0.05, kw_only=True)
+    lengths: Float[Array, "2"] = eqx.field(converter=number(), default=(0.5, 0.1), kw_only=True)
 
     coordinates = ("x", "y", "theta", "phi")
     title: ClassVar[str] = "roller racer"

@@ -12,7 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..numerics.arrays import numbers
+from ..numerics.declare import number
 from ..physics.conditions import Condition, positive
 from .state import AbstractClassicalSystem, ParticleState, VakonomicState
 
@@ -62,7 +62,7 @@ class NonholonomicParticle(AbstractClassicalSystem[ParticleState]):
     [1. 1. 1.]
     """
 
-    mass: Float[Array, ""] = eqx.field(converter=numbers("mass"), default=1.0, kw_only=True)
+    mass: Float[Array, ""] = eqx.field(converter=number(), default=1.0, kw_only=True)
 
     title: ClassVar[str] = "nonholonomic particle"
     state_type: ClassVar[type[ParticleState]] = ParticleState
@@ -129,7 +129,7 @@ class VakonomicParticle(AbstractClassicalSystem[VakonomicState]):
     -2.0
     """
 
-    mass: Float[Array, ""] = eqx.field(converter=numbers("mass"), default=1.0, kw_only=True)
+    mass: Float[Array, ""] = eqx.field(converter=number(), default=1.0, kw_only=True)
 
     title: ClassVar[str] = "vakonomic particle"
     state_type: ClassVar[type[VakonomicState]] = VakonomicState

@@ -6,7 +6,7 @@ from typing import ClassVar, NamedTuple
 import equinox as eqx
 from jaxtyping import Array, Float
 
-from ..numerics.arrays import numbers
+from ..numerics.declare import number
 from ..numerics.vectors import apply, cross, dot
 from ..numerics.versor import derivative
 from ..physics.conditions import Condition, positive_inertia, real_inertia
@@ -48,7 +48,7 @@ class FreeRigidBody(AbstractClassicalSystem[RigidBodyState]):
     Array(2.5, dtype=float64)
     """
 
-    inertia: Float[Array, "3"] = eqx.field(converter=numbers("inertia", (3,)), kw_only=True)
+    inertia: Float[Array, "3"] = eqx.field(converter=number(), kw_only=True)
 
     title: ClassVar[str] = "free rigid body"
     state_type: ClassVar[type[RigidBodyState]] = RigidBodyState

@@ -17,7 +17,8 @@ from jaxtyping import Array, Float
 
 from ..interface.arguments import call_with, require_function
 from ..interface.printing import Printed
-from ..numerics.arrays import a_vector, numbers, to_array
+from ..numerics.arrays import a_vector, to_array
+from ..numerics.declare import number
 from ..numerics.functions import OfFunction
 from ..numerics.vectors import root, sine_cosine
 from .conditions import Condition, positive
@@ -80,8 +81,8 @@ class Ellipsoid(AbstractShape):
     Array([0. , 0. , 1.5], dtype=float64)
     """
 
-    semiaxes: Float[Array, "*group 3"] = eqx.field(converter=numbers("semiaxes", (3,)))
-    turn: Float[Array, "*group"] = eqx.field(converter=numbers("turn"), default=0.0)
+    semiaxes: Float[Array, "*group 3"] = eqx.field(converter=number())
+    turn: Float[Array, "*group"] = eqx.field(converter=number(), default=0.0)
 
     def height(self, Gamma: Float[Array, "3"]) -> Float[Array, ""]:
         sine, cosine = sine_cosine(self.turn)

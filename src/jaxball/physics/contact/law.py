@@ -14,6 +14,7 @@ from ...compat import is_traced
 from ...interface.arguments import refusal
 from ...interface.printing import Printed
 from ...numerics.arrays import Numbers, namespace_of, numbers
+from ...numerics.declare import number
 from ..conditions import Condition, positive
 
 SLOWEST_REBOUND = 1e-6
@@ -65,8 +66,8 @@ class SmoothedCoulomb(AbstractFriction):
     0.2
     """
 
-    kinetic: Float[Array, "*batch"] = eqx.field(converter=numbers("kinetic"))
-    smoothing: Float[Array, "*batch"] = eqx.field(converter=numbers("smoothing"))
+    kinetic: Float[Array, "*group"] = eqx.field(converter=number())
+    smoothing: Float[Array, "*group"] = eqx.field(converter=number())
 
     def __call__(self, speed: Float[Array, ""]) -> Float[Array, "*batch"]:
         """Computes μ(v)."""
@@ -111,8 +112,8 @@ class LimitSurface(AbstractFriction):
     LimitSurface(friction=0.3, radius=0.05)
     """
 
-    friction: Float[Array, "*batch"] = eqx.field(converter=numbers("friction"))
-    radius: Float[Array, "*batch"] = eqx.field(converter=numbers("radius"))
+    friction: Float[Array, "*group"] = eqx.field(converter=number())
+    radius: Float[Array, "*group"] = eqx.field(converter=number())
 
     def __call__(self, speed: Float[Array, ""]) -> Float[Array, "*batch"]:
         """Returns μ, which does not depend on the speed."""

@@ -9,7 +9,8 @@ from jaxtyping import Array, Float
 
 from ...interface.arguments import require_flags
 from ...interface.printing import Printed
-from ...numerics.arrays import namespace_of, number_or_none, numbers
+from ...numerics.arrays import namespace_of
+from ...numerics.declare import number, number_or_none
 from ...numerics.vectors import dot
 from ..conditions import Condition, positive
 
@@ -124,14 +125,14 @@ class Resistance(AbstractResistance):
     0.367879
     """
 
-    rolling: Float[Array, "*group"] = eqx.field(converter=numbers("rolling"), default=0.0)
-    spinning: Float[Array, "*group"] = eqx.field(converter=numbers("spinning"), default=0.0)
-    drag: Float[Array, "*group"] = eqx.field(converter=numbers("drag"), default=0.0)
-    rotational_drag: Float[Array, "*group"] = eqx.field(converter=numbers("rotational_drag"), default=0.0)
-    dry: Float[Array, "*group"] | None = eqx.field(converter=number_or_none("dry"), default=None)
-    smoothing: Float[Array, "*group"] = eqx.field(converter=numbers("smoothing"), default=SMOOTHING)
+    rolling: Float[Array, "*group"] = eqx.field(converter=number(), default=0.0)
+    spinning: Float[Array, "*group"] = eqx.field(converter=number(), default=0.0)
+    drag: Float[Array, "*group"] = eqx.field(converter=number(), default=0.0)
+    rotational_drag: Float[Array, "*group"] = eqx.field(converter=number(), default=0.0)
+    dry: Float[Array, "*group"] | None = eqx.field(converter=number_or_none(), default=None)
+    smoothing: Float[Array, "*group"] = eqx.field(converter=number(), default=SMOOTHING)
     negative: bool = eqx.field(static=True, default=False)
-    dry_spinning: Float[Array, "*group"] | None = eqx.field(converter=number_or_none("dry_spinning"), default=None)
+    dry_spinning: Float[Array, "*group"] | None = eqx.field(converter=number_or_none(), default=None)
     exact: bool = eqx.field(static=True, default=False)
 
     def __check_init__(self):

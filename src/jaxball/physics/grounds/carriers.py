@@ -8,7 +8,8 @@ from jaxtyping import Array, Float
 
 from ...interface.arguments import require
 from ...interface.printing import Printed
-from ...numerics.arrays import namespace_of, numbers
+from ...numerics.arrays import namespace_of
+from ...numerics.declare import number
 from ...numerics.vectors import root, sine_cosine
 from ..conditions import Condition
 from ..prescribed.schedules import AbstractSchedule
@@ -40,7 +41,7 @@ class Turntable(Printed):
     """
 
     turning: AbstractSchedule
-    centre: Float[Array, "*group 2"] = eqx.field(converter=numbers("centre", (2,)), default=(0.0, 0.0))
+    centre: Float[Array, "*group 2"] = eqx.field(converter=number(), default=(0.0, 0.0))
 
     def __check_init__(self):
         must = "a schedule of its angle of rotation, such as ConstantRate(0.0, rate=2.0)"
@@ -88,7 +89,7 @@ class Belt(Printed):
     """
 
     travel: AbstractSchedule
-    heading: Float[Array, "*group"] = eqx.field(converter=numbers("heading"), default=0.0)
+    heading: Float[Array, "*group"] = eqx.field(converter=number(), default=0.0)
 
     def __check_init__(self):
         must = "a schedule of the length by which it has moved, such as ConstantRate(0.0, rate=2.0)"

@@ -15,7 +15,8 @@ from jaxtyping import Array, Float
 
 from ...interface.arguments import describe, require
 from ...interface.printing import Printed
-from ...numerics.arrays import join_arrays, namespace_of, numbers
+from ...numerics.arrays import join_arrays, namespace_of
+from ...numerics.declare import number
 from ...numerics.terms import add
 from ...numerics.vectors import in_three, sine_cosine
 from ..conditions import Condition, ExplainedCondition
@@ -163,8 +164,8 @@ class Ground(AbstractGround):
     [0.142619 0.      ]
     """
 
-    angle: Float[Array, "*group"] = eqx.field(converter=numbers("angle"), default=0.0)
-    heading: Float[Array, "*group"] = eqx.field(converter=numbers("heading"), default=0.0)
+    angle: Float[Array, "*group"] = eqx.field(converter=number(), default=0.0)
+    heading: Float[Array, "*group"] = eqx.field(converter=number(), default=0.0)
     motion: AbstractPrescribedMotion | None = None
 
     def __check_init__(self):

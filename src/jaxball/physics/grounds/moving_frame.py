@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 from ...interface.arguments import require, require_each
 from ...interface.printing import Printed
 from ...numerics.arrays import Numbers, join_arrays, numbers
+from ...numerics.declare import number
 from ...numerics.vectors import apply, turn_about, unit_vector
 from ..conditions import Condition, a_direction
 from ..prescribed.motion import AbstractPrescribedMotion
@@ -29,7 +30,7 @@ class Turn(Printed):
     Turn(axis=(0.0, 0.0, 1.0), angle=ConstantRate(theta=0.0, rate=2.0))
     """
 
-    axis: Float[Array, "*group 3"] = eqx.field(converter=numbers("axis", (3,)))
+    axis: Float[Array, "*group 3"] = eqx.field(converter=number())
     angle: AbstractSchedule
 
     def __check_init__(self):

@@ -10,7 +10,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...interface.arguments import call_with, require, require_flags, require_function
-from ...numerics.arrays import AnyArray, a_number, join_arrays, namespace_of, numbers
+from ...numerics.arrays import AnyArray, a_number, join_arrays, namespace_of
+from ...numerics.declare import number
 from ...numerics.functions import OfKinkedFunctionOfState
 from ...numerics.vectors import cross, dot, sine_cosine, unit_vector
 from ..conditions import Condition, a_direction, positive
@@ -136,7 +137,7 @@ class Bowl(AbstractSurface):
     [2. 0. 3.]
     """
 
-    radius: Float[Array, "*group"] = eqx.field(converter=numbers("radius"))
+    radius: Float[Array, "*group"] = eqx.field(converter=number())
     motion: MovingFrame | None = None
 
     def conditions(self, planar: bool = False) -> Iterator[Condition]:
@@ -175,7 +176,7 @@ class SphereOutside(AbstractSurface):
     [ 4.  0. -3.]
     """
 
-    radius: Float[Array, "*group"] = eqx.field(converter=numbers("radius"))
+    radius: Float[Array, "*group"] = eqx.field(converter=number())
     motion: MovingFrame | None = None
 
     def conditions(self, planar: bool = False) -> Iterator[Condition]:
@@ -220,10 +221,10 @@ class Cylinder(AbstractSurface):
     [0.  1.5 3. ]
     """
 
-    radius: Float[Array, "*group"] = eqx.field(converter=numbers("radius"))
-    axis: Float[Array, "*group 3"] = eqx.field(converter=numbers("axis", (3,)), default=(1.0, 0.0, 0.0))
-    start: Float[Array, "*group 3"] = eqx.field(converter=numbers("start", (3,)), default=(0.0, 0.0, -1.0))
-    centre: Float[Array, "*group 3"] = eqx.field(converter=numbers("centre", (3,)), default=(0.0, 0.0, 0.0))
+    radius: Float[Array, "*group"] = eqx.field(converter=number())
+    axis: Float[Array, "*group 3"] = eqx.field(converter=number(), default=(1.0, 0.0, 0.0))
+    start: Float[Array, "*group 3"] = eqx.field(converter=number(), default=(0.0, 0.0, -1.0))
+    centre: Float[Array, "*group 3"] = eqx.field(converter=number(), default=(0.0, 0.0, 0.0))
     outside: bool = eqx.field(static=True, default=False)
     motion: MovingFrame | None = None
 
@@ -293,7 +294,7 @@ class Paraboloid(AbstractSurface):
     [2.   1.   0.15]
     """
 
-    curvatures: Float[Array, "*group 2"] = eqx.field(converter=numbers("curvatures", (2,)))
+    curvatures: Float[Array, "*group 2"] = eqx.field(converter=number())
     motion: MovingFrame | None = None
 
     def conditions(self, planar: bool = False) -> Iterator[Condition]:
@@ -328,10 +329,10 @@ class Washboard(AbstractSurface):
     [1.  2.  0.1]
     """
 
-    amplitude: Float[Array, "*group"] = eqx.field(converter=numbers("amplitude"))
-    wavelength: Float[Array, "*group"] = eqx.field(converter=numbers("wavelength"))
-    phase: Float[Array, "*group"] = eqx.field(converter=numbers("phase"), default=0.0)
-    heading: Float[Array, "*group"] = eqx.field(converter=numbers("heading"), default=0.0)
+    amplitude: Float[Array, "*group"] = eqx.field(converter=number())
+    wavelength: Float[Array, "*group"] = eqx.field(converter=number())
+    phase: Float[Array, "*group"] = eqx.field(converter=number(), default=0.0)
+    heading: Float[Array, "*group"] = eqx.field(converter=number(), default=0.0)
     motion: MovingFrame | None = None
 
     def conditions(self, planar: bool = False) -> Iterator[Condition]:
@@ -375,7 +376,7 @@ class TiltingPlane(AbstractSurface):
 
     about_e1: AbstractSchedule | Accelerated | None = None
     about_e2: AbstractSchedule | Accelerated | None = None
-    pivot: Float[Array, "*group 3"] = eqx.field(converter=numbers("pivot", (3,)), default=(0.0, 0.0, 0.0))
+    pivot: Float[Array, "*group 3"] = eqx.field(converter=number(), default=(0.0, 0.0, 0.0))
     displacement: AbstractPrescribedMotion | None = None
 
     def __check_init__(self):

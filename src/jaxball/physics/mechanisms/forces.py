@@ -12,20 +12,17 @@ from ...interface.arguments import call_with, require, require_callable_with, re
 from ...interface.printing import Printed
 from ...numerics.arrays import (
     AnyArray,
-    Numbers,
     default_dtype,
     join_arrays,
     namespace_of,
-    number_or_none,
-    numbers,
     require_not_nan,
-    to_array,
 )
+from ...numerics.declare import number, number_or_none
 from ...numerics.functions import OfKinkedFunctionOfState
 from ...numerics.kinks import kinks_of_function, kinks_seen
 from ..conditions import Condition
 from ..prescribed.schedules import AbstractSchedule
-from ..prescribed.signals import AbstractIntegrableSignal, AbstractSignal, as_signal
+from ..prescribed.signals import AbstractIntegrableSignal, AbstractSignal, ToSignal
 from ..state import State
 
 
@@ -195,8 +192,8 @@ class Spring(AbstractJointForce):
     -1.0
     """
 
-    stiffness: Float[Array, "*group"] = eqx.field(converter=numbers("stiffness"))
-    rest: Float[Array, "*group"] = eqx.field(converter=numbers("rest"), default=0.0)
+    stiffness: Float[Array, "*group"] = eqx.field(converter=number())
+    rest: Float[Array, "*group"] = eqx.field(converter=number(), default=0.0)
 
     def __call__(self, t, theta, thetadot, state):
         return -self.stiffness * (theta - self.rest)
@@ -218,7 +215,7 @@ class Damper(AbstractJointForce):
     -1.0
     """
 
-    coefficient: Float[Array, "*group"] = eqx.field(converter=numbers("coefficient"))
+    coefficient: Float[Array, "*group"] = eqx.field(converter=number())
     negative: bool = eqx.field(static=True, default=False)
 
     def __check_init__(self):
@@ -254,12 +251,8 @@ class Motor(AbstractJointForce):
     2.0
     """
 
-    signal: AbstractSignal | AbstractSchedule
-    limit: Float[Array, "*group"] | None
-
-    def __init__(self, signal: "AbstractSignal | AbstractSchedule | Numbers", limit: Numbers | None = None):
-        self.signal = as_signal("signal", signal)
-        self.limit = number_or_none("limit")(limit)
+    signal: AbstractSignal | AbstractSchedule = eqx.field(converter=ToSignal())
+    limit: Float[Array, "*group"] | None = eqx.field(converter=number_or_none(), default=None)
 
     def __call__(self, t, theta, thetadot, state):
         return _limit(self.signal(t), self.limit)
@@ -318,13 +311,9 @@ class SpeedLimitedMotor(AbstractJointForce):
     1.0
     """
 
-    command: AbstractSignal | AbstractSchedule
-    stall: Float[Array, "*group"]
-    free_speed: Float[Array, "*group"]
-
-    def __init__(self, command: "AbstractSignal | AbstractSchedule | Numbers", stall: Numbers, free_speed: Numbers):
-        self.command = as_signal("command", command)
-        self.stall, self.free_speed = to_array(stall, "stall"), to_array(free_speed, "free_speed")
+    command: AbstractSignal | AbstractSchedule = eqx.field(converter=ToSignal())
+    stall: Float[Array, "*group"] = eqx.field(converter=number())
+    free_speed: Float[Array, "*group"] = eqx.field(converter=number())
 
     def __call__(self, t, theta, thetadot, state):
         return self.stall * (self.command(t) - thetadot / self.free_speed)
@@ -378,9 +367,9 @@ class PDServo(AbstractJointForce):
     """
 
     target: AbstractSchedule
-    stiffness: Float[Array, "*group"] = eqx.field(converter=numbers("stiffness"))
-    damping: Float[Array, "*group"] = eqx.field(converter=numbers("damping"), default=0.0)
-    limit: Float[Array, "*group"] | None = eqx.field(converter=number_or_none("limit"), default=None)
+    stiffness: Float[Array, "*group"] = eqx.field(converter=number())
+    damping: Float[Array, "*group"] = eqx.field(converter=number(), default=0.0)
+    limit: Float[Array, "*group"] | None = eqx.field(converter=number_or_none(), default=None)
 
     def __check_init__(self):
         require("target", self.target, AbstractSchedule, "a schedule, such as Waypoints(...)")
@@ -422,10 +411,10 @@ class EndStops(AbstractJointForce):
     -25.0
     """
 
-    lower: Float[Array, "*group"] = eqx.field(converter=numbers("lower"))
-    upper: Float[Array, "*group"] = eqx.field(converter=numbers("upper"))
-    stiffness: Float[Array, "*group"] = eqx.field(converter=numbers("stiffness"))
-    damping: Float[Array, "*group"] = eqx.field(converter=numbers("damping"), default=0.0)
+    lower: Float[Array, "*group"] = eqx.field(converter=number())
+    upper: Float[Array, "*group"] = eqx.field(converter=number())
+    stiffness: Float[Array, "*group"] = eqx.field(converter=number())
+    damping: Float[Array, "*group"] = eqx.field(converter=number(), default=0.0)
 
     def __call__(self, t, theta, thetadot, state):
         back = self._push(self.lower - theta, -thetadot)

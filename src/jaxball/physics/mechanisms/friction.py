@@ -7,7 +7,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...interface.arguments import require
-from ...numerics.arrays import AnyArray, number_or_none, numbers
+from ...numerics.arrays import AnyArray
+from ...numerics.declare import number, number_or_none
 from ..conditions import Condition, positive
 from .forces import AbstractJointForce, not_negative
 
@@ -45,12 +46,12 @@ class JointFriction(AbstractJointForce):
     -0.7
     """
 
-    kinetic: Float[Array, "*group"] = eqx.field(converter=numbers("kinetic"))
-    static: Float[Array, "*group"] | None = eqx.field(converter=number_or_none("static"), default=None)
-    viscous: Float[Array, "*group"] = eqx.field(converter=numbers("viscous"), default=0.0)
-    stribeck: Float[Array, "*group"] | None = eqx.field(converter=number_or_none("stribeck"), default=None)
+    kinetic: Float[Array, "*group"] = eqx.field(converter=number())
+    static: Float[Array, "*group"] | None = eqx.field(converter=number_or_none(), default=None)
+    viscous: Float[Array, "*group"] = eqx.field(converter=number(), default=0.0)
+    stribeck: Float[Array, "*group"] | None = eqx.field(converter=number_or_none(), default=None)
     exponent: int = eqx.field(static=True, default=2)
-    smoothing: Float[Array, "*group"] | None = eqx.field(converter=number_or_none("smoothing"), default=None)
+    smoothing: Float[Array, "*group"] | None = eqx.field(converter=number_or_none(), default=None)
     direction: Float[Array, "*group"] | None = None
 
     def __check_init__(self):
@@ -125,11 +126,11 @@ class MajdSimaanFriction(AbstractJointForce):
     Array([-0.423, -0.621, -0.5  ], dtype=float64)
     """
 
-    viscous: Float[Array, "*group"] = eqx.field(converter=numbers("viscous"))
-    kinetic: Float[Array, "*group"] = eqx.field(converter=numbers("kinetic"))
-    peak: Float[Array, "*group"] = eqx.field(converter=numbers("peak"))
-    rate: Float[Array, "*group"] = eqx.field(converter=numbers("rate"))
-    steepness: Float[Array, "*group"] = eqx.field(converter=numbers("steepness"))
+    viscous: Float[Array, "*group"] = eqx.field(converter=number())
+    kinetic: Float[Array, "*group"] = eqx.field(converter=number())
+    peak: Float[Array, "*group"] = eqx.field(converter=number())
+    rate: Float[Array, "*group"] = eqx.field(converter=number())
+    steepness: Float[Array, "*group"] = eqx.field(converter=number())
 
     @property
     def dissipating(self) -> tuple[AbstractJointForce, ...]:

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from ...interface.arguments import require
 from ...interface.printing import Printed
-from ...numerics.arrays import numbers
+from ...numerics.declare import number
 from ...numerics.vectors import apply, turn_about, unit_vector
 from ..conditions import Condition, a_direction
 from ..prescribed.rails import AbstractRail
@@ -118,8 +118,8 @@ class Hinge(AbstractJoint):
     Hinge(axis=(0.0, 1.0, 0.0), point=(0.0, 0.0, 0.2), drive=Motor(signal=ConstantSignal(value=0.1)))
     """
 
-    axis: Float[Array, "*group 3"] = eqx.field(converter=numbers("axis", (3,)))
-    point: Float[Array, "*group 3"] = eqx.field(converter=numbers("point", (3,)), default=(0.0, 0.0, 0.0))
+    axis: Float[Array, "*group 3"] = eqx.field(converter=number())
+    point: Float[Array, "*group 3"] = eqx.field(converter=number(), default=(0.0, 0.0, 0.0))
     drive: Drive = None
     on: int | None = eqx.field(static=True, default=None)
 
@@ -152,7 +152,7 @@ class Slider(AbstractJoint):
     Slider(axis=(1.0, 0.0, 0.0), drive=Spring(stiffness=5.0))
     """
 
-    axis: Float[Array, "*group 3"] = eqx.field(converter=numbers("axis", (3,)))
+    axis: Float[Array, "*group 3"] = eqx.field(converter=number())
     drive: Drive = None
     on: int | None = eqx.field(static=True, default=None)
 

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...numerics.arrays import numbers
+from ...numerics.declare import number
 from ..conditions import Condition
 from .forces import AbstractJointForce, not_negative
 
@@ -39,10 +39,10 @@ class HardStops(AbstractJointForce):
     ['t = 1: mechanisms[0].joints[0] comes to rest against its lower stop']
     """
 
-    lower: Float[Array, "*group"] = eqx.field(converter=numbers("lower"))
-    upper: Float[Array, "*group"] = eqx.field(converter=numbers("upper"))
-    restitution: Float[Array, "*group"] = eqx.field(converter=numbers("restitution"), default=0.0)
-    slowest: Float[Array, "*group"] = eqx.field(converter=numbers("slowest"), default=1e-6)
+    lower: Float[Array, "*group"] = eqx.field(converter=number())
+    upper: Float[Array, "*group"] = eqx.field(converter=number())
+    restitution: Float[Array, "*group"] = eqx.field(converter=number(), default=0.0)
+    slowest: Float[Array, "*group"] = eqx.field(converter=number(), default=1e-6)
     direction: Float[Array, "*group"] | None = None
 
     @property
