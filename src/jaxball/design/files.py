@@ -12,6 +12,7 @@ import tomli_w
 
 from ..interface.arguments import require_callable_with
 from ..numerics.arrays import to_array
+from ..numerics.declare import NOT_ALL_ZERO, NOT_NEGATIVE, POSITIVE, Rule
 from ..physics.body import System
 from ..physics.state import BallState, DiskState
 from ..scenario import read_document
@@ -20,20 +21,7 @@ from ..scenario.errors import ScenarioError, describe, each_of, key_error, raise
 from ..scenario.own import FUNCTION, Open, names_own, trying
 from ..scenario.sources import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
 from ..scenario.table import Family, Key, Keys, Module, join, keys_of, member_of, read_family, read_list, read_table
-from ..scenario.values import (
-    NOT_ALL_ZERO,
-    NOT_NEGATIVE,
-    POSITIVE,
-    Choice,
-    Flag,
-    Integer,
-    Kind,
-    Nested,
-    Numbers,
-    Rule,
-    Text,
-    unread,
-)
+from ..scenario.values import Choice, Flag, Integer, Kind, Nested, Numbers, Text, unread
 from . import constraints, objectives
 from .optimal_control.collocation import BARRIER
 from .optimal_control.confirmed import ControlFile

@@ -1,7 +1,7 @@
 """What a class says of a number, once, in its field: its dimension and the rule that it must obey.
 
 From ``radius: Float[Array, "*group"] = eqx.field(converter=number(LENGTH, POSITIVE))`` follow the conversion of the
-argument, the condition on it (:func:`jaxball.physics.conditions.on_numbers`), and its key in files with a unit there
+argument, the condition on it (:func:`jaxball.physics.conditions.on_numbers`), and its key in files with its unit
 (``jaxball.scenario.own``). The name is that of the field, and the shape that of its annotation.
 """
 
@@ -10,45 +10,56 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple, get_args
 
+import numpy as np
 from jaxtyping import Array, Float
 
-from .arrays import AnyArray, Numbers, require_shape, to_array
+from .arrays import AnyArray, Numbers, namespace_of, require_shape, to_array
 
 ROUNDED = 1e-3  # 1.5708 is a right angle
 
 
 class Rule(NamedTuple):
-    """A condition on numbers, with the words before and after "numbers" that describe it.
+    """A condition on finite numbers, with the words before and after "numbers" that describe it.
 
-    - ``holds``: a function of a flat NumPy array, or of a traced one; finite numbers are asked for besides.
-    - ``single``: what a single number must be, if not "a … number …".
+    - ``allows``: whether they meet it, as a function of a flat NumPy array, or of a traced one.
+    - ``phrase``: what they must be, if not "a … number …" or a list of such.
+    - ``is_angle``: whether they are radians, for which degrees are often taken.
     """
 
     before: str
-    holds: Callable[[Float[AnyArray, " numbers"]], Any]
+    allows: Callable[[Float[AnyArray, " numbers"]], Any]
     after: str = ""
-    single: str = ""
+    phrase: str = ""
+    is_angle: bool = False
+
+    def holds(self, x: Float[AnyArray, "..."]) -> Any:
+        """Returns whether numbers are finite, and the rule allows them; an infinite one might fulfil it otherwise."""
+        return namespace_of(x).isfinite(x).all() & self.allows(x.reshape(-1))
 
     def words(self, shape: tuple[int | str | None, ...]) -> str:
         """Describes numbers of this shape, in which None or a letter stands for one or more."""
-        before, _, after, single = self
-        if not shape:
-            return single or f"a {before} number{after}"
+        before, after = self.before, self.after
+        if self.phrase or not shape:
+            return self.phrase or f"a {before} number{after}"
         counts = [f"{n} " if isinstance(n, int) else "" for n in shape]
         inner = f"{counts[-1]}{before} {'number' if shape[-1] == 1 else 'numbers'}{after}"
         return f"a list of {inner}" if len(shape) == 1 else f"a list of {counts[0]}rows of {inner}"
 
 
-FINITE = Rule("finite", lambda x: (x == x).all())
+FINITE = Rule("finite", lambda x: np.True_)
 POSITIVE = Rule("positive", lambda x: (x > 0).all())
-NOT_NEGATIVE = Rule("non-negative", lambda x: (x >= 0).all(), single="0 or positive")
+NOT_NEGATIVE = Rule("non-negative", lambda x: (x >= 0).all())
+FROM_0 = NOT_NEGATIVE._replace(phrase="0 or positive")
 NOT_ALL_ZERO = Rule("finite", lambda x: (x != 0).any(), ", not all zero")
+DIRECTION = NOT_ALL_ZERO._replace(phrase="a direction, three finite numbers that are not all 0")
 INCREASING = Rule("increasing", lambda x: (x[1:] > x[:-1]).all())
 
 
 def within(limit: float, words: str) -> Rule:
     """Returns the rule that an angle in radians is no further than ``limit``, in ``words``, from 0."""
-    return Rule("finite", lambda x: (abs(x) <= limit + ROUNDED).all(), f" of radians from -{words} to {words}")
+    return Rule(
+        "finite", lambda x: (abs(x) <= limit + ROUNDED).all(), f" of radians from -{words} to {words}", is_angle=True
+    )
 
 
 QUARTER_TURN, FULL_TURN = within(math.pi / 2, "π/2"), within(2 * math.pi, "2π")
@@ -82,7 +93,8 @@ class Declared:
     """What is said of a field of numbers, by its name and the shape of its annotation, where a letter is any length.
 
     - ``dimension``: None if it is not stated, such as that of a direction.
-    - ``rule``: None where no condition of physics asks for it; in files numbers are finite in any case.
+    - ``rule``: what files ask of the numbers, and conditions of physics where there are some; None for that they are
+      finite, for which there is no condition.
     - ``by_size``: whether a design scales them by their size, where it would otherwise by their dimension.
     """
 

@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..interface.wording import beyond_numbers
 from ..numerics.arrays import AnyArray, namespace_of
+from ..numerics.declare import declarations
 
 UNIT = 1e-6  # how far the square of a unit vector may be from 1
 
@@ -73,6 +74,16 @@ def all_hold(conditions: Iterable[Condition | ExplainedCondition]) -> Bool[Array
 def positive(x: AnyArray) -> Any:
     """Returns whether every entry is positive and finite."""
     return ((x > 0) & namespace_of(x).isfinite(x)).all()
+
+
+def on_numbers(item: Any, prefix: str) -> Iterator[Condition]:
+    """Yields the condition on each number of an item whose field declares a rule, with the field's name after
+    ``prefix``.
+    """
+    for name, declared in declarations(type(item)).items():
+        value = getattr(item, name)
+        if declared.rule is not None and value is not None:
+            yield Condition(declared.rule.holds(value), prefix + name, value, declared.rule.words(declared.shape))
 
 
 def positive_inertia(d: Float[AnyArray, "..."]) -> Condition:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from ..interface.wording import all_of, number_of
+from ..numerics.declare import ACCELERATION, NOT_NEGATIVE, PER_TIME, Dimension
 from ..physics.body import System
 from ..physics.dynamics.parameters import PointMass
 from ..physics.feedback import AbstractLaw, FollowSchedules, LinearLaw, Servo
@@ -15,7 +16,7 @@ from .errors import ScenarioError, describe, each_of, key_error
 from .mechanisms import JointInState, ReadMechanism, joints_in_state
 from .motions import SIGNALS, read_signal, write_signal
 from .table import Family, Key, Module, join, keys_of, read_family
-from .values import ACCELERATION, NOT_NEGATIVE, PER_TIME, Dimension, Indices, Nested, Numbers
+from .values import Indices, Nested, Numbers
 
 _SIGNALS_WORDS = "a list of numbers, and tables of signals or schedules"
 

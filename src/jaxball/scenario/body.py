@@ -14,6 +14,20 @@ import jax.numpy as jnp
 
 from ..interface.wording import one_of
 from ..numerics.arrays import to_array
+from ..numerics.declare import (
+    LENGTH,
+    NOT_NEGATIVE,
+    OF_DRAG,
+    OF_GRAVITY,
+    OF_INERTIA,
+    OF_MASS,
+    OF_ROTATIONAL_DRAG,
+    POSITIVE,
+    RATE,
+    TIME,
+    VELOCITY,
+    Rule,
+)
 from ..physics.body import AbstractBody, Ball, Disk, System
 from ..physics.contact.law import (
     COEFFICIENTS,
@@ -53,23 +67,11 @@ from .table import (
     write_table,
 )
 from .values import (
-    LENGTH,
-    NOT_NEGATIVE,
-    OF_DRAG,
-    OF_GRAVITY,
-    OF_INERTIA,
-    OF_MASS,
-    OF_ROTATIONAL_DRAG,
-    POSITIVE,
-    RATE,
-    TIME,
-    VELOCITY,
     Flag,
     Integer,
     Names,
     Nested,
     Numbers,
-    Rule,
     Text,
     WholeNumber,
     namespace,

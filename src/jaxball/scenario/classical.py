@@ -29,15 +29,7 @@ from ..classical import (
 )
 from ..compat import is_traced
 from ..numerics.arrays import to_array
-from ..physics.conditions import Condition
-from ..physics.system import AbstractState, AbstractSystem
-from .body import read_resistance, write_surroundings
-from .errors import ScenarioError, key_error
-from .initial import read_orientation
-from .motions import SERIES, WAVES, check_lengths, wave_arguments
-from .own import Open, module_of, trying_class
-from .table import Key, Keys, Module, join, read_one_of, read_table, write_member, write_table
-from .values import (
+from ..numerics.declare import (
     ANGLE,
     LENGTH,
     NOT_ALL_ZERO,
@@ -48,10 +40,16 @@ from .values import (
     POSITIVE,
     RATE,
     VELOCITY,
-    Nested,
-    Numbers,
-    require_condition,
 )
+from ..physics.conditions import Condition
+from ..physics.system import AbstractState, AbstractSystem
+from .body import read_resistance, write_surroundings
+from .errors import ScenarioError, key_error
+from .initial import read_orientation
+from .motions import SERIES, WAVES, check_lengths, wave_arguments
+from .own import Open, module_of, trying_class
+from .table import Key, Keys, Module, join, read_one_of, read_table, write_member, write_table
+from .values import Nested, Numbers, require_condition
 
 INERTIA = {"inertia": Key(Numbers((3,), POSITIVE, OF_INERTIA))}
 PARTICLE_MASS = {"mass": Key(Numbers(rule=POSITIVE, dimension=OF_MASS), 1.0)}

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from jaxtyping import Array
 
+from ..numerics.declare import FINITE, NOT_NEGATIVE, OF_FORCE, OF_TORQUE, PER_TIME, POSITIVE, TIME, Rule
 from ..physics.body import System
 from ..physics.forces.force import Push
 from ..sensors import AbstractSensor
@@ -17,23 +18,7 @@ from .errors import ScenarioError, describe, each_of, key_error
 from .paths import check_number, with_numbers
 from .solve import SaveTimes
 from .table import Family, Key, Module, join, keys_of, read_family, read_list, write_family
-from .values import (
-    FINITE,
-    NOT_NEGATIVE,
-    OF_FORCE,
-    OF_TORQUE,
-    PER_TIME,
-    POSITIVE,
-    TIME,
-    Integer,
-    Names,
-    Nested,
-    Numbers,
-    Rule,
-    WholeNumber,
-    is_traced_document,
-    unread,
-)
+from .values import Integer, Names, Nested, Numbers, WholeNumber, is_traced_document, unread
 
 if TYPE_CHECKING:
     from ..control.feedback import AbstractFeedback

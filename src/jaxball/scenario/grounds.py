@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from ..numerics.declare import ANGLE, FULL_TURN, LENGTH, PER_LENGTH, POSITIVE, QUARTER_TURN, TIME
 from ..physics.grounds import (
     Belt,
     Bowl,
@@ -27,20 +28,7 @@ from .mechanisms import JointInState
 from .motions import MOTIONS, SCHEDULE, SCHEDULES, read_motion, write_motion
 from .own import FUNCTION, Open, names_own, read_own, trying
 from .table import Key, Keys, Module, join, keys_of, read_family, read_list, read_one_of
-from .values import (
-    ANGLE,
-    FULL_TURN,
-    LENGTH,
-    PER_LENGTH,
-    POSITIVE,
-    QUARTER_TURN,
-    TIME,
-    Flag,
-    Nested,
-    Numbers,
-    Radians,
-    require_conditions,
-)
+from .values import Flag, Nested, Numbers, require_conditions
 
 _MOTION = Nested(lambda values, path: read_motion(*read_one_of(values, path, MOTIONS)), write_motion, tables=MOTIONS)
 _CENTRE = Key(Numbers((2,), dimension=LENGTH), (0.0, 0.0))
@@ -51,8 +39,8 @@ _CARRIERS = {
 GROUND = Module(
     Ground,
     {
-        "angle": Key(Radians((), QUARTER_TURN, ANGLE), 0.0),
-        "heading": Key(Radians((), FULL_TURN, ANGLE), 0.0),
+        "angle": Key(Numbers((), QUARTER_TURN, ANGLE), 0.0),
+        "heading": Key(Numbers((), FULL_TURN, ANGLE), 0.0),
         "motion": Key(_MOTION, None),
         **_CARRIERS,
     },
@@ -166,8 +154,8 @@ GROUNDS = Open(
             {
                 "amplitude": Key(Numbers(dimension=LENGTH)),
                 "wavelength": Key(Numbers(rule=POSITIVE, dimension=LENGTH)),
-                "phase": Key(Radians((), FULL_TURN, ANGLE), 0.0),
-                "heading": Key(Radians((), FULL_TURN, ANGLE), 0.0),
+                "phase": Key(Numbers((), FULL_TURN, ANGLE), 0.0),
+                "heading": Key(Numbers((), FULL_TURN, ANGLE), 0.0),
             },
         ),
         "tilting-plane": Module(

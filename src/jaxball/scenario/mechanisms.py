@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import numpy as np
 
+from ..numerics.declare import ANGLE, DAMPING, EFFORT, LENGTH, NOT_ALL_ZERO, RATE, STIFFNESS, Dimension
 from ..physics.body import System
 from ..physics.mechanisms import (
     AbstractJoint,
@@ -47,21 +48,7 @@ from .table import (
     write_member,
     write_table,
 )
-from .values import (
-    ANGLE,
-    DAMPING,
-    EFFORT,
-    LENGTH,
-    NOT_ALL_ZERO,
-    RATE,
-    STIFFNESS,
-    Dimension,
-    Flag,
-    Integer,
-    Nested,
-    Numbers,
-    require_conditions,
-)
+from .values import Flag, Integer, Nested, Numbers, require_conditions
 
 _EFFORT, _LIMIT = Key(Numbers(dimension=EFFORT)), Key(Numbers(dimension=EFFORT), None)
 _STIFFNESS, _DAMPING = Key(Numbers(dimension=STIFFNESS)), Key(Numbers(dimension=DAMPING))

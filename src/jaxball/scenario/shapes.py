@@ -4,10 +4,11 @@ from typing import Any
 
 from ..interface.arguments import require_function
 from ..numerics.arrays import a_vector
+from ..numerics.declare import ANGLE, LENGTH, POSITIVE
 from ..physics.shape import AbstractShape, Ellipsoid, SupportFunction
 from .own import FUNCTION, Open, names_own, read_own, trying
 from .table import Key, Module, join, keys_of, read_family, write_family
-from .values import ANGLE, LENGTH, POSITIVE, Nested, Numbers
+from .values import Nested, Numbers
 
 SHAPES = Open(
     AbstractShape,

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from ...compat import is_traced
 from ...interface.printing import Printed
-from ...numerics.declare import number
+from ...numerics.declare import ANGLE, FULL_TURN, NOT_ALL_ZERO, QUARTER_TURN, number
 from ...numerics.versor import normalize, rotation_matrix
 
 
@@ -93,7 +93,7 @@ class VersorFrame(AbstractFrame):
      [ 0.  0.  1.]]
     """
 
-    q: Float[Array, "*group 4"] = eqx.field(converter=number())
+    q: Float[Array, "*group 4"] = eqx.field(converter=number(rule=NOT_ALL_ZERO))
 
     def matrix(self) -> Float[Array, "3 3"]:
         return rotation_matrix(normalize(self.q))
@@ -122,8 +122,8 @@ class SphericalFrame(AbstractFrame):
     [0.866 0.    0.5  ]
     """
 
-    azimuth: Float[Array, "*group"] = eqx.field(converter=number())
-    elevation: Float[Array, "*group"] = eqx.field(converter=number())
+    azimuth: Float[Array, "*group"] = eqx.field(converter=number(ANGLE, FULL_TURN))
+    elevation: Float[Array, "*group"] = eqx.field(converter=number(ANGLE, QUARTER_TURN))
 
     def __check_init__(self):
         for name in ("azimuth", "elevation"):
