@@ -10,7 +10,6 @@ from ..interface.arguments import require_function
 from ..interface.wording import number_of
 from ..numerics.arrays import a_number
 from ..numerics.declare import (
-    ACCELERATION,
     ANGLE,
     INCREASING,
     LENGTH,
@@ -202,8 +201,6 @@ _RAILS: Family = {
 RAILS = Open(AbstractRail, _RAILS, lambda rail: require_function("rail", rail.__call__, (3,), theta=a_number()))
 
 
-THETA = Key(Numbers(dimension=ANGLE))
-NO_RATE = Key(Numbers(dimension=RATE), 0.0)
 TIMES = Numbers((None,), INCREASING, TIME)
 
 
@@ -239,39 +236,11 @@ def _check_waypoints(table: dict[str, Any], path: str) -> None:
 
 
 _SCHEDULES: Family = {
-    "pulse": Module(
-        Pulse,
-        {
-            "theta": THETA,
-            "height": Key(Numbers(dimension=ACCELERATION), 1.0),
-            "rate": NO_RATE,
-            "start": Key(Numbers(dimension=TIME), 0.0),
-            "hold": Key(Numbers(dimension=TIME), 0.1),
-            "end": Key(Numbers(dimension=TIME), 0.2),
-        },
-        check=_check_pulse,
-    ),
-    "constant-rate": Module(ConstantRate, {"theta": THETA, "rate": NO_RATE}),
+    "pulse": module_of(Pulse, check=_check_pulse),
+    "constant-rate": module_of(ConstantRate),
     "sinusoids": SINUSOIDS,
-    "piecewise-acceleration": Module(
-        PiecewiseAcceleration,
-        {
-            "theta": THETA,
-            "rate": NO_RATE,
-            "times": Key(TIMES),
-            "accelerations": Key(Numbers((None, None), dimension=ACCELERATION)),
-        },
-        check=row_for_each_interval("accelerations"),
-    ),
-    "waypoints": Module(
-        Waypoints,
-        {
-            "times": Key(TIMES),
-            "theta": Key(Numbers((None,), dimension=ANGLE)),
-            "end_rates": Key(Numbers((2,), dimension=RATE), (0.0, 0.0)),
-        },
-        check=_check_waypoints,
-    ),
+    "piecewise-acceleration": module_of(PiecewiseAcceleration, check=row_for_each_interval("accelerations")),
+    "waypoints": module_of(Waypoints, check=_check_waypoints),
     LOG: SCHEDULE_FROM_LOG,
 }
 SCHEDULES = Open(
