@@ -51,6 +51,8 @@ POSITIVE = Rule("positive", lambda x: (x > 0).all())
 NOT_NEGATIVE = Rule("non-negative", lambda x: (x >= 0).all())
 FROM_0 = NOT_NEGATIVE._replace(phrase="0 or positive")
 NOT_ALL_ZERO = Rule("finite", lambda x: (x != 0).any(), ", not all zero")
+BETWEEN_0_AND_1 = Rule("finite", lambda x: ((x >= 0) & (x <= 1)).all(), phrase="between 0 and 1")
+FROM_1 = Rule("finite", lambda x: (x >= 1).all(), phrase="1 or more")
 DIRECTION = NOT_ALL_ZERO._replace(phrase="a direction, three finite numbers that are not all 0")
 INCREASING = Rule("increasing", lambda x: (x[1:] > x[:-1]).all())
 
@@ -85,6 +87,7 @@ OF_MOMENTUM, OF_FORCE, OF_TORQUE = Dimension(1, -1, 1), Dimension(1, -2, 1), Dim
 OF_DRAG, OF_ROTATIONAL_DRAG = Dimension(0, -1, 1), Dimension(2, -1, 1)
 # What drives a coordinate, and the coefficients of forces that are linear in it or in its rate.
 EFFORT, STIFFNESS, DAMPING = Dimension(2, -2, 1, -1), Dimension(2, -2, 1, -2), Dimension(2, -1, 1, -2)
+PER_RATE = Dimension(0, 1, 0, -1)
 OF_MASS, OF_INERTIA, OF_GRAVITY = Dimension(0, 0, 1), Dimension(2, 0, 1), Dimension(1, -2)
 
 

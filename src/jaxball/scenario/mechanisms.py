@@ -4,9 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import numpy as np
 
-from ..numerics.declare import ANGLE, DAMPING, EFFORT, LENGTH, NOT_ALL_ZERO, RATE, STIFFNESS, Dimension
+from ..numerics.declare import LENGTH, NOT_ALL_ZERO
 from ..physics.body import System
 from ..physics.mechanisms import (
     AbstractJoint,
@@ -30,9 +29,10 @@ from ..physics.mechanisms import (
     Spring,
 )
 from ..physics.prescribed.schedules import AbstractSchedule
+from ..physics.prescribed.signals import AbstractSignal
 from .errors import ScenarioError, describe, key_error
 from .motions import MASS, RAILS, SCHEDULE, SIGNAL
-from .own import Open
+from .own import Open, module_of, modules_of
 from .table import (
     Family,
     Key,
@@ -50,57 +50,27 @@ from .table import (
 )
 from .values import Flag, Integer, Nested, Numbers, require_conditions
 
-_EFFORT, _LIMIT = Key(Numbers(dimension=EFFORT)), Key(Numbers(dimension=EFFORT), None)
-_STIFFNESS, _DAMPING = Key(Numbers(dimension=STIFFNESS)), Key(Numbers(dimension=DAMPING))
-_UNDAMPED = Key(Numbers(dimension=DAMPING), 0.0)
-_PER_RATE = Dimension(0, 1, 0, -1)
-_END = Key(Numbers(dimension=ANGLE))
 MOST_EXPONENT = 100
 
-_FORCES: Family = {
-    "motor": Module(Motor, {"signal": Key(SIGNAL), "limit": _LIMIT}),
-    "spring": Module(Spring, {"stiffness": _STIFFNESS, "rest": Key(Numbers(dimension=ANGLE), 0.0)}),
-    "damper": Module(Damper, {"coefficient": _DAMPING, "negative": Key(Flag(), False)}),
-    "speed-limited-motor": Module(
-        SpeedLimitedMotor, {"command": Key(SIGNAL), "stall": _EFFORT, "free_speed": Key(Numbers(dimension=RATE))}
-    ),
-    "pd-servo": Module(PDServo, {"target": SCHEDULE, "stiffness": _STIFFNESS, "damping": _UNDAMPED, "limit": _LIMIT}),
-    "end-stops": Module(
-        EndStops,
-        {"lower": _END, "upper": _END, "stiffness": _STIFFNESS, "damping": Key(Numbers(dimension=_PER_RATE), 0.0)},
-    ),
-    "hard-stops": Module(
-        HardStops,
-        {
-            "lower": Key(Numbers(dimension=ANGLE), -np.inf),
-            "upper": Key(Numbers(dimension=ANGLE), np.inf),
-            "restitution": Key(Numbers(), 0.0),
-            "slowest": Key(Numbers(), 1e-6),
-        },
-    ),
-    "joint-friction": Module(
-        JointFriction,
-        {
-            "kinetic": _EFFORT,
-            "static": _LIMIT,
-            "viscous": _UNDAMPED,
-            "stribeck": Key(Numbers(dimension=RATE), None),
-            "exponent": Key(Integer(1, MOST_EXPONENT), 2),
-            "smoothing": Key(Numbers(dimension=RATE), None),
-        },
-    ),
-    "majd-simaan-friction": Module(
-        MajdSimaanFriction,
-        {
-            "viscous": _DAMPING,
-            "kinetic": _EFFORT,
-            "peak": _EFFORT,
-            "rate": Key(Numbers(dimension=RATE)),
-            "steepness": Key(Numbers()),
-        },
-    ),
-}
-JOINT_FORCES = Open(AbstractJointForce, _FORCES)
+JOINT_FORCES = Open(
+    AbstractJointForce,
+    {
+        **modules_of(
+            {
+                "motor": Motor,
+                "spring": Spring,
+                "damper": Damper,
+                "speed-limited-motor": SpeedLimitedMotor,
+                "pd-servo": PDServo,
+                "end-stops": EndStops,
+                "hard-stops": HardStops,
+                "majd-simaan-friction": MajdSimaanFriction,
+            },
+            {AbstractSignal | AbstractSchedule: SIGNAL, AbstractSchedule: SCHEDULE.kind},
+        ),
+        "joint-friction": module_of(JointFriction, keys={"exponent": Key(Integer(1, MOST_EXPONENT), 2)}),
+    },
+)
 _FORCE_WORDS = "a table, or a list of tables whose forces add up"
 
 
