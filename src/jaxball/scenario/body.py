@@ -17,15 +17,11 @@ from ..numerics.arrays import to_array
 from ..numerics.declare import (
     LENGTH,
     NOT_NEGATIVE,
-    OF_DRAG,
     OF_GRAVITY,
     OF_INERTIA,
     OF_MASS,
-    OF_ROTATIONAL_DRAG,
     POSITIVE,
-    RATE,
     TIME,
-    VELOCITY,
     Rule,
 )
 from ..physics.body import AbstractBody, Ball, Disk, System
@@ -42,7 +38,7 @@ from ..physics.contact.released import ReleasedState
 from ..physics.contact.slide import find_rival
 from ..physics.convex import ConvexBody
 from ..physics.forces.force import AbstractWrench, FunctionWrench, HarmonicForce, require_wrench
-from ..physics.forces.resistance import SMOOTHING, AbstractResistance, Resistance
+from ..physics.forces.resistance import AbstractResistance, Resistance
 from ..physics.own_states import OwnStates
 from ..physics.state import BallState, DiskState
 from ..physics.system import AbstractState
@@ -50,7 +46,7 @@ from ..sensors import AbstractSensor, Accelerometer, Encoder, Gyroscope, Positio
 from .errors import ScenarioError, each_of, key_error
 from .grounds import GROUNDS, read_ground
 from .motions import FRAME, HARMONIC_FORCE
-from .own import FUNCTION, Open, names_own, read_own, trying, trying_class
+from .own import FUNCTION, Open, module_of, modules_of, names_own, read_own, trying, trying_class
 from .shapes import SHAPE
 from .table import (
     Family,
@@ -67,7 +63,6 @@ from .table import (
     write_table,
 )
 from .values import (
-    Flag,
     Integer,
     Names,
     Nested,
@@ -83,8 +78,6 @@ from .values import (
 if TYPE_CHECKING:
     from .scenario import Scenario
 
-_NO_DRAG = Key(Numbers(dimension=OF_ROTATIONAL_DRAG), 0.0)
-
 
 def _check_exact(values: dict[str, Any], path: str) -> None:
     if values["exact"] and values["dry"] is None and values["dry_spinning"] is None:
@@ -94,21 +87,7 @@ def _check_exact(values: dict[str, Any], path: str) -> None:
         )
 
 
-RESISTANCE = Module(
-    Resistance,
-    {
-        "rolling": _NO_DRAG,
-        "spinning": _NO_DRAG,
-        "drag": Key(Numbers(dimension=OF_DRAG), 0.0),
-        "rotational_drag": _NO_DRAG,
-        "dry": Key(Numbers(), None),
-        "smoothing": Key(Numbers(dimension=RATE), SMOOTHING),
-        "negative": Key(Flag(), False),
-        "dry_spinning": Key(Numbers(), None),
-        "exact": Key(Flag(), False),
-    },
-    check=_check_exact,
-)
+RESISTANCE = module_of(Resistance, check=_check_exact)
 
 
 RESISTANCES = Open(AbstractResistance, {"": RESISTANCE})
@@ -123,15 +102,7 @@ def read_resistance(values: Any, path: str) -> AbstractResistance:
     return resistance
 
 
-FRICTIONS = Open(
-    AbstractFriction,
-    {
-        "smoothed-coulomb": Module(
-            SmoothedCoulomb, {"kinetic": Key(Numbers()), "smoothing": Key(Numbers(dimension=VELOCITY))}
-        ),
-        "limit-surface": Module(LimitSurface, {"friction": Key(Numbers()), "radius": Key(Numbers(dimension=LENGTH))}),
-    },
-)
+FRICTIONS = Open(AbstractFriction, modules_of({"smoothed-coulomb": SmoothedCoulomb, "limit-surface": LimitSurface}))
 
 
 def _read_friction(value: Any, path: str) -> Any:
@@ -247,7 +218,7 @@ FORCES = Open(
     AbstractWrench,
     {
         "": HARMONIC_FORCE,
-        "function": Module(FunctionWrench, {**FUNCTION, "kink_times": Key(Numbers((None,), dimension=TIME), ())}),
+        "function": module_of(FunctionWrench, keys=FUNCTION),
     },
 )
 

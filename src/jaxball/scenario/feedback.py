@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from jaxtyping import Array
 
-from ..numerics.declare import FINITE, NOT_NEGATIVE, OF_FORCE, OF_TORQUE, PER_TIME, POSITIVE, TIME, Rule
+from ..numerics.declare import FINITE, NOT_NEGATIVE, PER_TIME, POSITIVE, Rule
 from ..physics.body import System
 from ..physics.forces.force import Push
 from ..sensors import AbstractSensor
 from .errors import ScenarioError, describe, each_of, key_error
+from .own import module_of
 from .paths import check_number, with_numbers
 from .solve import SaveTimes
 from .table import Family, Key, Module, join, keys_of, read_family, read_list, write_family
@@ -187,15 +188,7 @@ def _depth(value: Any) -> int:
     return 1 + _depth(value[0]) if isinstance(value, list) and value else np.ndim(value)
 
 
-_PUSH = Module(
-    Push,
-    {
-        "force": Key(Numbers((3,), dimension=OF_FORCE)),
-        "start": Key(Numbers(dimension=TIME)),
-        "duration": Key(Numbers(rule=POSITIVE, dimension=TIME)),
-        "torque": Key(Numbers((3,), dimension=OF_TORQUE), (0.0, 0.0, 0.0)),
-    },
-)
+_PUSH = module_of(Push)
 
 
 def _read_pushes(values: Any, path: str) -> tuple[Push, ...]:

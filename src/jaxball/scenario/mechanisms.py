@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 
-from ..numerics.declare import LENGTH, NOT_ALL_ZERO
 from ..physics.body import System
 from ..physics.mechanisms import (
     AbstractJoint,
@@ -28,10 +27,11 @@ from ..physics.mechanisms import (
     SpeedLimitedMotor,
     Spring,
 )
+from ..physics.prescribed.rails import AbstractRail
 from ..physics.prescribed.schedules import AbstractSchedule
 from ..physics.prescribed.signals import AbstractSignal
 from .errors import ScenarioError, describe, key_error
-from .motions import MASS, RAILS, SCHEDULE, SIGNAL
+from .motions import RAIL, SCHEDULE, SIGNAL
 from .own import Open, module_of, modules_of
 from .table import (
     Family,
@@ -40,7 +40,6 @@ from .table import (
     Module,
     join,
     keys_of,
-    member_of,
     read_family,
     read_list,
     read_table,
@@ -48,7 +47,7 @@ from .table import (
     write_member,
     write_table,
 )
-from .values import Flag, Integer, Nested, Numbers, require_conditions
+from .values import Flag, Integer, Nested, require_conditions
 
 MOST_EXPONENT = 100
 
@@ -101,12 +100,10 @@ _FORCE = Key(Nested(read_forces, write_forces, _FORCE_WORDS, keys_of(JOINT_FORCE
 
 MOST_JOINTS = 10_000
 
-_ON = {"on": Key(Integer(-1, MOST_JOINTS), None)}
-_AXIS = Key(Numbers((3,), NOT_ALL_ZERO))
+_ON = Key(Integer(-1, MOST_JOINTS), None)
 _GEOMETRY: Family = {
-    "hinge": Module(Hinge, {"axis": _AXIS, "point": Key(Numbers((3,), dimension=LENGTH), (0.0, 0.0, 0.0)), **_ON}),
-    "slider": Module(Slider, {"axis": _AXIS, **_ON}),
-    "carriage": Module(Carriage, {"rail": Key(member_of(RAILS)), **_ON}),
+    name: module_of(joint, {AbstractRail: RAIL.kind}, keys={"on": _ON})
+    for name, joint in {"hinge": Hinge, "slider": Slider, "carriage": Carriage}.items()
 }
 _DRIVES = {
     "schedule": Key(SCHEDULE.kind, None),
@@ -164,14 +161,7 @@ def _write_drive(drive: Drive, target: AbstractSchedule | None, path: str) -> di
     return accelerated | {"schedule": SCHEDULE.kind.write(schedule, join(path, "schedule"))}
 
 
-_CARRIED = Module(
-    CarriedMass,
-    {
-        "mass": MASS,
-        "place": Key(Numbers((3,), dimension=LENGTH), (0.0, 0.0, 0.0)),
-        "joint": Key(Integer(0, MOST_JOINTS), None),
-    },
-)
+_CARRIED = module_of(CarriedMass, keys={"joint": Key(Integer(0, MOST_JOINTS), None)})
 
 
 def _tables(read: Callable[[Any, str], Any], tables: Mapping[str, Keys]) -> Key:
