@@ -82,7 +82,8 @@ class Dimension(NamedTuple):
 
 LENGTH, TIME, ANGLE = Dimension(1, 0), Dimension(0, 1), Dimension(0, 0, 0, 1)
 RATE, ACCELERATION = Dimension(0, -1, 0, 1), Dimension(0, -2, 0, 1)  # of angles
-VELOCITY, PER_LENGTH, PER_TIME = Dimension(1, -1), Dimension(-1, 0), Dimension(0, -1)
+VELOCITY, PER_LENGTH = Dimension(1, -1), Dimension(-1, 0)
+PER_TIME, PER_TIME_SQUARED = Dimension(0, -1), Dimension(0, -2)
 OF_MOMENTUM, OF_FORCE, OF_TORQUE = Dimension(1, -1, 1), Dimension(1, -2, 1), Dimension(2, -2, 1)
 OF_DRAG, OF_ROTATIONAL_DRAG = Dimension(0, -1, 1), Dimension(2, -1, 1)
 # What drives a coordinate, and the coefficients of forces that are linear in it or in its rate.

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from ..interface.arguments import call_with, require_callable_with, require_each, traceable
 from ..interface.printing import Printed
 from ..numerics.arrays import default_dtype, require_shape
-from ..numerics.declare import number, number_or_none
+from ..numerics.declare import ACCELERATION, NOT_NEGATIVE, PER_TIME, PER_TIME_SQUARED, Dimension, number, number_or_none
 from ..numerics.functions import OfKinkedFunctionOfState
 from ..numerics.kinks import kinks_of_function, kinks_seen
 from .prescribed.schedules import AbstractSchedule
@@ -144,8 +144,8 @@ class Servo(AbstractLaw):
     """
 
     targets: tuple[AbstractSchedule, ...]
-    stiffness: Float[Array, "*group driven"] = eqx.field(converter=number())
-    damping: Float[Array, "*group driven"] = eqx.field(converter=number())
+    stiffness: Float[Array, "*group driven"] = eqx.field(converter=number(PER_TIME_SQUARED, NOT_NEGATIVE, by_size=True))
+    damping: Float[Array, "*group driven"] = eqx.field(converter=number(PER_TIME, NOT_NEGATIVE, by_size=True))
 
     def __check_init__(self):
         require_each("targets", self.targets, AbstractSchedule, "a schedule, such as Pulse(...)")
@@ -206,16 +206,22 @@ class LinearLaw(AbstractLaw):
     Array([-4.], dtype=float64)
     """
 
-    theta: Float[Array, "*group driven coordinates"] | None = eqx.field(converter=number_or_none(), default=None)
-    thetadot: Float[Array, "*group driven coordinates"] | None = eqx.field(converter=number_or_none(), default=None)
-    Omega: Float[Array, "*group driven 3"] | None = eqx.field(converter=number_or_none(), default=None)
-    Gamma: Float[Array, "*group driven 3"] | None = eqx.field(converter=number_or_none(), default=None)
-    z: Float[Array, "*group driven n"] | None = eqx.field(converter=number_or_none(), default=None)
+    theta: Float[Array, "*group driven coordinates"] | None = eqx.field(
+        converter=number_or_none(PER_TIME_SQUARED), default=None
+    )
+    thetadot: Float[Array, "*group driven coordinates"] | None = eqx.field(
+        converter=number_or_none(PER_TIME), default=None
+    )
+    Omega: Float[Array, "*group driven 3"] | None = eqx.field(converter=number_or_none(PER_TIME), default=None)
+    Gamma: Float[Array, "*group driven 3"] | None = eqx.field(converter=number_or_none(ACCELERATION), default=None)
+    z: Float[Array, "*group driven n"] | None = eqx.field(
+        converter=number_or_none(Dimension(-1, -2, 0, 1)), default=None
+    )
     signals: tuple[AbstractSignal | AbstractSchedule, ...] = eqx.field(
         converter=lambda given: tuple(as_signal(f"signals[{index}]", signal) for index, signal in enumerate(given)),
         default=(),
     )
-    omega: Float[Array, "*group driven 3"] | None = eqx.field(converter=number_or_none(), default=None)
+    omega: Float[Array, "*group driven 3"] | None = eqx.field(converter=number_or_none(PER_TIME), default=None)
 
     def __check_init__(self):
         counts = self._counts()

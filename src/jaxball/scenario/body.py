@@ -40,13 +40,14 @@ from ..physics.convex import ConvexBody
 from ..physics.forces.force import AbstractWrench, FunctionWrench, HarmonicForce, require_wrench
 from ..physics.forces.resistance import AbstractResistance, Resistance
 from ..physics.own_states import OwnStates
+from ..physics.prescribed.frames import AbstractFrame
 from ..physics.state import BallState, DiskState
 from ..physics.system import AbstractState
 from ..sensors import AbstractSensor, Accelerometer, Encoder, Gyroscope, Position, SensorErrors, Tachometer
 from .errors import ScenarioError, each_of, key_error
 from .grounds import GROUNDS, read_ground
 from .motions import FRAME, HARMONIC_FORCE
-from .own import FUNCTION, Open, module_of, modules_of, names_own, read_own, trying, trying_class
+from .own import FUNCTION, Open, Parts, module_of, modules_of, names_own, read_own, trying, trying_class
 from .shapes import SHAPE
 from .table import (
     Family,
@@ -356,8 +357,7 @@ def kind_of(system: System) -> str:
     )
 
 
-_ON = Key(Text("the name of a part of the body, such as masses[0] or mechanisms[0].joints[0]"))
-_MOUNT = {"on": Key(_ON.kind, None), "frame": FRAME}
+_PART = Text("the name of a part of the body, such as masses[0] or mechanisms[0].joints[0]")
 _PROBABILITY = Rule("finite", lambda x: ((x >= 0) & (x <= 1)).all(), " from 0 to 1")
 _ERRORS = Module(
     SensorErrors,
@@ -371,16 +371,14 @@ _ERRORS = Module(
         "seed": Key(WholeNumber(0, 2**31 - 1), 0),
     },
 )
-_EVERY_SENSOR = {"errors": Key(_ERRORS.nested, None)}
-_AT = {"at": Key(Numbers((3,), dimension=LENGTH), (0.0, 0.0, 0.0))}
+_PARTS: Parts = {AbstractFrame: FRAME.kind, SensorErrors: _ERRORS.nested}
+_MOUNTED = {"accelerometer": Accelerometer, "gyroscope": Gyroscope, "position": Position}
 _SENSORS: Family = {
-    "accelerometer": Module(Accelerometer, {**_AT, **_MOUNT, **_EVERY_SENSOR}),
-    "gyroscope": Module(Gyroscope, {**_MOUNT, **_EVERY_SENSOR}),
-    "position": Module(Position, {**_AT, "on": Key(_ON.kind, None), **_EVERY_SENSOR}),
-    "encoder": Module(Encoder, {"on": _ON, **_EVERY_SENSOR}),
-    "tachometer": Module(Tachometer, {"on": _ON, **_EVERY_SENSOR}),
+    **{name: module_of(sensor, _PARTS, keys={"on": Key(_PART, None)}) for name, sensor in _MOUNTED.items()},
+    "encoder": module_of(Encoder, _PARTS, keys={"on": Key(_PART)}),
+    "tachometer": module_of(Tachometer, _PARTS, keys={"on": Key(_PART)}),
 }
-SENSORS = Open(AbstractSensor, _SENSORS, keys=_EVERY_SENSOR)
+SENSORS = Open(AbstractSensor, _SENSORS, parts=_PARTS)
 
 
 def read_sensors(values: Any, path: str) -> dict[str, AbstractSensor]:

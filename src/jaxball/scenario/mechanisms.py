@@ -32,7 +32,7 @@ from ..physics.prescribed.schedules import AbstractSchedule
 from ..physics.prescribed.signals import AbstractSignal
 from .errors import ScenarioError, describe, key_error
 from .motions import RAIL, SCHEDULE, SIGNAL
-from .own import Open, module_of, modules_of
+from .own import Open, Parts, module_of, modules_of
 from .table import (
     Family,
     Key,
@@ -51,6 +51,7 @@ from .values import Flag, Integer, Nested, require_conditions
 
 MOST_EXPONENT = 100
 
+_DRIVING: Parts = {AbstractSignal | AbstractSchedule: SIGNAL, AbstractSchedule: SCHEDULE.kind}
 JOINT_FORCES = Open(
     AbstractJointForce,
     {
@@ -65,10 +66,11 @@ JOINT_FORCES = Open(
                 "hard-stops": HardStops,
                 "majd-simaan-friction": MajdSimaanFriction,
             },
-            {AbstractSignal | AbstractSchedule: SIGNAL, AbstractSchedule: SCHEDULE.kind},
+            _DRIVING,
         ),
         "joint-friction": module_of(JointFriction, keys={"exponent": Key(Integer(1, MOST_EXPONENT), 2)}),
     },
+    parts=_DRIVING,
 )
 _FORCE_WORDS = "a table, or a list of tables whose forces add up"
 

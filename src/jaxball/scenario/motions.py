@@ -48,7 +48,7 @@ from ..physics.prescribed.schedules import (
 from ..physics.prescribed.signals import AbstractSignal, ConstantSignal, PiecewiseSignal
 from .errors import ScenarioError, key_error
 from .logs import KIND as LOG
-from .own import Open, module_of, modules_of
+from .own import Open, Parts, module_of, modules_of
 from .recorded import SCHEDULE_FROM_LOG, SIGNAL_OR_SCHEDULE_FROM_LOG
 from .table import (
     Family,
@@ -184,6 +184,7 @@ def _check_points(table: dict[str, Any], path: str) -> None:
         raise key_error(join(path, "points"), "a list of three points or more", f"one of {n}")
 
 
+_PLACED: Parts = {AbstractFrame: FRAME.kind}
 _RAILS: Family = {
     **modules_of(
         {
@@ -193,12 +194,14 @@ _RAILS: Family = {
             "bernoulli-eight": BernoulliEight,
             "tube": Tube,
         },
-        {AbstractFrame: FRAME.kind},
+        _PLACED,
     ),
     "fourier": module_of(FourierRail, check=_check_harmonics),
     "spline": module_of(SplineRail, attributes={"points": "points_on_rail"}, check=_check_points),
 }
-RAILS = Open(AbstractRail, _RAILS, lambda rail: require_function("rail", rail.__call__, (3,), theta=a_number()))
+RAILS = Open(
+    AbstractRail, _RAILS, lambda rail: require_function("rail", rail.__call__, (3,), theta=a_number()), _PLACED
+)
 
 
 TIMES = Numbers((None,), INCREASING, TIME)

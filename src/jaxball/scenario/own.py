@@ -132,8 +132,8 @@ class _Array(Numbers):
 class Open(OpenFamily):
     """A family of kinds that users' subclasses of ``contract`` join.
 
-    ``check`` is given what a user's class makes, and raises an exception if it does not fit. ``keys`` are those of
-    fields that subclasses inherit.
+    ``check`` is given what a user's class makes, and raises an exception if it does not fit; ``parts`` are those of
+    :func:`module_of`.
     """
 
     def __init__(
@@ -141,14 +141,14 @@ class Open(OpenFamily):
         contract: type,
         members: Mapping[str, Module],
         check: Callable[[Any], None] = lambda item: None,
-        keys: Keys = MappingProxyType({}),
+        parts: "Parts" = MappingProxyType({}),
     ):
         super().__init__(members)
-        self.contract, self.check, self.keys_of_fields = contract, check, keys
+        self.contract, self.check, self.parts = contract, check, parts
 
     def own(self, named: str, path: str) -> Module:
         # From its own arguments: a class of users needs no list of keys.
-        module = self._module_of(own_class(named, path, self.contract))
+        module = module_of(own_class(named, path, self.contract), self.parts)
 
         def build(**arguments: Any) -> Any:
             with trying_class(path, named):
@@ -169,11 +169,7 @@ class Open(OpenFamily):
                 f"Key `{join(path, 'kind')}` must be a class that can be imported to be written to a file, but "
                 f"{kind.__module__}:{kind.__qualname__} cannot be; keep its scenario as a Python script."
             )
-        return name, self._module_of(kind)
-
-    def _module_of(self, kind: Any) -> Module:
-        module = module_of(kind)
-        return dataclasses.replace(module, keys={**module.keys, **self.keys_of_fields})
+        return name, module_of(kind, self.parts)
 
 
 def own_class(named: str, path: str, contract: type) -> Any:

@@ -9,9 +9,9 @@ from jaxtyping import Array, Float
 from ...interface.arguments import require
 from ...interface.printing import Printed
 from ...numerics.arrays import namespace_of
-from ...numerics.declare import number
+from ...numerics.declare import ANGLE, FINITE, FULL_TURN, LENGTH, number
 from ...numerics.vectors import root, sine_cosine
-from ..conditions import Condition
+from ..conditions import Condition, on_numbers
 from ..prescribed.schedules import AbstractSchedule
 
 SINE_ALONG = 1e-6  # how far the sine of a disk's heading may be from 0
@@ -41,7 +41,7 @@ class Turntable(Printed):
     """
 
     turning: AbstractSchedule
-    centre: Float[Array, "*group 2"] = eqx.field(converter=number(), default=(0.0, 0.0))
+    centre: Float[Array, "*group 2"] = eqx.field(converter=number(LENGTH, FINITE), default=(0.0, 0.0))
 
     def __check_init__(self):
         must = "a schedule of its angle of rotation, such as ConstantRate(0.0, rate=2.0)"
@@ -54,8 +54,7 @@ class Turntable(Printed):
 
     def conditions(self, planar: bool) -> Iterator[Condition]:
         """Yields the condition on its centre; traceable. A disk has no turntable."""
-        finite = namespace_of(self.centre).isfinite(self.centre).all()
-        yield Condition(finite, "ground.turntable.centre", self.centre, "two finite numbers")
+        yield from on_numbers(self, "ground.turntable.")
 
     def kinks(self) -> Float[Array, " kinks"]:
         """Returns the times at which Ẇ jumps or has a kink."""
@@ -89,7 +88,7 @@ class Belt(Printed):
     """
 
     travel: AbstractSchedule
-    heading: Float[Array, "*group"] = eqx.field(converter=number(), default=0.0)
+    heading: Float[Array, "*group"] = eqx.field(converter=number(ANGLE, FULL_TURN), default=0.0)
 
     def __check_init__(self):
         must = "a schedule of the length by which it has moved, such as ConstantRate(0.0, rate=2.0)"
@@ -109,8 +108,7 @@ class Belt(Printed):
 
     def conditions(self, planar: bool) -> Iterator[Condition]:
         """Yields the conditions on its heading; traceable. ``planar``: under a disk, which rolls along e1."""
-        finite = namespace_of(self.heading).isfinite(self.heading)
-        yield Condition(finite, "ground.belt.heading", self.heading, "a finite number")
+        yield from on_numbers(self, "ground.belt.")
         if planar:
             yield along_disk("ground.belt.heading", self.heading)
 
