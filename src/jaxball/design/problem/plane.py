@@ -16,7 +16,7 @@ from jaxtyping import Array, ArrayLike, Float
 from ... import programs
 from ...interface.printing import Printed
 from ...numerics.arrays import Numbers, require_shape, to_array
-from ...numerics.declare import number
+from ...numerics.declare import LENGTH, POSITIVE, number
 from ...numerics.functions import PiecewisePolynomial, cubic_spline_with_slopes
 from .space import DesignError
 
@@ -106,9 +106,9 @@ class Sigmoid(AbstractCurve):
     [2. 1.]
     """
 
-    length: Float[Array, ""] = eqx.field(converter=number())
+    length: Float[Array, ""] = eqx.field(converter=number(LENGTH))
     height: Float[Array, ""] = eqx.field(converter=number())
-    steepness: Float[Array, ""] = eqx.field(converter=number(), default=10.0)
+    steepness: Float[Array, ""] = eqx.field(converter=number(rule=POSITIVE), default=10.0)
     origin: Float[Array, "2"] = eqx.field(converter=place("origin"), default=(0.0, 0.0))
 
     def __call__(self, s):
@@ -140,7 +140,7 @@ class FigureEight(AbstractCurve):
     [1.414214 1.      ]
     """
 
-    length: Float[Array, ""] = eqx.field(converter=number())
+    length: Float[Array, ""] = eqx.field(converter=number(LENGTH))
     height: Float[Array, ""] = eqx.field(converter=number())
     origin: Float[Array, "2"] = eqx.field(converter=place("origin"), default=(0.0, 0.0))
 
