@@ -19,6 +19,7 @@ from ..scenario import read_document
 from ..scenario.body import rolling_state
 from ..scenario.errors import ScenarioError, describe, each_of, key_error, raise_first, try_readers
 from ..scenario.own import FUNCTION, Open, module_of, names_own, trying
+from ..scenario.schema import Schema, schema_of
 from ..scenario.sources import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
 from ..scenario.table import Family, Key, Keys, join, keys_of, member_of, read_family, read_list, read_table
 from ..scenario.values import Choice, Flag, Integer, Kind, Nested, Numbers, Text, unread
@@ -80,6 +81,21 @@ class Plane(NamedTuple):
 
 PLANE = Plane(Numbers((2,)), Numbers((None, 2)), Key(Numbers()), Numbers((4,), NOT_ALL_ZERO))
 LINE = Plane(OnLine(), OnLine((None,)), Key(Numbers(rule=_FLAT), 0.0), Numbers((4,), _ABOUT_E2))
+
+
+@dataclass(frozen=True)
+class _OfEither(Numbers):
+    """Positions of a ball, or those of a disk: ``others``."""
+
+    others: tuple[Numbers, ...] = ()
+
+
+EITHER = Plane(
+    _OfEither(PLANE.place.shape, others=(LINE.place,)),
+    _OfEither(PLANE.places.shape, others=(LINE.places,)),
+    LINE.height,
+    PLANE.versor,
+)
 
 
 def plane_of(system: System) -> Plane:
@@ -224,12 +240,14 @@ LIST = "a list of tables"
 SHARED = {
     "format": Key(Integer(FORMAT, FORMAT)),
     "title": Key(Text(), ""),
-    "scenario": Key(unread(SCENARIO)),
-    "objectives": Key(unread(LIST, OBJECTIVES.keys(PLANE))),
-    "constraints": Key(unread(LIST, CONSTRAINTS.keys(PLANE)), []),
+    "scenario": Key(unread(SCENARIO, others=(Text(),))),
+    "objectives": Key(unread(LIST, OBJECTIVES.keys(PLANE), forms=("list",))),
+    "constraints": Key(unread(LIST, CONSTRAINTS.keys(PLANE), forms=("list",)), []),
 }
 _NUMBER = Key(Numbers(), None)
-_PATHS = Nested(lambda value, path: _paths(value, path), lambda value, path: list(value), "a path, or a list of paths")
+_PATHS = Nested(
+    lambda value, path: _paths(value, path), lambda value, path: list(value), "a path, or a list of paths", forms=()
+)
 _VARIABLE = {
     "path": Key(_PATHS),
     "factors": Key(Numbers((None,)), ()),
@@ -257,7 +275,7 @@ _SETTINGS = {
 }
 SEARCH_KEYS = {
     **SHARED,
-    "variables": Key(unread(LIST, {"": _VARIABLE})),
+    "variables": Key(unread(LIST, {"": _VARIABLE}, forms=("list",))),
     "robust": Key(unread(tables={"": _ROBUST}), None),
     "search": Key(unread(tables={"": _SETTINGS}), None),
 }
@@ -280,9 +298,26 @@ def _control_keys(place: Numbers) -> Keys:
     return {"place": Key(place, None), **_CONTROL}
 
 
+def _control_table(plane: Plane) -> Nested:
+    return unread(tables={"": _control_keys(plane.place)})
+
+
 # Where the end time is free, it may be the only objective.
 OBJECTIVES_OF_CONTROL = {"objectives": Key(SHARED["objectives"].kind, [])}
-CONTROL_KEYS = {**SHARED, **OBJECTIVES_OF_CONTROL, CONTROL_TABLE: Key(unread(tables={"": _control_keys(PLANE.place)}))}
+CONTROL_KEYS = {**SHARED, **OBJECTIVES_OF_CONTROL, CONTROL_TABLE: Key(_control_table(PLANE))}
+
+
+def schemas() -> dict[str, Schema]:
+    """Returns the JSON Schemas of problem files by what they are, of a ball or a disk: a ``problem`` or ``control``."""
+    wanted = {
+        "objectives": Key(unread(LIST, OBJECTIVES.keys(EITHER), forms=("list",))),
+        "constraints": Key(unread(LIST, CONSTRAINTS.keys(EITHER), forms=("list",)), []),
+    }
+    control = {"objectives": Key(wanted["objectives"].kind, []), CONTROL_TABLE: Key(_control_table(EITHER))}
+    return {
+        "problem": schema_of("problem", {**SEARCH_KEYS, **wanted}),
+        "control": schema_of("control problem", {**CONTROL_KEYS, **wanted, **control}),
+    }
 
 
 class ProblemFile(NamedTuple):

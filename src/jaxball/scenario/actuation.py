@@ -16,7 +16,7 @@ from .mechanisms import JointInState, ReadMechanism, joints_in_state
 from .motions import SIGNALS, read_signal, write_signal
 from .own import module_of
 from .table import Family, Key, Module, join, keys_of, read_family
-from .values import Indices, Nested
+from .values import Indices, Nested, Numbers
 
 _SIGNALS_WORDS = "a list of numbers, and tables of signals or schedules"
 
@@ -33,7 +33,13 @@ def _write_signals(signals: Sequence[AbstractSignal | AbstractSchedule], path: s
 
 
 FACTORS = module_of(LinearLaw).keys
-LINEAR = {**FACTORS, "signals": Key(Nested(_read_signals, _write_signals, _SIGNALS_WORDS, keys_of(SIGNALS)), None)}
+LINEAR = {
+    **FACTORS,
+    "signals": Key(
+        Nested(_read_signals, _write_signals, _SIGNALS_WORDS, keys_of(SIGNALS), forms=("list",), others=(Numbers(),)),
+        None,
+    ),
+}
 
 
 def check_factors(values: Any, path: str, names: Sequence[str], joints: Sequence[JointInState], kind: str) -> None:

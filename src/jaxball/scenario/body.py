@@ -124,7 +124,7 @@ def _write_friction(value: Any, path: str) -> Any:
 
 
 _COEFFICIENT = Numbers()
-_FRICTION = Nested(_read_friction, _write_friction, _COEFFICIENT.words, keys_of(FRICTIONS))
+_FRICTION = Nested(_read_friction, _write_friction, _COEFFICIENT.words, keys_of(FRICTIONS), others=(_COEFFICIENT,))
 
 
 def _law(friction: Any, static_friction: Any = None, *, capacity: int, **others: Any) -> Contact:
@@ -402,10 +402,10 @@ def write_sensors(sensors: Mapping[str, AbstractSensor], path: str) -> dict[str,
 
 KEYS = {
     "body": Key(unread(tables={kind: keys for kind, (_, keys) in BODIES.items()})),
-    "force": Key(unread(tables=keys_of(FORCES)), None),
+    "force": Key(unread(tables=keys_of(FORCES), own=True), None),
     "ground": Key(unread(tables=keys_of(GROUNDS)), None),
-    "resistance": Key(unread(tables=keys_of(RESISTANCES)), None),
+    "resistance": Key(unread(tables=keys_of(RESISTANCES), own=True), None),
     "own_states": Key(unread(tables={"": OWN_STATES.keys}), None),
     "contact": Key(unread(tables={"": CONTACT.keys}), None),
-    "sensors": Key(unread("a table of tables", keys_of(SENSORS)), None),
+    "sensors": Key(unread("a table of tables", keys_of(SENSORS), forms=("by name",)), None),
 }

@@ -66,7 +66,7 @@ _KINDS: Family = {
     "detachment": Module(Detachment, _ENDING),
 }
 EVENTS = Open(AbstractEvent, {"": CROSSING, **_KINDS})
-KEYS = {"events": Key(unread("a table of tables", keys_of(EVENTS)), None)}
+KEYS = {"events": Key(unread("a table of tables", keys_of(EVENTS), forms=("by name",)), None)}
 
 
 def read_events(values: Any, path: str) -> dict[str, AbstractEvent]:

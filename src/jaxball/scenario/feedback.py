@@ -207,7 +207,7 @@ _FEEDFORWARD = {
     "limits": Key(_ByName(NOT_NEGATIVE, shapes=((),)), None),
     "delay": Key(WholeNumber(0, 10**6), 0),
     "start": _NAMED,
-    "pushes": Key(Nested(_read_pushes, _write_pushes, "a list of tables", {"": _PUSH.keys}), ()),
+    "pushes": Key(Nested(_read_pushes, _write_pushes, "a list of tables", {"": _PUSH.keys}, forms=("list",)), ()),
     "model": _NAMED,
 }
 _REGULATOR = {"Q": Key(_WEIGHTS), "R": Key(_WEIGHTS), "Qf": Key(_WEIGHTS, None), **_FEEDFORWARD}

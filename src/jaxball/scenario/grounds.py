@@ -38,6 +38,7 @@ _TURNS = Nested(
     lambda turns, path: [_TURN.write(turn, f"{path}[{index}]") for index, turn in enumerate(turns)],
     "a list of tables",
     {"": _TURN.keys},
+    forms=("list",),
 )
 _DISPLACED: Parts = {AbstractPrescribedMotion: _MOTION}
 _PARTS: Parts = {

@@ -97,7 +97,7 @@ def write_forces(force: AbstractJointForce, path: str) -> Any:
     return write_family(force, path, JOINT_FORCES)
 
 
-_FORCE = Key(Nested(read_forces, write_forces, _FORCE_WORDS, keys_of(JOINT_FORCES)), None)
+_FORCE = Key(Nested(read_forces, write_forces, _FORCE_WORDS, keys_of(JOINT_FORCES), forms=("item", "list")), None)
 
 
 MOST_JOINTS = 10_000
@@ -169,7 +169,13 @@ _CARRIED = module_of(CarriedMass, keys={"joint": Key(Integer(0, MOST_JOINTS), No
 def _tables(read: Callable[[Any, str], Any], tables: Mapping[str, Keys]) -> Key:
     """Describes a list of tables, each read by ``read``, and written where the whole is."""
     return Key(
-        Nested(lambda values, path: read_list(values, path, read), lambda item, path: item, "a list of tables", tables)
+        Nested(
+            lambda values, path: read_list(values, path, read),
+            lambda item, path: item,
+            "a list of tables",
+            tables,
+            forms=("list",),
+        )
     )
 
 

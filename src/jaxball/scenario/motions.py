@@ -296,7 +296,7 @@ def write_signal(signal: AbstractSignal | AbstractSchedule, path: str) -> Any:
     return write_family(signal, path, _WRITTEN)
 
 
-SIGNAL = Nested(read_signal, write_signal, _NUMBER.words, keys_of(SIGNALS))
+SIGNAL = Nested(read_signal, write_signal, _NUMBER.words, keys_of(SIGNALS), others=(_NUMBER,))
 
 
 MASS = Key(Numbers(rule=POSITIVE, dimension=OF_MASS))

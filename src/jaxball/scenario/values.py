@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -156,6 +156,7 @@ class Kind(Protocol):
 
 
 AnyArray = Array | np.ndarray
+Form = Literal["item", "list", "by name"]
 
 
 @dataclass(frozen=True)
@@ -338,17 +339,25 @@ class Nested:
 
     - ``tables``: the keys that a table may have, by what decides which: its kind, the one key of several that it has,
       or the kind of body; under "" where it always has the same.
+    - ``by``: the key that names the kind.
+    - ``own``: whether the key ``kind`` may name a user's class instead, where jaxball's tables have no kind.
+    - ``forms``: whether there may be one item, a list of them, or a table of them by name; none where anything may be.
+    - ``others``: what an item may be besides a table.
     """
 
     read: Callable[[Any, str], Any]
     write: Callable[[Any, str], Any]
     words: str = "a table"
     tables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    by: str = "kind"
+    own: bool = False
+    forms: tuple[Form, ...] = ("item",)
+    others: tuple[Kind, ...] = ()
 
 
-def unread(words: str = "a table", tables: Mapping[str, Mapping[str, Any]] | None = None) -> Nested:
-    """Describes a value that is not checked here, because its rules depend on other keys."""
-    return Nested(lambda value, path: value, lambda value, path: value, words, tables or {})
+def unread(words: str = "a table", tables: Mapping[str, Mapping[str, Any]] | None = None, **others: Any) -> Nested:
+    """Describes a value that is not checked here, because its rules depend on other keys; see :class:`Nested`."""
+    return Nested(lambda value, path: value, lambda value, path: value, words, tables or {}, **others)
 
 
 def _is_integer(value: Any) -> bool:

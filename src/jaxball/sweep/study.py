@@ -100,14 +100,14 @@ ENOUGH_CHUNKS = 16  # for a small study
 KEYS = {
     "format": Key(Integer(FORMAT, FORMAT)),
     "title": Key(Text(), ""),
-    "scenario": Key(unread(SCENARIO)),
-    "axes": Key(unread("a list of tables", AXES)),
+    "scenario": Key(unread(SCENARIO, others=(Text(),))),
+    "axes": Key(unread("a list of tables", AXES, forms=("list",))),
     "save": Key(Choice(("end", "times")), "end"),
     "contact": Key(Flag(), False),
     "detachment": Key(Flag(), False),
     "readings": Key(Flag(), False),
     "within": Key(Numbers(rule=POSITIVE), BACK_WITHIN),
-    "find": Key(unread("a list of names and tables", FINDS), []),
+    "find": Key(unread("a list of names and tables", FINDS, forms=("list",), others=(Text(),)), []),
     "chunk": Key(Integer(1, 2**20), None),
 }
 
