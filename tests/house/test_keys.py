@@ -1,4 +1,7 @@
-"""docs/reference/keys.md names every key that a file may have, with its default: held against the readers."""
+"""docs/reference/keys.md names every key that a file may have, with its value, unit and default, which readers know.
+
+``python -m tests.house.test_keys`` fills in these three columns; what keys mean is written there by hand.
+"""
 
 import re
 from collections.abc import Mapping
@@ -8,10 +11,12 @@ import numpy as np
 import pytest
 
 from jaxball.design.files import CONTROL_KEYS, SEARCH_KEYS
+from jaxball.numerics.declare import Dimension
 from jaxball.scenario import ScenarioError, read_scenario, table
+from jaxball.scenario.dimensions import dimension_words
 from jaxball.scenario.files import CLASSICAL_KEYS, KEYS, RESISTED_KEYS
 from jaxball.scenario.table import REQUIRED, Key
-from jaxball.scenario.values import Nested
+from jaxball.scenario.values import Flag, Nested, Numbers
 from jaxball.sweep.study import KEYS as STUDY
 from tests.support import corpus
 
@@ -85,12 +90,62 @@ def test_every_kind_is_on_the_page():
         assert path.count(".") == 0 or re.search(rf"(?<![\w-]){choice}(?![\w-])", said[path]), (path, choice)
 
 
-def test_every_default_is_on_the_page():
-    said = page()
-    for entry, key in entries().items():
-        assert (said[entry] == "required") == (key.default is REQUIRED), entry
-        if key.default is not REQUIRED and key.default is not None and np.size(key.default) > 0 and key.default != "":
-            assert said[entry] == _written(key.default), entry
+def test_cells_are_those_of_the_readers():
+    assert PAGE.read_text() == filled(PAGE.read_text())
+
+
+def filled(text: str) -> str:
+    """Fills in what readers know: the value, unit and default of numbers and flags, and which keys are required.
+
+    A cell may go on after it with a comma, where there is more to say.
+    """
+    lines, paths, head = [], [], []
+    for line in text.splitlines():
+        if line.startswith("### "):
+            paths, head = re.findall(r"`([^`]+)`", line), []
+        row = [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] if line.startswith("|") else []
+        if row and not head:
+            head = [*row[:-1], "meaning"]
+        elif row and paths and not row[0].startswith("---"):
+            cells = dict(zip(head, row, strict=True))
+            keys = [
+                readers()[paths[0]][choice][cells["key"].strip("`")]
+                for choice in _choices(paths[0], cells.get("of", ""))
+            ]
+            known = _cells(keys[0])
+            if len({tuple(_cells(key).items()) for key in keys}) == 1:
+                cells |= {name: cell for name, cell in known.items() if not _goes_on(cells[name], cell)}
+            line = f"| {' | '.join(cells.values())} |".replace("|  |", "| |").replace("|  |", "| |")
+        lines.append(line)
+    return "\n".join(lines) + "\n"
+
+
+def _goes_on(written: str, cell: str) -> bool:
+    return written == cell or written.startswith((f"{cell}, ", f"{cell}; ", "that of "))
+
+
+def _cells(key: Key) -> dict[str, str]:
+    """What a reader says of a key, by the columns of the page."""
+    kind, cells = key.kind, {}
+    if isinstance(kind, Flag):
+        cells["value"] = "true or false"
+    if isinstance(kind, Numbers):
+        words = kind.rule._replace(phrase="").words(kind.shape)
+        cells["value"] = re.sub(r"^a (list of )?|finite | of radians|, because.*", "", words).replace(" -", " −")
+        if kind.dimension is not None:
+            cells["unit"] = _unit(kind.dimension)
+    if key.default is REQUIRED:
+        cells["default"] = "required"
+    elif key.default is not None and np.size(key.default) > 0 and key.default != "":
+        cells["default"] = _written(key.default)
+    return cells
+
+
+def _unit(dimension: Dimension) -> str:
+    above, *below = dimension_words(dimension).split("/")
+    below += ["rad"] * (dimension.coordinate < 0 and not dimension.mass)
+    under = f"/({' '.join(below)})" if below[1:] else "".join(f"/{unit}" for unit in below)
+    return re.sub(r"\^(\d)", lambda power: "⁰¹²³⁴"[int(power[1])], (above + under).replace("*", " "))
 
 
 def _written(default):
@@ -136,3 +191,7 @@ def test_readers_take_no_other_keys_than_they_tell(known):
     assert known.keys() == told.keys()
     for path, keys in known.items():
         assert keys - {"kind", "form"} <= told[path], path
+
+
+if __name__ == "__main__":
+    PAGE.write_text(filled(PAGE.read_text()))

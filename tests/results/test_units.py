@@ -12,10 +12,10 @@ from jaxball import load_run, plot, read_scenario, write_scenario
 from jaxball.design import DesignSpace, Variable
 from jaxball.design.problem.space import default_scale
 from jaxball.design.report import with_unit
+from jaxball.numerics.declare import OF_MASS
 from jaxball.plot import overview
 from jaxball.plot.sweeps.rows import label_of
 from jaxball.scenario import ScenarioError, Units, builtin_text
-from jaxball.scenario.values import OF_MASS
 from jaxball.simulation import variables
 from jaxball.sweep import open_dataset, sweep
 from tests.scenario.documents import DISK

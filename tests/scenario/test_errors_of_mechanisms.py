@@ -42,7 +42,7 @@ CASES = {
     "no axis": (with_parts(PENDULUM.replace(", axis = [0, 1, 0]", "")), f"{JOINT}.axis` must be a list of 3 finite "),
     "an axis of length 0": (
         with_parts(PENDULUM.replace("axis = [0, 1, 0]", "axis = [0, 0, 0]")),
-        f"{JOINT}.axis` must be a list of 3 finite numbers, not all zero, but it is [0, 0, 0].",
+        f"{JOINT}.axis` must be a direction, three finite numbers that are not all 0, but it is [0, 0, 0].",
     ),
     "no joints": (
         with_parts("[[mechanisms]]\njoints = []\nmasses = [{ mass = 1 }]"),

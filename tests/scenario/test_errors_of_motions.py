@@ -26,7 +26,8 @@ RAILS = {
     ),
     "no direction": (
         with_rail('{ kind = "tube", direction = [0, 0, 0] }'),
-        "Key `masses[0].rail.direction` must be a list of 3 finite numbers, not all zero, but it is [0, 0, 0].",
+        "Key `masses[0].rail.direction` must be a direction, three finite numbers that are not all 0, but it is "
+        "[0, 0, 0].",
     ),
     "Fourier rail": (
         with_rail('{ kind = "fourier", cosine = [[0.1, 0, 0]], sine = [[0, 0.1, 0], [0, 0, 0]] }'),

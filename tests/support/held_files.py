@@ -6,7 +6,7 @@ CONVEX_OR_HELD = CONVEX | {
     "hard stops": """
 format = 1
 kind = "disk"
-body = { mass = 1.0, inertia = 0.5 }
+body = { mass = 1.0, radius = 1.0, inertia = 0.5, gravity = 1.0 }
 initial = { theta = [0.1], thetadot = [0.5] }
 time = { start = 0.0, end = 1.0, step = 0.5 }
 
@@ -21,7 +21,7 @@ force = { kind = "hard-stops", lower = -0.3, upper = 0.3, restitution = 0.5, slo
     "limit surface": """
 format = 1
 kind = "ball"
-body = { mass = 1.0, inertia = [0.4, 0.4, 0.4] }
+body = { mass = 1.0, radius = 1.0, inertia = [0.4, 0.4, 0.4], gravity = 1.0 }
 contact = { friction = { kind = "limit-surface", friction = 0.3, radius = 0.1 }, static_friction = 0.4 }
 initial = { Omega = [0.0, 0.0, 2.0], velocity = [1.0, 0.0, 0.0] }
 time = { start = 0.0, end = 1.0, step = 0.5 }

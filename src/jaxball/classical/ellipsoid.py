@@ -7,10 +7,10 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..numerics.arrays import numbers
+from ..numerics.declare import ANGLE, FINITE, LENGTH, OF_GRAVITY, OF_INERTIA, OF_MASS, POSITIVE, number
 from ..numerics.vectors import apply, cross, dot, inverse, outer, sine_cosine
 from ..numerics.versor import derivative
-from ..physics.conditions import Condition, positive, positive_inertia, real_inertia
+from ..physics.conditions import Condition, real_inertia
 from ..physics.dynamics.law import pressing_force
 from ..physics.forces.resistance import AbstractResistance
 from ..physics.rolling import AbstractRollingSystem, Reaction
@@ -34,7 +34,7 @@ class EllipsoidState(OrientedState):
     EllipsoidState(q=(1.0, 0.0, 0.0, 0.0), Omega=(0.0, 0.0, 2.0), z=(0.0, 0.0))
     """
 
-    z: Float[Array, "*batch 2"] = eqx.field(converter=numbers("z", (2,), batch=True), default=(0.0, 0.0))
+    z: Float[Array, "*batch 2"] = eqx.field(converter=number(), default=(0.0, 0.0))
 
 
 class EllipsoidLaws(NamedTuple):
@@ -88,12 +88,12 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState], AbstractRollingS
     -2.0
     """
 
-    mass: Float[Array, ""] = eqx.field(converter=numbers("mass"), default=1.0, kw_only=True)
-    semiaxes: Float[Array, "3"] = eqx.field(converter=numbers("semiaxes", (3,)), kw_only=True)
-    inertia: Float[Array, "3"] = eqx.field(converter=numbers("inertia", (3,)), kw_only=True)
-    turn: Float[Array, ""] = eqx.field(converter=numbers("turn"), default=0.0, kw_only=True)
-    offset: Float[Array, "3"] = eqx.field(converter=numbers("offset", (3,)), default=(0.0, 0.0, 0.0), kw_only=True)
-    gravity: Float[Array, ""] = eqx.field(converter=numbers("gravity"), default=1.0, kw_only=True)
+    mass: Float[Array, ""] = eqx.field(converter=number(OF_MASS, POSITIVE), default=1.0, kw_only=True)
+    semiaxes: Float[Array, "3"] = eqx.field(converter=number(LENGTH, POSITIVE), kw_only=True)
+    inertia: Float[Array, "3"] = eqx.field(converter=number(OF_INERTIA, POSITIVE), kw_only=True)
+    turn: Float[Array, ""] = eqx.field(converter=number(ANGLE, FINITE), default=0.0, kw_only=True)
+    offset: Float[Array, "3"] = eqx.field(converter=number(LENGTH), default=(0.0, 0.0, 0.0), kw_only=True)
+    gravity: Float[Array, ""] = eqx.field(converter=number(OF_GRAVITY, FINITE), default=1.0, kw_only=True)
     resistance: AbstractResistance | None = eqx.field(default=None, kw_only=True)
 
     title: ClassVar[str] = "rolling ellipsoid"
@@ -158,14 +158,10 @@ class RollingEllipsoid(AbstractClassicalSystem[EllipsoidState], AbstractRollingS
         return {} if self.resistance is None else {"energy": -self.dissipation(t, state)}
 
     def conditions(self) -> Iterator[Condition]:
-        yield Condition(positive(self.mass), "mass", self.mass, "a positive number")
-        yield Condition(positive(self.semiaxes), "semiaxes", self.semiaxes, "three positive numbers")
-        yield positive_inertia(self.inertia)
+        yield from super().conditions()
         yield real_inertia(self.inertia)
-        yield Condition(jnp.isfinite(self.turn), "turn", self.turn, "a finite number")
         inside = jnp.sum((self.offset / self.semiaxes) ** 2) < 1
         yield Condition(inside, "offset", self.offset, "a point inside the surface")
-        yield Condition(jnp.isfinite(self.gravity), "gravity", self.gravity, "a finite number")
         if self.resistance is not None:
             yield from self.resistance.conditions()
 

@@ -7,9 +7,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..numerics.arrays import numbers
+from ..numerics.declare import FINITE, LENGTH, OF_GRAVITY, OF_INERTIA, OF_MASS, POSITIVE, number
 from ..numerics.vectors import cross, dot
-from ..physics.conditions import Condition, positive, positive_inertia, real_inertia
+from ..physics.conditions import Condition, real_inertia
 from .rigid_body import gyroscopic_torque, kinetic_energy, rates_of, versor_squared
 from .state import AbstractClassicalSystem, RigidBodyState
 
@@ -59,10 +59,10 @@ class HeavyTop(AbstractClassicalSystem[RigidBodyState]):
     2.75
     """
 
-    mass: Float[Array, ""] = eqx.field(converter=numbers("mass"), default=1.0, kw_only=True)
-    inertia: Float[Array, "3"] = eqx.field(converter=numbers("inertia", (3,)), kw_only=True)
-    chi: Float[Array, "3"] = eqx.field(converter=numbers("chi", (3,)), kw_only=True)
-    gravity: Float[Array, ""] = eqx.field(converter=numbers("gravity"), default=1.0, kw_only=True)
+    mass: Float[Array, ""] = eqx.field(converter=number(OF_MASS, POSITIVE), default=1.0, kw_only=True)
+    inertia: Float[Array, "3"] = eqx.field(converter=number(OF_INERTIA, POSITIVE), kw_only=True)
+    chi: Float[Array, "3"] = eqx.field(converter=number(LENGTH), kw_only=True)
+    gravity: Float[Array, ""] = eqx.field(converter=number(OF_GRAVITY, FINITE), default=1.0, kw_only=True)
 
     title: ClassVar[str] = "heavy top"
     state_type: ClassVar[type[RigidBodyState]] = RigidBodyState
@@ -90,10 +90,8 @@ class HeavyTop(AbstractClassicalSystem[RigidBodyState]):
         With the second moments s_j = ∫ x_j² dm = ½ (d1 + d2 + d3) − d_j, those about the centre of mass,
         diag(s) − m χχᵀ, have no negative eigenvalue if and only if m Σ χ_j² / s_j ≤ 1.
         """
-        yield Condition(positive(self.mass), "mass", self.mass, "a positive number")
-        yield positive_inertia(self.inertia)
+        yield from super().conditions()
         yield real_inertia(self.inertia)
-        yield Condition(jnp.isfinite(self.gravity), "gravity", self.gravity, "a finite number")
         # A flat body has no second moment across its plane, and χ no component there: not 0 / 0.
         second = jnp.maximum(jnp.sum(self.inertia) / 2 - self.inertia, 1e-12 * jnp.sum(self.inertia))
         yield Condition(

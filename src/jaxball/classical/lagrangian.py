@@ -19,7 +19,8 @@ from ..interface.arguments import (
     describe,
     require_value,
 )
-from ..numerics.arrays import Numbers, default_dtype, numbers, to_array
+from ..numerics.arrays import Numbers, default_dtype, to_array
+from ..numerics.declare import number
 from ..numerics.kinks import kinks_seen
 from ..physics.conditions import Condition, ExplainedCondition
 from .constraints_at_start import ALLOWED_RESIDUAL, Constraints, start_conditions
@@ -47,14 +48,14 @@ class LagrangianState(AbstractClassicalState):
     LagrangianState(q=(0.0, 0.0, 0.5), qdot=(0.0, 0.0, 0.0))
     """
 
-    q: Float[Array, "*batch n"]
-    qdot: Float[Array, "*batch n"]
+    q: Float[Array, "*batch n"] = eqx.field(converter=number())
+    qdot: Float[Array, "*batch n"] = eqx.field(converter=number())
 
     sized = ("q", "qdot")
 
     def __init__(self, q: Numbers = (), qdot: Numbers | None = None):
-        self.q = numbers("q", ("n",), batch=True)(q)
-        self.qdot = jnp.zeros_like(self.q) if qdot is None else numbers("qdot", ("n",), batch=True)(qdot)
+        self.q = to_array(q, "q")
+        self.qdot = jnp.zeros_like(self.q) if qdot is None else to_array(qdot, "qdot")
 
 
 class LagrangianLaws(NamedTuple):

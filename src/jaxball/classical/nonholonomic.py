@@ -12,9 +12,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..interface.status import Status
-from ..numerics.arrays import Numbers, numbers
+from ..numerics.arrays import Numbers, to_array
+from ..numerics.declare import ANGLE, LENGTH, OF_GRAVITY, OF_INERTIA, OF_MASS, POSITIVE, number
 from ..numerics.vectors import sine_cosine
-from ..physics.conditions import Condition, ExplainedCondition, positive
+from ..physics.conditions import Condition, ExplainedCondition
 from .lagrangian import AbstractLagrangianSystem, LagrangianState
 
 LEAST_UPRIGHT = 1e-6  # the cosine of a lean from which a coin can start: below, turning and rolling are one motion
@@ -44,9 +45,9 @@ class ChaplyginSleigh(AbstractLagrangianSystem):
     0.832117
     """
 
-    mass: Float[Array, ""] = eqx.field(converter=numbers("mass"), default=1.0, kw_only=True)
-    inertia: Float[Array, ""] = eqx.field(converter=numbers("inertia"), kw_only=True)
-    ahead: Float[Array, ""] = eqx.field(converter=numbers("ahead"), kw_only=True)
+    mass: Float[Array, ""] = eqx.field(converter=number(OF_MASS, POSITIVE), default=1.0, kw_only=True)
+    inertia: Float[Array, ""] = eqx.field(converter=number(OF_INERTIA, POSITIVE), kw_only=True)
+    ahead: Float[Array, ""] = eqx.field(converter=number(LENGTH), kw_only=True)
 
     coordinates = ("x", "y", "theta")
     title: ClassVar[str] = "Chaplygin sleigh"
@@ -60,9 +61,6 @@ class ChaplyginSleigh(AbstractLagrangianSystem):
 
     def constraints(self, t: Float[Array, ""], q: Float[Array, "3"], qdot: Float[Array, "3"]) -> Any:
         return _sideways(q[2], qdot)
-
-    def conditions(self) -> Iterator[Condition]:
-        yield from _positive(mass=self.mass, inertia=self.inertia)
 
 
 class KnifeEdge(AbstractLagrangianSystem):
@@ -79,10 +77,10 @@ class KnifeEdge(AbstractLagrangianSystem):
     - ``gravity``: g, length/time².
     """
 
-    mass: Float[Array, ""] = eqx.field(converter=numbers("mass"), default=1.0, kw_only=True)
-    inertia: Float[Array, ""] = eqx.field(converter=numbers("inertia"), default=1.0, kw_only=True)
-    slope: Float[Array, ""] = eqx.field(converter=numbers("slope"), kw_only=True)
-    gravity: Float[Array, ""] = eqx.field(converter=numbers("gravity"), default=1.0, kw_only=True)
+    mass: Float[Array, ""] = eqx.field(converter=number(OF_MASS, POSITIVE), default=1.0, kw_only=True)
+    inertia: Float[Array, ""] = eqx.field(converter=number(OF_INERTIA, POSITIVE), default=1.0, kw_only=True)
+    slope: Float[Array, ""] = eqx.field(converter=number(ANGLE), kw_only=True)
+    gravity: Float[Array, ""] = eqx.field(converter=number(OF_GRAVITY), default=1.0, kw_only=True)
 
     coordinates = ("x", "y", "theta")
     title: ClassVar[str] = "knife edge"
@@ -93,9 +91,6 @@ class KnifeEdge(AbstractLagrangianSystem):
 
     def constraints(self, t: Float[Array, ""], q: Float[Array, "3"], qdot: Float[Array, "3"]) -> Any:
         return _sideways(q[2], qdot)
-
-    def conditions(self) -> Iterator[Condition]:
-        yield from _positive(mass=self.mass, inertia=self.inertia)
 
 
 class RollingCoin(AbstractLagrangianSystem):
@@ -114,10 +109,10 @@ class RollingCoin(AbstractLagrangianSystem):
     - ``gravity``: g, length/time².
     """
 
-    mass: Float[Array, ""]
-    radius: Float[Array, ""]
-    inertia: Float[Array, "2"]
-    gravity: Float[Array, ""]
+    mass: Float[Array, ""] = eqx.field(converter=number(OF_MASS, POSITIVE))
+    radius: Float[Array, ""] = eqx.field(converter=number(LENGTH, POSITIVE))
+    inertia: Float[Array, "2"] = eqx.field(converter=number(OF_INERTIA, POSITIVE))
+    gravity: Float[Array, ""] = eqx.field(converter=number(OF_GRAVITY))
 
     coordinates = ("x", "y", "heading", "lean", "roll")
     title: ClassVar[str] = "rolling coin"
@@ -131,10 +126,10 @@ class RollingCoin(AbstractLagrangianSystem):
         inertia: Numbers | None = None,
         gravity: Numbers = 1.0,
     ):
-        self.mass, self.radius = numbers("mass")(mass), numbers("radius")(radius)
-        self.gravity = numbers("gravity")(gravity)
+        self.mass, self.radius = to_array(mass, "mass"), to_array(radius, "radius")
+        self.gravity = to_array(gravity, "gravity")
         disk = self.mass * self.radius**2 * jnp.array([0.5, 0.25], self.mass.dtype)
-        self.inertia = disk if inertia is None else numbers("inertia", (2,))(inertia)
+        self.inertia = disk if inertia is None else to_array(inertia, "inertia")
 
     def lagrangian(self, t: Float[Array, ""], q: Float[Array, "5"], qdot: Float[Array, "5"]) -> Float[Array, ""]:
         xdot, ydot, turn, tilt, roll = qdot
@@ -152,9 +147,6 @@ class RollingCoin(AbstractLagrangianSystem):
         sine, cosine = sine_cosine(q[2])
         travelled = self.radius * qdot[4]
         return [qdot[0] - travelled * cosine, qdot[1] - travelled * sine]
-
-    def conditions(self) -> Iterator[Condition]:
-        yield from _positive(mass=self.mass, radius=self.radius, inertia=self.inertia)
 
     def start_conditions(self, t: Float[Array, ""], state: LagrangianState) -> Iterator[Condition | ExplainedCondition]:
         conditions = list(super().start_conditions(t, state))
@@ -184,11 +176,11 @@ class Snakeboard(AbstractLagrangianSystem):
     - ``half_length``: l, from the middle to the axle of a truck, length.
     """
 
-    mass: Float[Array, ""] = eqx.field(converter=numbers("mass"), default=1.0, kw_only=True)
-    board: Float[Array, ""] = eqx.field(converter=numbers("board"), default=0.1, kw_only=True)
-    rotor: Float[Array, ""] = eqx.field(converter=numbers("rotor"), default=0.1, kw_only=True)
-    truck: Float[Array, ""] = eqx.field(converter=numbers("truck"), default=0.01, kw_only=True)
-    half_length: Float[Array, ""] = eqx.field(converter=numbers("half_length"), default=0.5, kw_only=True)
+    mass: Float[Array, ""] = eqx.field(converter=number(OF_MASS, POSITIVE), default=1.0, kw_only=True)
+    board: Float[Array, ""] = eqx.field(converter=number(OF_INERTIA, POSITIVE), default=0.1, kw_only=True)
+    rotor: Float[Array, ""] = eqx.field(converter=number(OF_INERTIA, POSITIVE), default=0.1, kw_only=True)
+    truck: Float[Array, ""] = eqx.field(converter=number(OF_INERTIA, POSITIVE), default=0.01, kw_only=True)
+    half_length: Float[Array, ""] = eqx.field(converter=number(LENGTH, POSITIVE), default=0.5, kw_only=True)
 
     coordinates = ("x", "y", "theta", "psi", "back", "front")
     title: ClassVar[str] = "snakeboard"
@@ -206,10 +198,6 @@ class Snakeboard(AbstractLagrangianSystem):
             _sideways(q[2] + q[5], qdot) - arm * jnp.cos(q[5]),
         ]
 
-    def conditions(self) -> Iterator[Condition]:
-        inertias = {"board": self.board, "rotor": self.rotor, "truck": self.truck}
-        yield from _positive(mass=self.mass, **inertias, half_length=self.half_length)
-
 
 class RollerRacer(AbstractLagrangianSystem):
     """A vehicle of two bodies on an axle each, which moves as its rider swings the handlebar.
@@ -224,10 +212,10 @@ class RollerRacer(AbstractLagrangianSystem):
     - ``lengths``: from the rear axle to the joint, and from the joint to the front axle, shape (2,).
     """
 
-    mass: Float[Array, ""] = eqx.field(converter=numbers("mass"), default=1.0, kw_only=True)
-    rear: Float[Array, ""] = eqx.field(converter=numbers("rear"), default=0.2, kw_only=True)
-    front: Float[Array, ""] = eqx.field(converter=numbers("front"), default=0.05, kw_only=True)
-    lengths: Float[Array, "2"] = eqx.field(converter=numbers("lengths", (2,)), default=(0.5, 0.1), kw_only=True)
+    mass: Float[Array, ""] = eqx.field(converter=number(OF_MASS, POSITIVE), default=1.0, kw_only=True)
+    rear: Float[Array, ""] = eqx.field(converter=number(OF_INERTIA, POSITIVE), default=0.2, kw_only=True)
+    front: Float[Array, ""] = eqx.field(converter=number(OF_INERTIA, POSITIVE), default=0.05, kw_only=True)
+    lengths: Float[Array, "2"] = eqx.field(converter=number(LENGTH), default=(0.5, 0.1), kw_only=True)
 
     coordinates = ("x", "y", "theta", "phi")
     title: ClassVar[str] = "roller racer"
@@ -242,16 +230,8 @@ class RollerRacer(AbstractLagrangianSystem):
         arm = to_joint * jnp.cos(q[3]) * qdot[2] + to_front * (qdot[2] + qdot[3])
         return [_sideways(q[2], qdot), _sideways(q[2] + q[3], qdot) - arm]
 
-    def conditions(self) -> Iterator[Condition]:
-        yield from _positive(mass=self.mass, rear=self.rear, front=self.front)
-
 
 def _sideways(heading: Float[Array, ""], qdot: Float[Array, " n"]) -> Float[Array, ""]:
     """Computes ẋ sin θ − ẏ cos θ, the velocity to the right of the heading θ."""
     sine, cosine = sine_cosine(heading)
     return qdot[0] * sine - qdot[1] * cosine
-
-
-def _positive(**values: Float[Array, "..."]) -> Iterator[Condition]:
-    for name, value in values.items():
-        yield Condition(positive(value), name, value, "positive" if value.ndim else "a positive number")

@@ -5,15 +5,13 @@ among which the action is stationary. Mechanics follows the first. Source: the a
 mechanics of Putkaradze & Rogers (2018), ``ssec_bates``, after Bates & Śniatycki (1993).
 """
 
-from collections.abc import Iterator
 from typing import ClassVar, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..numerics.arrays import numbers
-from ..physics.conditions import Condition, positive
+from ..numerics.declare import OF_MASS, POSITIVE, number
 from .state import AbstractClassicalSystem, ParticleState, VakonomicState
 
 
@@ -62,7 +60,7 @@ class NonholonomicParticle(AbstractClassicalSystem[ParticleState]):
     [1. 1. 1.]
     """
 
-    mass: Float[Array, ""] = eqx.field(converter=numbers("mass"), default=1.0, kw_only=True)
+    mass: Float[Array, ""] = eqx.field(converter=number(OF_MASS, POSITIVE), default=1.0, kw_only=True)
 
     title: ClassVar[str] = "nonholonomic particle"
     state_type: ClassVar[type[ParticleState]] = ParticleState
@@ -104,9 +102,6 @@ class NonholonomicParticle(AbstractClassicalSystem[ParticleState]):
             ydot=start.ydot,
         )
 
-    def conditions(self) -> Iterator[Condition]:
-        yield Condition(positive(self.mass), "mass", self.mass, "a positive number")
-
 
 class VakonomicParticle(AbstractClassicalSystem[VakonomicState]):
     """The particle with ż = y ẋ whose action is stationary among the curves that keep the constraint.
@@ -129,7 +124,7 @@ class VakonomicParticle(AbstractClassicalSystem[VakonomicState]):
     -2.0
     """
 
-    mass: Float[Array, ""] = eqx.field(converter=numbers("mass"), default=1.0, kw_only=True)
+    mass: Float[Array, ""] = eqx.field(converter=number(OF_MASS, POSITIVE), default=1.0, kw_only=True)
 
     title: ClassVar[str] = "vakonomic particle"
     state_type: ClassVar[type[VakonomicState]] = VakonomicState
@@ -154,9 +149,6 @@ class VakonomicParticle(AbstractClassicalSystem[VakonomicState]):
             p_x=self.mass * state.xdot - state.multiplier * state.y,
             p_z=self.mass * state.zdot + state.multiplier,
         )
-
-    def conditions(self) -> Iterator[Condition]:
-        yield Condition(positive(self.mass), "mass", self.mass, "a positive number")
 
 
 def kinetic_energy(mass: Float[Array, ""], state: ParticleState | VakonomicState) -> Float[Array, ""]:

@@ -6,10 +6,10 @@ from typing import ClassVar, NamedTuple
 import equinox as eqx
 from jaxtyping import Array, Float
 
-from ..numerics.arrays import numbers
+from ..numerics.declare import OF_INERTIA, POSITIVE, number
 from ..numerics.vectors import apply, cross, dot
 from ..numerics.versor import derivative
-from ..physics.conditions import Condition, positive_inertia, real_inertia
+from ..physics.conditions import Condition, real_inertia
 from .state import AbstractClassicalSystem, OrientedState, RigidBodyState
 
 
@@ -48,7 +48,7 @@ class FreeRigidBody(AbstractClassicalSystem[RigidBodyState]):
     Array(2.5, dtype=float64)
     """
 
-    inertia: Float[Array, "3"] = eqx.field(converter=numbers("inertia", (3,)), kw_only=True)
+    inertia: Float[Array, "3"] = eqx.field(converter=number(OF_INERTIA, POSITIVE), kw_only=True)
 
     title: ClassVar[str] = "free rigid body"
     state_type: ClassVar[type[RigidBodyState]] = RigidBodyState
@@ -67,7 +67,7 @@ class FreeRigidBody(AbstractClassicalSystem[RigidBodyState]):
         )
 
     def conditions(self) -> Iterator[Condition]:
-        yield positive_inertia(self.inertia)
+        yield from super().conditions()
         yield real_inertia(self.inertia)
 
 

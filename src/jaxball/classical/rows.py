@@ -26,7 +26,8 @@ from jaxtyping import Array, Bool, Float
 from ..interface.arguments import refusal
 from ..interface.printing import Printed
 from ..interface.wording import all_of
-from ..numerics.arrays import default_dtype, namespace_of, number_or_none, numbers
+from ..numerics.arrays import default_dtype, namespace_of
+from ..numerics.declare import number, number_or_none
 from ..numerics.linear import inverse, product
 from ..physics.conditions import Condition, ExplainedCondition, Problem, positive
 from ..physics.dynamics.law import Law, Rows
@@ -66,8 +67,8 @@ class UnilateralContact(Printed):
     """
 
     gap: Callable[..., Any] = eqx.field(static=True)
-    restitution: Float[Array, "*batch"] = eqx.field(converter=numbers("restitution"), default=0.0)
-    slowest: Float[Array, "*batch"] = eqx.field(converter=numbers("slowest"), default=1e-6)
+    restitution: Float[Array, "*group"] = eqx.field(converter=number(), default=0.0)
+    slowest: Float[Array, "*group"] = eqx.field(converter=number(), default=1e-6)
 
     def __check_init__(self):
         _require_function("gap", "a function g(t, q)", self.gap)
@@ -103,8 +104,8 @@ class DryFriction(Printed):
     """
 
     velocity: Callable[..., Any] = eqx.field(static=True)
-    level: Float[Array, "*batch"] = eqx.field(converter=numbers("level"))
-    static: Float[Array, "*batch"] | None = eqx.field(converter=number_or_none("static"), default=None)
+    level: Float[Array, "*group"] = eqx.field(converter=number())
+    static: Float[Array, "*group"] | None = eqx.field(converter=number_or_none(), default=None)
 
     def __check_init__(self):
         _require_function("velocity", "a function of (t, q, qdot)", self.velocity)

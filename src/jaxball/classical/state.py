@@ -6,7 +6,8 @@ from typing import Any
 import equinox as eqx
 from jaxtyping import Array, Float
 
-from ..numerics.arrays import Numbers, numbers, to_array
+from ..numerics.arrays import Numbers, to_array
+from ..numerics.declare import LENGTH, RATE, VELOCITY, number
 from ..numerics.versor import rotation_matrix, vertical_in_body
 from ..physics.system import AbstractState, AbstractSystem, AnyState
 
@@ -29,8 +30,8 @@ class AbstractClassicalSystem(AbstractSystem[AnyState]):
 class OrientedState(AbstractClassicalState):
     """(q, Ω), which states of rigid bodies begin with: ``q`` of shape (4,), ``Omega`` of shape (3,)."""
 
-    q: Float[Array, "*batch 4"] = eqx.field(converter=numbers("q", (4,), batch=True), default=(1.0, 0.0, 0.0, 0.0))
-    Omega: Float[Array, "*batch 3"] = eqx.field(converter=numbers("Omega", (3,), batch=True), default=(0.0, 0.0, 0.0))
+    q: Float[Array, "*batch 4"] = eqx.field(converter=number(), default=(1.0, 0.0, 0.0, 0.0))
+    Omega: Float[Array, "*batch 3"] = eqx.field(converter=number(RATE), default=(0.0, 0.0, 0.0))
 
     unit_vector = "q"
 
@@ -79,11 +80,11 @@ class ParticleState(AbstractClassicalState):
     6.0
     """
 
-    x: Float[Array, "*batch"] = eqx.field(converter=numbers("x", batch=True), default=0.0)
-    y: Float[Array, "*batch"] = eqx.field(converter=numbers("y", batch=True), default=0.0)
-    z: Float[Array, "*batch"] = eqx.field(converter=numbers("z", batch=True), default=0.0)
-    xdot: Float[Array, "*batch"] = eqx.field(converter=numbers("xdot", batch=True), default=0.0)
-    ydot: Float[Array, "*batch"] = eqx.field(converter=numbers("ydot", batch=True), default=0.0)
+    x: Float[Array, "*batch"] = eqx.field(converter=number(LENGTH), default=0.0)
+    y: Float[Array, "*batch"] = eqx.field(converter=number(LENGTH), default=0.0)
+    z: Float[Array, "*batch"] = eqx.field(converter=number(LENGTH), default=0.0)
+    xdot: Float[Array, "*batch"] = eqx.field(converter=number(VELOCITY), default=0.0)
+    ydot: Float[Array, "*batch"] = eqx.field(converter=number(VELOCITY), default=0.0)
 
     @property
     def zdot(self) -> Float[Array, "*batch"]:

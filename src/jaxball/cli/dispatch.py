@@ -19,6 +19,7 @@ from .options import BAD_INPUT, BROKEN_PIPE, add_no_cache, sentence
 COMMANDS = {
     "scenarios": "list the built-in scenarios, or print one as a file",
     "validate": "check scenario, study and problem files",
+    "schema": "print the JSON Schema of a kind of file, for editors",
     "simulate": "simulate a scenario",
     "plot": "draw a saved run",
     "view": "show a saved run in one HTML file",
@@ -34,7 +35,7 @@ COMMANDS = {
     "reproduce": "reproduce both runs of Putkaradze & Rogers (2018)",
     "cache": "show or remove kept compiled programs",
 }
-WITHOUT_CACHE = ("scenarios", "cache")
+WITHOUT_CACHE = ("scenarios", "schema", "cache")
 
 
 def run(arguments: Sequence[str], parser: Callable[[Sequence[str]], argparse.ArgumentParser]) -> int:

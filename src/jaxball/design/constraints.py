@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..interface.arguments import call_with
-from ..numerics.arrays import numbers
+from ..numerics.declare import LENGTH, POSITIVE, number
 from ..numerics.vectors import norm, room
 from .objectives import AvoidObstacles, depths
 from .problem.plane import corner, off_e1, places
@@ -24,7 +24,7 @@ PARALLEL = 1e-30
 class NormalForce(AbstractRunningConstraint):
     """N ≥ least M g at all times, with ``least`` a fraction of the weight."""
 
-    least: Float[Array, ""] = eqx.field(converter=numbers("least"))
+    least: Float[Array, ""] = eqx.field(converter=number())
 
     def __call__(self, run: Run):
         return self.least - run.observables.normal_force / run.weight
@@ -38,7 +38,7 @@ class Friction(AbstractRunningConstraint):
     - ``friction``: the coefficient μ, dimensionless.
     """
 
-    friction: Float[Array, ""] = eqx.field(converter=numbers("friction"))
+    friction: Float[Array, ""] = eqx.field(converter=number(rule=POSITIVE))
 
     def __call__(self, run: Run):
         contact = run.observables
@@ -65,8 +65,8 @@ class OnGround(AbstractRunningConstraint):
     - ``reach``: as ``reach`` of an :class:`~jaxball.AbstractSurface` counts what is left ahead.
     """
 
-    fit: Float[Array, ""] = eqx.field(converter=numbers("fit"), default=0.05)
-    reach: Float[Array, ""] = eqx.field(converter=numbers("reach"), default=0.05)
+    fit: Float[Array, ""] = eqx.field(converter=number(rule=POSITIVE), default=0.05)
+    reach: Float[Array, ""] = eqx.field(converter=number(rule=POSITIVE), default=0.05)
 
     def __call__(self, run: Run):
         return jnp.stack([self.fit, self.reach])[None] - run.ground_left
@@ -85,7 +85,7 @@ class ClearOfObstacles(AbstractRunningConstraint):
     """
 
     centres: Float[Array, "k 2"] = eqx.field(converter=places("centres"))
-    radii: Float[Array, " k"] = eqx.field(converter=numbers("radii", ("k",)))
+    radii: Float[Array, " k"] = eqx.field(converter=number(LENGTH, POSITIVE))
 
     def __call__(self, run: Run):
         return depths(run, self.centres, self.radii)
@@ -130,7 +130,7 @@ class Within(AbstractRunningConstraint):
 class MassesApart(AbstractRunningConstraint):
     """No two masses closer to each other than ``distance``; shape (t, pairs)."""
 
-    distance: Float[Array, ""] = eqx.field(converter=numbers("distance"))
+    distance: Float[Array, ""] = eqx.field(converter=number(LENGTH, POSITIVE))
 
     def __call__(self, run: Run):
         return (self.distance - norm(_differences(run))) / run.length
@@ -142,7 +142,7 @@ class MassesApart(AbstractRunningConstraint):
 class _Limit(AbstractRunningConstraint):
     """|v| ≤ most, for a vector v of each mass."""
 
-    most: Float[Array, ""] = eqx.field(converter=numbers("most"))
+    most: Float[Array, ""] = eqx.field(converter=number(rule=POSITIVE))
 
     @abc.abstractmethod
     def vectors(self, run: Run) -> Float[Array, "t n d"]:
@@ -234,7 +234,7 @@ class RailsInside(AbstractRunningConstraint):
     - ``clearance``: length.
     """
 
-    clearance: Float[Array, ""] = eqx.field(converter=numbers("clearance"), default=0.0)
+    clearance: Float[Array, ""] = eqx.field(converter=number(LENGTH), default=0.0)
 
     def __call__(self, run: Run):
         # On the rails, wherever a mass may go; along the motion, because a mass need not be on a closed rail.
@@ -256,7 +256,7 @@ class RailsApart(AbstractConstraint):
     Shape (pairs, chords).
     """
 
-    distance: Float[Array, ""] = eqx.field(converter=numbers("distance"))
+    distance: Float[Array, ""] = eqx.field(converter=number(LENGTH, POSITIVE))
 
     def __call__(self, run: Run):
         points = run.curves.points
@@ -273,7 +273,7 @@ class RegularRails(AbstractConstraint):
     - ``least``: length/rad.
     """
 
-    least: Float[Array, ""] = eqx.field(converter=numbers("least"))
+    least: Float[Array, ""] = eqx.field(converter=number(LENGTH, POSITIVE))
 
     def __call__(self, run: Run):
         return (self.least - run.curves.speed) / run.length

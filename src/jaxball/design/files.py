@@ -1,7 +1,7 @@
 """Reads problem files: a scenario, objectives and constraints, and the variables of a search or a table `[control]`."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,28 +12,17 @@ import tomli_w
 
 from ..interface.arguments import require_callable_with
 from ..numerics.arrays import to_array
+from ..numerics.declare import NOT_ALL_ZERO, NOT_NEGATIVE, POSITIVE, Rule
 from ..physics.body import System
 from ..physics.state import BallState, DiskState
 from ..scenario import read_document
 from ..scenario.body import rolling_state
 from ..scenario.errors import ScenarioError, describe, each_of, key_error, raise_first, try_readers
-from ..scenario.own import FUNCTION, Open, names_own, trying
+from ..scenario.own import FUNCTION, Open, module_of, names_own, trying
+from ..scenario.schema import Schema, schema_of
 from ..scenario.sources import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
-from ..scenario.table import Family, Key, Keys, Module, join, keys_of, member_of, read_family, read_list, read_table
-from ..scenario.values import (
-    NOT_ALL_ZERO,
-    NOT_NEGATIVE,
-    POSITIVE,
-    Choice,
-    Flag,
-    Integer,
-    Kind,
-    Nested,
-    Numbers,
-    Rule,
-    Text,
-    unread,
-)
+from ..scenario.table import Family, Key, Keys, join, keys_of, member_of, read_family, read_list, read_table
+from ..scenario.values import Choice, Flag, Integer, Kind, Nested, Numbers, Text, unread
 from . import constraints, objectives
 from .optimal_control.collocation import BARRIER
 from .optimal_control.confirmed import ControlFile
@@ -53,8 +42,7 @@ from .problem.requirements import (
 from .problem.space import DesignError, DesignSpace, Variable
 from .search.program import METHODS, Settings
 
-NUMBER, SIZE = Numbers(), Numbers(rule=POSITIVE)
-WEIGHT = {"weight": Key(NUMBER, 1.0)}
+Check = Callable[[dict[str, Any], str], None]
 
 _ON_LINE = ", because a disk rolls along e1"
 _FLAT = Rule("finite", lambda x: (x == 0).all(), f" that is 0{_ON_LINE}")
@@ -91,8 +79,23 @@ class Plane(NamedTuple):
     versor: Numbers
 
 
-PLANE = Plane(Numbers((2,)), Numbers((None, 2)), Key(NUMBER), Numbers((4,), NOT_ALL_ZERO))
+PLANE = Plane(Numbers((2,)), Numbers((None, 2)), Key(Numbers()), Numbers((4,), NOT_ALL_ZERO))
 LINE = Plane(OnLine(), OnLine((None,)), Key(Numbers(rule=_FLAT), 0.0), Numbers((4,), _ABOUT_E2))
+
+
+@dataclass(frozen=True)
+class _OfEither(Numbers):
+    """Positions of a ball, or those of a disk: ``others``."""
+
+    others: tuple[Numbers, ...] = ()
+
+
+EITHER = Plane(
+    _OfEither(PLANE.place.shape, others=(LINE.place,)),
+    _OfEither(PLANE.places.shape, others=(LINE.places,)),
+    LINE.height,
+    PLANE.versor,
+)
 
 
 def plane_of(system: System) -> Plane:
@@ -100,111 +103,35 @@ def plane_of(system: System) -> Plane:
     return LINE if system.planar else PLANE
 
 
+def _modules(kinds: Mapping[str, type], keys: Keys, checks: Mapping[str, Check]) -> Family:
+    return {name: module_of(kind, keys=keys, check=checks.get(name)) for name, kind in kinds.items()}
+
+
 def curves(plane: Plane) -> Family:
     """Returns the curves that a path can follow."""
-    origin = {"origin": Key(plane.place, (0.0, 0.0))}
-    return {
-        "sigmoid": Module(
-            Sigmoid, {"length": Key(NUMBER), "height": plane.height, "steepness": Key(SIZE, 10.0), **origin}
-        ),
-        "figure-eight": Module(FigureEight, {"length": Key(NUMBER), "height": plane.height, **origin}),
-        "through": Module(
-            Through,
-            {"points": Key(plane.places)},
-            attributes={"points": "through"},
-            check=_check_points,
-        ),
-    }
+    keys = {"origin": Key(plane.place, (0.0, 0.0)), "height": plane.height, "points": Key(plane.places)}
+    through = module_of(Through, keys=keys, attributes={"points": "through"}, check=_check_points)
+    return {**_modules({"sigmoid": Sigmoid, "figure-eight": FigureEight}, keys, {}), "through": through}
 
 
 def objectives_of(plane: Plane) -> Family:
     """Returns the objectives, which are minimised."""
-    curve = {"curve": Key(member_of(curves(plane)))}
-    return {
-        "reach-place": Module(objectives.ReachPlace, {"place": Key(plane.place), **WEIGHT}),
-        "reach-pose": Module(objectives.ReachPose, {"versor": Key(plane.versor), **WEIGHT}),
-        "stop-at-rest": Module(objectives.StopAtRest, WEIGHT),
-        "balanced": Module(objectives.Balanced, WEIGHT),
-        "duration": Module(objectives.Duration, WEIGHT),
-        "go-far": Module(objectives.GoFar, WEIGHT),
-        "follow-trajectory": Module(
-            objectives.FollowTrajectory,
-            {
-                **curve,
-                "rest_to_rest": Key(Flag(), False),
-                "start": Key(NUMBER, None),
-                "end": Key(NUMBER, None),
-                **WEIGHT,
-            },
-            check=_check_times,
-        ),
-        "follow-curve": Module(objectives.FollowCurve, {**curve, **WEIGHT}),
-        "largest-distance": Module(objectives.LargestDistance, {**curve, **WEIGHT}),
-        "masses-near-centre": Module(objectives.MassesNearCentre, WEIGHT),
-        "avoid-obstacles": Module(
-            objectives.AvoidObstacles, {**_discs(plane), "softness": Key(SIZE, 0.1), **WEIGHT}, check=_check_discs
-        ),
-        "acceleration-effort": Module(objectives.AccelerationEffort, WEIGHT),
-        "power-effort": Module(objectives.PowerEffort, WEIGHT),
-        "force-effort": Module(objectives.ForceEffort, WEIGHT),
-        "joint-effort": Module(objectives.JointEffort, WEIGHT),
-        "function": Module(objectives.FunctionObjective, {**FUNCTION, **WEIGHT}, check=_check_function),
-        "running-function": Module(objectives.FunctionRunningObjective, {**FUNCTION, **WEIGHT}, check=_check_function),
+    keys = {
+        "place": Key(plane.place),
+        "versor": Key(plane.versor),
+        "centres": Key(plane.places),
+        "curve": Key(member_of(curves(plane))),
+        "rest_to_rest": Key(Flag(), False),
+        **FUNCTION,
     }
+    return _modules(_OBJECTIVES, keys, {"follow-trajectory": _check_times, **_CHECKS})
 
 
 def constraints_of(plane: Plane) -> Family:
     """Returns the constraints."""
-    return {
-        "rails-inside": Module(constraints.RailsInside, {"clearance": Key(NUMBER, 0.0)}),
-        "rails-apart": Module(constraints.RailsApart, {"distance": Key(SIZE)}),
-        "regular-rails": Module(constraints.RegularRails, {"least": Key(SIZE)}),
-        "masses-apart": Module(constraints.MassesApart, {"distance": Key(SIZE)}),
-        "speed-limit": Module(constraints.SpeedLimit, {"most": Key(SIZE)}),
-        "acceleration-limit": Module(constraints.AccelerationLimit, {"most": Key(SIZE)}),
-        "force-limit": Module(constraints.ForceLimit, {"most": Key(SIZE)}),
-        "joint-effort-limit": Module(constraints.JointEffortLimit, {"most": Key(SIZE)}),
-        "normal-force": Module(constraints.NormalForce, {"least": Key(NUMBER)}),
-        "friction": Module(constraints.Friction, {"friction": Key(SIZE)}),
-        "on-ground": Module(constraints.OnGround, {"fit": Key(SIZE, 0.05), "reach": Key(SIZE, 0.05)}),
-        "clear-of-obstacles": Module(constraints.ClearOfObstacles, _discs(plane), check=_check_discs),
-        "within": Module(
-            constraints.Within, {"lower": Key(plane.place), "upper": Key(plane.place)}, check=_check_corners
-        ),
-        "function": Module(constraints.FunctionConstraint, FUNCTION, check=_check_function),
-        "running-function": Module(constraints.FunctionRunningConstraint, FUNCTION, check=_check_function),
-    }
-
-
-@dataclass(frozen=True)
-class Requirements:
-    """The objectives, or the constraints, of a file: those of jaxball, by their kind, and users' own classes.
-
-    - ``path``: the key of their list.
-    - ``family``: those of jaxball.
-    - ``contract``: the class that all of them extend.
-    """
-
-    path: str
-    family: Callable[[Plane], Family]
-    contract: type
-
-    def keys(self, plane: Plane) -> dict[str, Keys]:
-        """Returns the keys of each kind of requirement that jaxball has."""
-        return keys_of(self.family(plane))
-
-    def read(self, values: Any, path: str, plane: Plane) -> tuple[str, Any]:
-        """Reads the object that a table describes, and the name of its kind, or of the user's class."""
-        item = read_family(values, path, Open(self.contract, self.family(plane)))
-        return type(item).__name__ if names_own(values) else values["kind"], item
-
-
-OBJECTIVES = Requirements("objectives", objectives_of, AbstractObjective)
-CONSTRAINTS = Requirements("constraints", constraints_of, AbstractConstraint)
-
-
-def _discs(plane: Plane) -> dict[str, Key]:
-    return {"centres": Key(plane.places), "radii": Key(Numbers((None,), POSITIVE))}
+    corners = {"lower": Key(plane.place), "upper": Key(plane.place)}
+    keys = {**corners, "centres": Key(plane.places), **FUNCTION}
+    return _modules(_CONSTRAINTS, keys, {"within": _check_corners, **_CHECKS})
 
 
 def _check_function(values: dict[str, Any], path: str) -> None:
@@ -236,6 +163,76 @@ def _check_corners(values: dict[str, Any], path: str) -> None:
         raise key_error(join(path, "upper"), f"above `lower`, {lower.tolist()}", str(upper.tolist()))
 
 
+_CHECKS: dict[str, Check] = {
+    "avoid-obstacles": _check_discs,
+    "clear-of-obstacles": _check_discs,
+    "function": _check_function,
+    "running-function": _check_function,
+}
+_OBJECTIVES = {
+    "reach-place": objectives.ReachPlace,
+    "reach-pose": objectives.ReachPose,
+    "stop-at-rest": objectives.StopAtRest,
+    "balanced": objectives.Balanced,
+    "duration": objectives.Duration,
+    "go-far": objectives.GoFar,
+    "follow-trajectory": objectives.FollowTrajectory,
+    "follow-curve": objectives.FollowCurve,
+    "largest-distance": objectives.LargestDistance,
+    "masses-near-centre": objectives.MassesNearCentre,
+    "avoid-obstacles": objectives.AvoidObstacles,
+    "acceleration-effort": objectives.AccelerationEffort,
+    "power-effort": objectives.PowerEffort,
+    "force-effort": objectives.ForceEffort,
+    "joint-effort": objectives.JointEffort,
+    "function": objectives.FunctionObjective,
+    "running-function": objectives.FunctionRunningObjective,
+}
+_CONSTRAINTS = {
+    "rails-inside": constraints.RailsInside,
+    "rails-apart": constraints.RailsApart,
+    "regular-rails": constraints.RegularRails,
+    "masses-apart": constraints.MassesApart,
+    "speed-limit": constraints.SpeedLimit,
+    "acceleration-limit": constraints.AccelerationLimit,
+    "force-limit": constraints.ForceLimit,
+    "joint-effort-limit": constraints.JointEffortLimit,
+    "normal-force": constraints.NormalForce,
+    "friction": constraints.Friction,
+    "on-ground": constraints.OnGround,
+    "clear-of-obstacles": constraints.ClearOfObstacles,
+    "within": constraints.Within,
+    "function": constraints.FunctionConstraint,
+    "running-function": constraints.FunctionRunningConstraint,
+}
+
+
+@dataclass(frozen=True)
+class Requirements:
+    """The objectives, or the constraints, of a file: those of jaxball, by their kind, and users' own classes.
+
+    - ``path``: the key of their list.
+    - ``family``: those of jaxball.
+    - ``contract``: the class that all of them extend.
+    """
+
+    path: str
+    family: Callable[[Plane], Family]
+    contract: type
+
+    def keys(self, plane: Plane) -> dict[str, Keys]:
+        """Returns the keys of each kind of requirement that jaxball has."""
+        return keys_of(self.family(plane))
+
+    def read(self, values: Any, path: str, plane: Plane) -> tuple[str, Any]:
+        """Reads the object that a table describes, and the name of its kind, or of the user's class."""
+        item = read_family(values, path, Open(self.contract, self.family(plane)))
+        return type(item).__name__ if names_own(values) else values["kind"], item
+
+
+OBJECTIVES = Requirements("objectives", objectives_of, AbstractObjective)
+CONSTRAINTS = Requirements("constraints", constraints_of, AbstractConstraint)
+
 FORMAT = 1
 CONTROL_TABLE = "control"
 LIST = "a list of tables"
@@ -243,12 +240,14 @@ LIST = "a list of tables"
 SHARED = {
     "format": Key(Integer(FORMAT, FORMAT)),
     "title": Key(Text(), ""),
-    "scenario": Key(unread(SCENARIO)),
-    "objectives": Key(unread(LIST, OBJECTIVES.keys(PLANE))),
-    "constraints": Key(unread(LIST, CONSTRAINTS.keys(PLANE)), []),
+    "scenario": Key(unread(SCENARIO, others=(Text(),))),
+    "objectives": Key(unread(LIST, OBJECTIVES.keys(PLANE), forms=("list",))),
+    "constraints": Key(unread(LIST, CONSTRAINTS.keys(PLANE), forms=("list",)), []),
 }
 _NUMBER = Key(Numbers(), None)
-_PATHS = Nested(lambda value, path: _paths(value, path), lambda value, path: list(value), "a path, or a list of paths")
+_PATHS = Nested(
+    lambda value, path: _paths(value, path), lambda value, path: list(value), "a path, or a list of paths", forms=()
+)
 _VARIABLE = {
     "path": Key(_PATHS),
     "factors": Key(Numbers((None,)), ()),
@@ -276,7 +275,7 @@ _SETTINGS = {
 }
 SEARCH_KEYS = {
     **SHARED,
-    "variables": Key(unread(LIST, {"": _VARIABLE})),
+    "variables": Key(unread(LIST, {"": _VARIABLE}, forms=("list",))),
     "robust": Key(unread(tables={"": _ROBUST}), None),
     "search": Key(unread(tables={"": _SETTINGS}), None),
 }
@@ -299,9 +298,26 @@ def _control_keys(place: Numbers) -> Keys:
     return {"place": Key(place, None), **_CONTROL}
 
 
+def _control_table(plane: Plane) -> Nested:
+    return unread(tables={"": _control_keys(plane.place)})
+
+
 # Where the end time is free, it may be the only objective.
 OBJECTIVES_OF_CONTROL = {"objectives": Key(SHARED["objectives"].kind, [])}
-CONTROL_KEYS = {**SHARED, **OBJECTIVES_OF_CONTROL, CONTROL_TABLE: Key(unread(tables={"": _control_keys(PLANE.place)}))}
+CONTROL_KEYS = {**SHARED, **OBJECTIVES_OF_CONTROL, CONTROL_TABLE: Key(_control_table(PLANE))}
+
+
+def schemas() -> dict[str, Schema]:
+    """Returns the JSON Schemas of problem files by what they are, of a ball or a disk: a ``problem`` or ``control``."""
+    wanted = {
+        "objectives": Key(unread(LIST, OBJECTIVES.keys(EITHER), forms=("list",))),
+        "constraints": Key(unread(LIST, CONSTRAINTS.keys(EITHER), forms=("list",)), []),
+    }
+    control = {"objectives": Key(wanted["objectives"].kind, []), CONTROL_TABLE: Key(_control_table(EITHER))}
+    return {
+        "problem": schema_of("problem", {**SEARCH_KEYS, **wanted}),
+        "control": schema_of("control problem", {**CONTROL_KEYS, **wanted, **control}),
+    }
 
 
 class ProblemFile(NamedTuple):

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from .. import programs
 from ..interface.arguments import call_with, require_value
-from ..numerics.arrays import number_or_none, numbers
+from ..numerics.declare import LENGTH, POSITIVE, TIME, number, number_or_none
 from ..numerics.vectors import ROUNDING_SQUARED, norm
 from ..simulation.equilibrium import imbalance
 from .problem.plane import AbstractCurve, along, off_e1, place, places
@@ -50,7 +50,7 @@ class ReachPlace(AbstractObjective):
 class ReachPose(AbstractObjective):
     """sin² of half the angle between the orientation at the end and ``versor``: 1 − (q·q*)² / (|q| |q*|)²."""
 
-    versor: Float[Array, "4"] = eqx.field(converter=numbers("versor", (4,)))
+    versor: Float[Array, "4"] = eqx.field(converter=number())
 
     def __call__(self, run: Run):
         q = run.state.in_space().q[-1]
@@ -121,8 +121,8 @@ class FollowTrajectory(AbstractRunningObjective):
 
     curve: AbstractCurve
     rest_to_rest: Bool[Array, ""] = eqx.field(converter=jnp.asarray, default=False)
-    start: Float[Array, ""] | None = eqx.field(converter=number_or_none("start"), default=None)
-    end: Float[Array, ""] | None = eqx.field(converter=number_or_none("end"), default=None)
+    start: Float[Array, ""] | None = eqx.field(converter=number_or_none(TIME), default=None)
+    end: Float[Array, ""] | None = eqx.field(converter=number_or_none(TIME), default=None)
 
     def targets(self, times: Float[Array, " t"]) -> Float[Array, "t 2"]:
         """Returns the desired positions of the geometric centre."""
@@ -235,8 +235,8 @@ class AvoidObstacles(AbstractRunningObjective):
     """
 
     centres: Float[Array, "k 2"] = eqx.field(converter=places("centres"))
-    radii: Float[Array, " k"] = eqx.field(converter=numbers("radii", ("k",)))
-    softness: Float[Array, ""] = eqx.field(converter=numbers("softness"), default=0.1)
+    radii: Float[Array, " k"] = eqx.field(converter=number(LENGTH, POSITIVE))
+    softness: Float[Array, ""] = eqx.field(converter=number(rule=POSITIVE), default=0.1)
 
     def integrand(self, run: Run):
         inside = jax.nn.softplus(depths(run, self.centres, self.radii) / self.softness)

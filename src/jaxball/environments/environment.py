@@ -18,7 +18,7 @@ from ..control.sampled import SampledSystem
 from ..interface.arguments import refusal, require, require_callable, whole_number
 from ..interface.printing import Printed
 from ..interface.status import Status
-from ..numerics.arrays import Numbers, number_or_none, numbers, to_array
+from ..numerics.arrays import Numbers, numbers, to_array
 from ..physics.body import System
 from ..physics.contact.law import Contact
 from ..physics.grounds import AbstractSurface
@@ -194,7 +194,10 @@ class Environment(Printed):
         directions_by_name(self.starts, self.state.directions)
         self.parameters = _distributions("parameters", parameters)
         require_numbers_of(self.sampled.system, self.parameters)
-        self.penalty, self.friction = numbers("penalty")(penalty), number_or_none("friction")(friction)
+        self.penalty, self.friction = (
+            numbers("penalty")(penalty),
+            None if friction is None else numbers("friction")(friction),
+        )
         self.adjoint = adjoint
         self.samples, self.delay, self.shows_goal = whole_number("samples", samples, 1), _range(delay), shows_goal
 

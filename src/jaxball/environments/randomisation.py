@@ -15,7 +15,8 @@ from ..control.weights import places_by_name
 from ..interface.arguments import require
 from ..interface.printing import Printed
 from ..interface.wording import did_you_mean
-from ..numerics.arrays import numbers, to_array
+from ..numerics.arrays import to_array
+from ..numerics.declare import number
 from ..physics.body import System
 
 
@@ -48,8 +49,8 @@ class Uniform(AbstractDistribution):
     (True, True, 1.0)
     """
 
-    low: Float[Array, ""] = eqx.field(converter=numbers("low"))
-    high: Float[Array, ""] = eqx.field(converter=numbers("high"))
+    low: Float[Array, ""] = eqx.field(converter=number())
+    high: Float[Array, ""] = eqx.field(converter=number())
 
     def __check_init__(self):
         if not (is_traced(self.low) or is_traced(self.high)) and not np.asarray(self.low) <= np.asarray(self.high):
@@ -71,8 +72,8 @@ class Normal(AbstractDistribution):
     **Raises:** ``ValueError`` for a negative deviation.
     """
 
-    mean: Float[Array, ""] = eqx.field(converter=numbers("mean"))
-    deviation: Float[Array, ""] = eqx.field(converter=numbers("deviation"))
+    mean: Float[Array, ""] = eqx.field(converter=number())
+    deviation: Float[Array, ""] = eqx.field(converter=number())
 
     def __check_init__(self):
         if not is_traced(self.deviation) and not np.asarray(self.deviation) >= 0:

@@ -12,7 +12,8 @@ from jaxtyping import Array, Bool, Float
 
 from ..interface.arguments import require
 from ..interface.printing import Printed
-from ..numerics.arrays import Numbers, number_or_none, numbers, to_array
+from ..numerics.arrays import Numbers, to_array
+from ..numerics.declare import number, number_or_none
 from ..numerics.vectors import dot, root
 from ..physics.body import System
 from ..physics.contact.body_on_plane import BodyOnPlane
@@ -137,7 +138,7 @@ class ReachPoint(AbstractGoal):
 
     point: Float[Array, " d"] = eqx.field(converter=lambda x: _row("point", x), default=(0.0, 0.0))
     drawn: AbstractDistribution | None = None
-    within: Float[Array, ""] | None = eqx.field(converter=number_or_none("within"), default=None)
+    within: Float[Array, ""] | None = eqx.field(converter=number_or_none(), default=None)
 
     def __check_init__(self):
         _require_distribution(self.drawn)
@@ -175,7 +176,7 @@ class FollowPath(AbstractGoal):
 
     along: AbstractSchedule
     across: AbstractSchedule | None = None
-    preview: Float[Array, " k"] = eqx.field(converter=numbers("preview", ("k",)), default=())
+    preview: Float[Array, " k"] = eqx.field(converter=number(), default=())
 
     def __check_init__(self):
         must = "a schedule, such as Waypoints(...)"

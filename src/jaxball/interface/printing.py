@@ -1,6 +1,7 @@
 """How objects print: arrays of a few known numbers by their values, all others by their shapes."""
 
 import dataclasses
+import inspect
 import math
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -17,7 +18,17 @@ MOST_WRITTEN_OUT = 9
 
 
 class Printed(eqx.Module):
-    """A module that prints its numbers, not just their shapes, and names itself in errors about arguments."""
+    """A module that prints its numbers, not just their shapes, and names itself in errors about arguments.
+
+    A converter of a field that has a method ``belong_to`` is told the name and the annotation of its field.
+    """
+
+    def __init_subclass__(cls, **options: Any):
+        super().__init_subclass__(**options)
+        for name, field in vars(cls).items():
+            belong_to = getattr(getattr(field, "metadata", {}).get("converter"), "belong_to", None)
+            if belong_to is not None:
+                belong_to(name, inspect.get_annotations(cls)[name])
 
     def __new__(cls, *given: Any, **named: Any):
         require_arguments(cls, given, named)

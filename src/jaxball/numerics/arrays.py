@@ -1,7 +1,7 @@
-"""Converts numbers that users give to arrays, with checks of types and shapes, and makes the converters of fields."""
+"""Converts numbers that users give to arrays, with checks of types and shapes."""
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple, TypeVar
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -126,48 +126,15 @@ def _is_real(x: Any) -> bool:
     return getattr(dtype, "kind", None) in {"b", "i", "u", "f"} or jnp.issubdtype(dtype, jnp.floating)
 
 
-class ToNumbers(NamedTuple):
-    """The converter of a constructor's argument ``name`` to an array.
+def numbers(name: str, shape: tuple[int | str, ...] = ()) -> Callable[[Numbers], Array]:
+    """Returns the conversion of an argument ``name`` to an array of this shape, which has a letter for any length."""
 
-    ``shape`` has a letter for each arbitrary length; with ``batch`` there may be more axes before it. It applies to the
-    arguments of a constructor: transformations of JAX, which add axes, do not call it.
-    """
-
-    name: str
-    shape: tuple[int | str, ...]
-    batch: bool
-
-    def __call__(self, x: Numbers) -> Float[Array, "..."]:
-        array = to_array(x, self.name)
-        require_shape(self.name, array, self.shape, batch=self.batch)
+    def convert(x: Numbers) -> Float[Array, "..."]:
+        array = to_array(x, name)
+        require_shape(name, array, shape)
         return array
 
-
-class ToNumbersOrNone(NamedTuple):
-    """The converter of an argument that may be left out; else as :class:`ToNumbers`."""
-
-    given: ToNumbers
-
-    def __call__(self, x: Numbers | None) -> Float[Array, "..."] | None:
-        return None if x is None else self.given(x)
-
-
-def numbers(name: str, shape: tuple[int | str, ...] = (), *, batch: bool = False) -> ToNumbers:
-    """Returns the converter of a field ``name`` to an array of this shape; see :class:`ToNumbers`."""
-    return ToNumbers(name, shape, batch)
-
-
-def number_or_none(name: str, shape: tuple[int | str, ...] = (), *, batch: bool = False) -> ToNumbersOrNone:
-    """Returns the converter of a field ``name`` to a number, or to an array of a ``shape``, which may be left out."""
-    return ToNumbersOrNone(numbers(name, shape, batch=batch))
-
-
-def shapes_of_fields(kind: type) -> dict[str, tuple[int | str, ...]]:
-    """Returns the shapes that :func:`numbers` and :func:`number_or_none` require of the fields of a class, by name."""
-    fields: dict[str, Any] = getattr(kind, "__dataclass_fields__", {})
-    converters = {name: field.metadata.get("converter") for name, field in fields.items()}
-    required = {name: x.given if isinstance(x, ToNumbersOrNone) else x for name, x in converters.items()}
-    return {name: x.shape for name, x in required.items() if isinstance(x, ToNumbers) and not x.batch}
+    return convert
 
 
 def has_shape(given: tuple[int, ...], shape: tuple[int | str, ...]) -> bool:

@@ -12,7 +12,8 @@ from jaxtyping import Array, Float, Int, PyTree
 
 from ..interface.arguments import call_with, require_function
 from ..interface.printing import Printed
-from .arrays import Numbers, a_number, numbers, to_array
+from .arrays import Numbers, a_number, to_array
+from .declare import TIME, number
 from .kinks import kinks_of_function
 from .linear import tridiagonal_solution
 from .vectors import sine_cosine
@@ -245,7 +246,7 @@ class OfFunction(Printed):
 class OfKinkedFunction(OfFunction):
     """The same of the time, with the times at which it jumps or has a kink."""
 
-    kink_times: Float[Array, "*group kinks"] = eqx.field(converter=numbers("kink_times", ("kinks",)), default=())
+    kink_times: Float[Array, "*group kinks"] = eqx.field(converter=number(TIME), default=())
 
     def kinks(self) -> Float[Array, " kinks"]:
         return kinks_of_function(self)

@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..interface.wording import beyond_numbers
 from ..numerics.arrays import AnyArray, namespace_of
+from ..numerics.declare import FINITE, declarations
 
 UNIT = 1e-6  # how far the square of a unit vector may be from 1
 
@@ -75,6 +76,19 @@ def positive(x: AnyArray) -> Any:
     return ((x > 0) & namespace_of(x).isfinite(x)).all()
 
 
+def on_numbers(item: Any, prefix: str) -> Iterator[Condition]:
+    """Yields the condition on each number of an item whose field declares a rule, with the field's name after
+    ``prefix``.
+
+    Angles must be finite only: the limits on those that somebody writes are against degrees, and others may be beyond.
+    """
+    for name, declared in declarations(type(item)).items():
+        value = getattr(item, name)
+        if declared.rule is not None and value is not None:
+            rule = FINITE if declared.rule.is_angle else declared.rule
+            yield Condition(rule.holds(value), prefix + name, value, rule.words(declared.shape))
+
+
 def positive_inertia(d: Float[AnyArray, "..."]) -> Condition:
     """Returns the condition on a moment of inertia, or on three, to be positive."""
     return Condition(positive(d), "inertia", d, "positive")
@@ -94,10 +108,3 @@ def unit(name: str, x: Float[Array, " size"]) -> Condition:
     """Returns the condition on a vector of an initial state that its length is 1."""
     must = "a versor, four numbers whose squares add up to 1" if x.size == 4 else "a unit vector"
     return Condition(jnp.abs(jnp.sum(x**2) - 1) < UNIT, name, x, must)
-
-
-def a_direction(name: str, axis: Float[AnyArray, "3"]) -> Condition:
-    """Returns the condition on three numbers to be a direction, of any length but 0."""
-    number = namespace_of(axis)
-    holds = number.all(number.isfinite(axis)) & number.any(axis != 0)
-    return Condition(holds, name, axis, "a direction, three finite numbers that are not all 0")

@@ -4,7 +4,7 @@ A body takes one as its ``law``. Sampled feedback along a motion is in :mod:`jax
 """
 
 import abc
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -13,7 +13,8 @@ from jaxtyping import Array, Float
 
 from ..interface.arguments import call_with, require_callable_with, require_count, require_each, traceable
 from ..interface.printing import Printed
-from ..numerics.arrays import Numbers, default_dtype, number_or_none, numbers, require_shape
+from ..numerics.arrays import default_dtype, require_shape
+from ..numerics.declare import ACCELERATION, NOT_NEGATIVE, PER_TIME, PER_TIME_SQUARED, Dimension, number, number_or_none
 from ..numerics.functions import OfKinkedFunctionOfState
 from ..numerics.kinks import kinks_of_function, kinks_seen
 from .prescribed.schedules import AbstractSchedule
@@ -143,8 +144,8 @@ class Servo(AbstractLaw):
     """
 
     targets: tuple[AbstractSchedule, ...]
-    stiffness: Float[Array, "*group driven"] = eqx.field(converter=numbers("stiffness", ("driven",)))
-    damping: Float[Array, "*group driven"] = eqx.field(converter=numbers("damping", ("driven",)))
+    stiffness: Float[Array, "*group driven"] = eqx.field(converter=number(PER_TIME_SQUARED, NOT_NEGATIVE, by_size=True))
+    damping: Float[Array, "*group driven"] = eqx.field(converter=number(PER_TIME, NOT_NEGATIVE, by_size=True))
 
     def __check_init__(self):
         require_each("targets", self.targets, AbstractSchedule, "a schedule, such as Pulse(...)")
@@ -170,10 +171,6 @@ class Servo(AbstractLaw):
 
     def prepare(self) -> "Servo":
         return Servo(tuple(s.prepare() for s in self.targets), self.stiffness, self.damping)
-
-
-def _factor(name: str, columns: int | str) -> Callable[[Numbers | None], Float[Array, "driven columns"] | None]:
-    return number_or_none(name, ("driven", columns))
 
 
 class LinearLaw(AbstractLaw):
@@ -210,19 +207,21 @@ class LinearLaw(AbstractLaw):
     """
 
     theta: Float[Array, "*group driven coordinates"] | None = eqx.field(
-        converter=_factor("theta", "coordinates"), default=None
+        converter=number_or_none(PER_TIME_SQUARED), default=None
     )
     thetadot: Float[Array, "*group driven coordinates"] | None = eqx.field(
-        converter=_factor("thetadot", "coordinates"), default=None
+        converter=number_or_none(PER_TIME), default=None
     )
-    Omega: Float[Array, "*group driven 3"] | None = eqx.field(converter=_factor("Omega", 3), default=None)
-    Gamma: Float[Array, "*group driven 3"] | None = eqx.field(converter=_factor("Gamma", 3), default=None)
-    z: Float[Array, "*group driven place"] | None = eqx.field(converter=_factor("z", "n"), default=None)
+    Omega: Float[Array, "*group driven 3"] | None = eqx.field(converter=number_or_none(PER_TIME), default=None)
+    Gamma: Float[Array, "*group driven 3"] | None = eqx.field(converter=number_or_none(ACCELERATION), default=None)
+    z: Float[Array, "*group driven n"] | None = eqx.field(
+        converter=number_or_none(Dimension(-1, -2, 0, 1)), default=None
+    )
     signals: tuple[AbstractSignal | AbstractSchedule, ...] = eqx.field(
         converter=lambda given: tuple(as_signal(f"signals[{index}]", signal) for index, signal in enumerate(given)),
         default=(),
     )
-    omega: Float[Array, "*group driven 3"] | None = eqx.field(converter=_factor("omega", 3), default=None)
+    omega: Float[Array, "*group driven 3"] | None = eqx.field(converter=number_or_none(PER_TIME), default=None)
 
     def __check_init__(self):
         counts = self._counts()

@@ -17,10 +17,11 @@ from jaxtyping import Array, Float
 
 from ..interface.arguments import call_with, require_function
 from ..interface.printing import Printed
-from ..numerics.arrays import a_vector, numbers, to_array
+from ..numerics.arrays import a_vector, to_array
+from ..numerics.declare import ANGLE, FINITE, LENGTH, POSITIVE, number
 from ..numerics.functions import OfFunction
 from ..numerics.vectors import root, sine_cosine
-from .conditions import Condition, positive
+from .conditions import Condition, on_numbers
 
 LOOKS = 512  # in which a surface is looked at
 
@@ -80,8 +81,8 @@ class Ellipsoid(AbstractShape):
     Array([0. , 0. , 1.5], dtype=float64)
     """
 
-    semiaxes: Float[Array, "*group 3"] = eqx.field(converter=numbers("semiaxes", (3,)))
-    turn: Float[Array, "*group"] = eqx.field(converter=numbers("turn"), default=0.0)
+    semiaxes: Float[Array, "*group 3"] = eqx.field(converter=number(LENGTH, POSITIVE))
+    turn: Float[Array, "*group"] = eqx.field(converter=number(ANGLE, FINITE), default=0.0)
 
     def height(self, Gamma: Float[Array, "3"]) -> Float[Array, ""]:
         sine, cosine = sine_cosine(self.turn)
@@ -89,8 +90,7 @@ class Ellipsoid(AbstractShape):
         return jnp.sqrt(jnp.sum((self.semiaxes * along) ** 2))
 
     def conditions(self) -> Iterator[Condition]:
-        yield Condition(positive(self.semiaxes), "shape.semiaxes", self.semiaxes, "three positive numbers")
-        yield Condition(jnp.isfinite(self.turn), "shape.turn", self.turn, "a finite number")
+        yield from on_numbers(self, "shape.")
 
 
 class SupportFunction(OfFunction, AbstractShape):

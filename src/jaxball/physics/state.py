@@ -12,13 +12,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..numerics import versor
-from ..numerics.arrays import number_or_none, numbers
+from ..numerics.declare import number, number_or_none
 from ..numerics.vectors import cross, dot, hat, sine_cosine
 from .conditions import UNIT, Condition
 from .system import AbstractState, AnyState
 
 EMPTY = ()
-OWN = number_or_none("own", ("own",), batch=True)
 Angles = tuple[Float[Array, " driven"], Float[Array, " driven"]]
 Rates = tuple[Float[Array, " driven"], Float[Array, " driven"], Float[Array, " driven"]]
 
@@ -88,14 +87,12 @@ class BallState(AbstractBodyState):
     BallState(q=(1.0, 0.0, 0.0, 0.0), Omega=(0.0, 1.0, 0.0), z=(2.0, 0.0), theta=(), thetadot=())
     """
 
-    q: Float[Array, "*batch 4"] = eqx.field(converter=numbers("q", (4,), batch=True), default=(1.0, 0.0, 0.0, 0.0))
-    Omega: Float[Array, "*batch 3"] = eqx.field(converter=numbers("Omega", (3,), batch=True), default=(0.0, 0.0, 0.0))
-    z: Float[Array, "*batch 2"] = eqx.field(converter=numbers("z", (2,), batch=True), default=(0.0, 0.0))
-    theta: Float[Array, "*batch driven"] = eqx.field(converter=numbers("theta", ("driven",), batch=True), default=EMPTY)
-    thetadot: Float[Array, "*batch driven"] = eqx.field(
-        converter=numbers("thetadot", ("driven",), batch=True), default=EMPTY
-    )
-    own: Float[Array, "*batch own"] | None = eqx.field(converter=OWN, default=None)
+    q: Float[Array, "*batch 4"] = eqx.field(converter=number(), default=(1.0, 0.0, 0.0, 0.0))
+    Omega: Float[Array, "*batch 3"] = eqx.field(converter=number(), default=(0.0, 0.0, 0.0))
+    z: Float[Array, "*batch 2"] = eqx.field(converter=number(), default=(0.0, 0.0))
+    theta: Float[Array, "*batch driven"] = eqx.field(converter=number(), default=EMPTY)
+    thetadot: Float[Array, "*batch driven"] = eqx.field(converter=number(), default=EMPTY)
+    own: Float[Array, "*batch own"] | None = eqx.field(converter=number_or_none(), default=None)
 
     unit_vector, attitude = "q", "q"
 
@@ -163,15 +160,13 @@ class RotationState(AbstractBodyState):
     """
 
     Lambda: Float[Array, "*batch 3 3"] = eqx.field(
-        converter=numbers("Lambda", (3, 3), batch=True), default=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+        converter=number(), default=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     )
-    Omega: Float[Array, "*batch 3"] = eqx.field(converter=numbers("Omega", (3,), batch=True), default=(0.0, 0.0, 0.0))
-    z: Float[Array, "*batch 2"] = eqx.field(converter=numbers("z", (2,), batch=True), default=(0.0, 0.0))
-    theta: Float[Array, "*batch driven"] = eqx.field(converter=numbers("theta", ("driven",), batch=True), default=EMPTY)
-    thetadot: Float[Array, "*batch driven"] = eqx.field(
-        converter=numbers("thetadot", ("driven",), batch=True), default=EMPTY
-    )
-    own: Float[Array, "*batch own"] | None = eqx.field(converter=OWN, default=None)
+    Omega: Float[Array, "*batch 3"] = eqx.field(converter=number(), default=(0.0, 0.0, 0.0))
+    z: Float[Array, "*batch 2"] = eqx.field(converter=number(), default=(0.0, 0.0))
+    theta: Float[Array, "*batch driven"] = eqx.field(converter=number(), default=EMPTY)
+    thetadot: Float[Array, "*batch driven"] = eqx.field(converter=number(), default=EMPTY)
+    own: Float[Array, "*batch own"] | None = eqx.field(converter=number_or_none(), default=None)
 
     attitude = "Lambda"
 
@@ -250,13 +245,11 @@ class ReducedState(AbstractBodyState):
     ReducedState(Omega=(0.0, 0.0, 2.0), Gamma=(0.0, 0.0, 1.0), theta=(), thetadot=())
     """
 
-    Omega: Float[Array, "*batch 3"] = eqx.field(converter=numbers("Omega", (3,), batch=True), default=(0.0, 0.0, 0.0))
-    Gamma: Float[Array, "*batch 3"] = eqx.field(converter=numbers("Gamma", (3,), batch=True), default=(0.0, 0.0, 1.0))
-    theta: Float[Array, "*batch driven"] = eqx.field(converter=numbers("theta", ("driven",), batch=True), default=EMPTY)
-    thetadot: Float[Array, "*batch driven"] = eqx.field(
-        converter=numbers("thetadot", ("driven",), batch=True), default=EMPTY
-    )
-    own: Float[Array, "*batch own"] | None = eqx.field(converter=OWN, default=None)
+    Omega: Float[Array, "*batch 3"] = eqx.field(converter=number(), default=(0.0, 0.0, 0.0))
+    Gamma: Float[Array, "*batch 3"] = eqx.field(converter=number(), default=(0.0, 0.0, 1.0))
+    theta: Float[Array, "*batch driven"] = eqx.field(converter=number(), default=EMPTY)
+    thetadot: Float[Array, "*batch driven"] = eqx.field(converter=number(), default=EMPTY)
+    own: Float[Array, "*batch own"] | None = eqx.field(converter=number_or_none(), default=None)
 
     unit_vector = "Gamma"
 
@@ -297,14 +290,12 @@ class DiskState(AbstractBodyState):
 
     rotation_rate: ClassVar[str] = "phidot"
 
-    phi: Float[Array, "*batch"] = eqx.field(converter=numbers("phi", batch=True), default=0.0)
-    phidot: Float[Array, "*batch"] = eqx.field(converter=numbers("phidot", batch=True), default=0.0)
-    z: Float[Array, "*batch"] = eqx.field(converter=numbers("z", batch=True), default=0.0)
-    theta: Float[Array, "*batch driven"] = eqx.field(converter=numbers("theta", ("driven",), batch=True), default=EMPTY)
-    thetadot: Float[Array, "*batch driven"] = eqx.field(
-        converter=numbers("thetadot", ("driven",), batch=True), default=EMPTY
-    )
-    own: Float[Array, "*batch own"] | None = eqx.field(converter=OWN, default=None)
+    phi: Float[Array, "*batch"] = eqx.field(converter=number(), default=0.0)
+    phidot: Float[Array, "*batch"] = eqx.field(converter=number(), default=0.0)
+    z: Float[Array, "*batch"] = eqx.field(converter=number(), default=0.0)
+    theta: Float[Array, "*batch driven"] = eqx.field(converter=number(), default=EMPTY)
+    thetadot: Float[Array, "*batch driven"] = eqx.field(converter=number(), default=EMPTY)
+    own: Float[Array, "*batch own"] | None = eqx.field(converter=number_or_none(), default=None)
 
     @property
     def Lambda(self) -> Float[Array, "*batch 3 3"]:

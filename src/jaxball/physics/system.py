@@ -24,7 +24,7 @@ from ..interface.status import Status
 from ..numerics.arrays import AnyArray, Numbers, default_dtype, to_array
 from ..numerics.kinks import kinks_seen
 from ..programs.derivatives.differentiation import differentiate_where
-from .conditions import Condition, ExplainedCondition, Problem, unit
+from .conditions import Condition, ExplainedCondition, Problem, on_numbers, unit
 from .hybrid import (
     NO_HISTORY,
     NONE,
@@ -184,7 +184,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
 
     def conditions(self) -> Iterator[Condition]:
         """Yields every condition that the parameters must meet; traceable."""
-        yield from ()
+        yield from on_numbers(self, "")
 
     def start_conditions(self, t: Float[Array, ""], state: AnyState) -> Iterator[Condition | ExplainedCondition]:
         """Yields every condition that an initial state must meet in addition to its own; traceable."""

@@ -14,8 +14,9 @@ from ..physics.prescribed.signals import AbstractSignal
 from .errors import ScenarioError, describe, each_of, key_error
 from .mechanisms import JointInState, ReadMechanism, joints_in_state
 from .motions import SIGNALS, read_signal, write_signal
+from .own import module_of
 from .table import Family, Key, Module, join, keys_of, read_family
-from .values import ACCELERATION, NOT_NEGATIVE, PER_TIME, Dimension, Indices, Nested, Numbers
+from .values import Indices, Nested, Numbers
 
 _SIGNALS_WORDS = "a list of numbers, and tables of signals or schedules"
 
@@ -31,20 +32,14 @@ def _write_signals(signals: Sequence[AbstractSignal | AbstractSchedule], path: s
     return [write_signal(signal, f"{path}[{index}]") for index, signal in enumerate(signals)] or None
 
 
-def _factor(dimension: Dimension) -> Key:
-    return Key(Numbers((None, None), dimension=dimension), None)
-
-
-_PER_TIME_SQUARED = Dimension(0, -2)
-FACTORS = {
-    "theta": _factor(_PER_TIME_SQUARED),
-    "thetadot": _factor(PER_TIME),
-    "Omega": _factor(PER_TIME),
-    "Gamma": _factor(ACCELERATION),
-    "z": _factor(Dimension(-1, -2, 0, 1)),
-    "omega": _factor(PER_TIME),
+FACTORS = module_of(LinearLaw).keys
+LINEAR = {
+    **FACTORS,
+    "signals": Key(
+        Nested(_read_signals, _write_signals, _SIGNALS_WORDS, keys_of(SIGNALS), forms=("list",), others=(Numbers(),)),
+        None,
+    ),
 }
-LINEAR = {**FACTORS, "signals": Key(Nested(_read_signals, _write_signals, _SIGNALS_WORDS, keys_of(SIGNALS)), None)}
 
 
 def check_factors(values: Any, path: str, names: Sequence[str], joints: Sequence[JointInState], kind: str) -> None:
@@ -83,10 +78,7 @@ class Actuation(NamedTuple):
 
 
 _WHICH = Key(Indices(empty=True), None)
-_GAINS = {
-    "stiffness": Key(Numbers((None,), NOT_NEGATIVE, _PER_TIME_SQUARED, by_size=True)),
-    "damping": Key(Numbers((None,), NOT_NEGATIVE, PER_TIME, by_size=True)),
-}
+_GAINS = module_of(Servo).keys
 FORMS: Family = {
     "prescribed": Module(type(None), {}, build=lambda: Actuation(None, None)),
     "integrated": Module(

@@ -14,6 +14,16 @@ import jax.numpy as jnp
 
 from ..interface.wording import one_of
 from ..numerics.arrays import to_array
+from ..numerics.declare import (
+    LENGTH,
+    NOT_NEGATIVE,
+    OF_GRAVITY,
+    OF_INERTIA,
+    OF_MASS,
+    POSITIVE,
+    TIME,
+    Rule,
+)
 from ..physics.body import AbstractBody, Ball, Disk, System
 from ..physics.contact.law import (
     COEFFICIENTS,
@@ -28,15 +38,16 @@ from ..physics.contact.released import ReleasedState
 from ..physics.contact.slide import find_rival
 from ..physics.convex import ConvexBody
 from ..physics.forces.force import AbstractWrench, FunctionWrench, HarmonicForce, require_wrench
-from ..physics.forces.resistance import SMOOTHING, AbstractResistance, Resistance
+from ..physics.forces.resistance import AbstractResistance, Resistance
 from ..physics.own_states import OwnStates
+from ..physics.prescribed.frames import AbstractFrame
 from ..physics.state import BallState, DiskState
 from ..physics.system import AbstractState
 from ..sensors import AbstractSensor, Accelerometer, Encoder, Gyroscope, Position, SensorErrors, Tachometer
 from .errors import ScenarioError, each_of, key_error
 from .grounds import GROUNDS, read_ground
 from .motions import FRAME, HARMONIC_FORCE
-from .own import FUNCTION, Open, names_own, read_own, trying, trying_class
+from .own import FUNCTION, Open, Parts, module_of, modules_of, names_own, read_own, trying, trying_class
 from .shapes import SHAPE
 from .table import (
     Family,
@@ -53,23 +64,10 @@ from .table import (
     write_table,
 )
 from .values import (
-    LENGTH,
-    NOT_NEGATIVE,
-    OF_DRAG,
-    OF_GRAVITY,
-    OF_INERTIA,
-    OF_MASS,
-    OF_ROTATIONAL_DRAG,
-    POSITIVE,
-    RATE,
-    TIME,
-    VELOCITY,
-    Flag,
     Integer,
     Names,
     Nested,
     Numbers,
-    Rule,
     Text,
     WholeNumber,
     namespace,
@@ -81,8 +79,6 @@ from .values import (
 if TYPE_CHECKING:
     from .scenario import Scenario
 
-_NO_DRAG = Key(Numbers(dimension=OF_ROTATIONAL_DRAG), 0.0)
-
 
 def _check_exact(values: dict[str, Any], path: str) -> None:
     if values["exact"] and values["dry"] is None and values["dry_spinning"] is None:
@@ -92,21 +88,7 @@ def _check_exact(values: dict[str, Any], path: str) -> None:
         )
 
 
-RESISTANCE = Module(
-    Resistance,
-    {
-        "rolling": _NO_DRAG,
-        "spinning": _NO_DRAG,
-        "drag": Key(Numbers(dimension=OF_DRAG), 0.0),
-        "rotational_drag": _NO_DRAG,
-        "dry": Key(Numbers(), None),
-        "smoothing": Key(Numbers(dimension=RATE), SMOOTHING),
-        "negative": Key(Flag(), False),
-        "dry_spinning": Key(Numbers(), None),
-        "exact": Key(Flag(), False),
-    },
-    check=_check_exact,
-)
+RESISTANCE = module_of(Resistance, check=_check_exact)
 
 
 RESISTANCES = Open(AbstractResistance, {"": RESISTANCE})
@@ -121,15 +103,7 @@ def read_resistance(values: Any, path: str) -> AbstractResistance:
     return resistance
 
 
-FRICTIONS = Open(
-    AbstractFriction,
-    {
-        "smoothed-coulomb": Module(
-            SmoothedCoulomb, {"kinetic": Key(Numbers()), "smoothing": Key(Numbers(dimension=VELOCITY))}
-        ),
-        "limit-surface": Module(LimitSurface, {"friction": Key(Numbers()), "radius": Key(Numbers(dimension=LENGTH))}),
-    },
-)
+FRICTIONS = Open(AbstractFriction, modules_of({"smoothed-coulomb": SmoothedCoulomb, "limit-surface": LimitSurface}))
 
 
 def _read_friction(value: Any, path: str) -> Any:
@@ -150,7 +124,7 @@ def _write_friction(value: Any, path: str) -> Any:
 
 
 _COEFFICIENT = Numbers()
-_FRICTION = Nested(_read_friction, _write_friction, _COEFFICIENT.words, keys_of(FRICTIONS))
+_FRICTION = Nested(_read_friction, _write_friction, _COEFFICIENT.words, keys_of(FRICTIONS), others=(_COEFFICIENT,))
 
 
 def _law(friction: Any, static_friction: Any = None, *, capacity: int, **others: Any) -> Contact:
@@ -245,7 +219,7 @@ FORCES = Open(
     AbstractWrench,
     {
         "": HARMONIC_FORCE,
-        "function": Module(FunctionWrench, {**FUNCTION, "kink_times": Key(Numbers((None,), dimension=TIME), ())}),
+        "function": module_of(FunctionWrench, keys=FUNCTION),
     },
 )
 
@@ -383,8 +357,7 @@ def kind_of(system: System) -> str:
     )
 
 
-_ON = Key(Text("the name of a part of the body, such as masses[0] or mechanisms[0].joints[0]"))
-_MOUNT = {"on": Key(_ON.kind, None), "frame": FRAME}
+_PART = Text("the name of a part of the body, such as masses[0] or mechanisms[0].joints[0]")
 _PROBABILITY = Rule("finite", lambda x: ((x >= 0) & (x <= 1)).all(), " from 0 to 1")
 _ERRORS = Module(
     SensorErrors,
@@ -398,16 +371,14 @@ _ERRORS = Module(
         "seed": Key(WholeNumber(0, 2**31 - 1), 0),
     },
 )
-_EVERY_SENSOR = {"errors": Key(_ERRORS.nested, None)}
-_AT = {"at": Key(Numbers((3,), dimension=LENGTH), (0.0, 0.0, 0.0))}
+_PARTS: Parts = {AbstractFrame: FRAME.kind, SensorErrors: _ERRORS.nested}
+_MOUNTED = {"accelerometer": Accelerometer, "gyroscope": Gyroscope, "position": Position}
 _SENSORS: Family = {
-    "accelerometer": Module(Accelerometer, {**_AT, **_MOUNT, **_EVERY_SENSOR}),
-    "gyroscope": Module(Gyroscope, {**_MOUNT, **_EVERY_SENSOR}),
-    "position": Module(Position, {**_AT, "on": Key(_ON.kind, None), **_EVERY_SENSOR}),
-    "encoder": Module(Encoder, {"on": _ON, **_EVERY_SENSOR}),
-    "tachometer": Module(Tachometer, {"on": _ON, **_EVERY_SENSOR}),
+    **{name: module_of(sensor, _PARTS, keys={"on": Key(_PART, None)}) for name, sensor in _MOUNTED.items()},
+    "encoder": module_of(Encoder, _PARTS, keys={"on": Key(_PART)}),
+    "tachometer": module_of(Tachometer, _PARTS, keys={"on": Key(_PART)}),
 }
-SENSORS = Open(AbstractSensor, _SENSORS, keys=_EVERY_SENSOR)
+SENSORS = Open(AbstractSensor, _SENSORS, parts=_PARTS)
 
 
 def read_sensors(values: Any, path: str) -> dict[str, AbstractSensor]:
@@ -431,10 +402,10 @@ def write_sensors(sensors: Mapping[str, AbstractSensor], path: str) -> dict[str,
 
 KEYS = {
     "body": Key(unread(tables={kind: keys for kind, (_, keys) in BODIES.items()})),
-    "force": Key(unread(tables=keys_of(FORCES)), None),
+    "force": Key(unread(tables=keys_of(FORCES), own=True), None),
     "ground": Key(unread(tables=keys_of(GROUNDS)), None),
-    "resistance": Key(unread(tables=keys_of(RESISTANCES)), None),
+    "resistance": Key(unread(tables=keys_of(RESISTANCES), own=True), None),
     "own_states": Key(unread(tables={"": OWN_STATES.keys}), None),
     "contact": Key(unread(tables={"": CONTACT.keys}), None),
-    "sensors": Key(unread("a table of tables", keys_of(SENSORS)), None),
+    "sensors": Key(unread("a table of tables", keys_of(SENSORS), forms=("by name",)), None),
 }

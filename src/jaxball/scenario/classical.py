@@ -29,15 +29,7 @@ from ..classical import (
 )
 from ..compat import is_traced
 from ..numerics.arrays import to_array
-from ..physics.conditions import Condition
-from ..physics.system import AbstractState, AbstractSystem
-from .body import read_resistance, write_surroundings
-from .errors import ScenarioError, key_error
-from .initial import read_orientation
-from .motions import SERIES, WAVES, check_lengths, wave_arguments
-from .own import Open, module_of, trying_class
-from .table import Key, Keys, Module, join, read_one_of, read_table, write_member, write_table
-from .values import (
+from ..numerics.declare import (
     ANGLE,
     LENGTH,
     NOT_ALL_ZERO,
@@ -47,17 +39,18 @@ from .values import (
     OF_MOMENTUM,
     POSITIVE,
     RATE,
-    VELOCITY,
-    Nested,
-    Numbers,
-    require_condition,
 )
+from ..physics.conditions import Condition
+from ..physics.system import AbstractState, AbstractSystem
+from .body import read_resistance, write_surroundings
+from .errors import ScenarioError, key_error
+from .initial import read_orientation
+from .motions import SERIES, WAVES, check_lengths, wave_arguments
+from .own import Open, module_of, modules_of, trying_class
+from .table import Key, Keys, Module, join, read_one_of, read_table, write_member, write_table
+from .values import Nested, Numbers, require_condition
 
 INERTIA = {"inertia": Key(Numbers((3,), POSITIVE, OF_INERTIA))}
-PARTICLE_MASS = {"mass": Key(Numbers(rule=POSITIVE, dimension=OF_MASS), 1.0)}
-_GRAVITY = Numbers(dimension=OF_GRAVITY)
-
-
 _AXIS = Module(
     HarmonicAxis,
     {"constant": Key(Numbers((3,))), **WAVES, "amplitude": Key(Numbers((None, 3)), ())},
@@ -69,70 +62,26 @@ _AXIS = Module(
 _XI = Nested(_AXIS.read, lambda item, path: write_member(item, path, {"harmonic": _AXIS})[1], tables={"": _AXIS.keys})
 
 
-def _positive(*required: str, **defaults: float) -> Keys:
-    """Returns keys of positive numbers, with their defaults in Python."""
-    return {
-        **{name: Key(_positive_number(name)) for name in required},
-        **{name: Key(_positive_number(name), default) for name, default in defaults.items()},
-    }
-
-
-def _positive_number(name: str) -> Numbers:
-    dimensions = {"mass": OF_MASS, "radius": LENGTH, "half_length": LENGTH}
-    return Numbers(rule=POSITIVE, dimension=dimensions.get(name, OF_INERTIA))
-
-
 # Those of systems that are made with a Lagrangian, whose states are its coordinates and their rates.
-LAGRANGIAN = {
-    "chaplygin-sleigh": Module(
-        ChaplyginSleigh, {**_positive("inertia", mass=1.0), "ahead": Key(Numbers(dimension=LENGTH))}
-    ),
-    "knife-edge": Module(
-        KnifeEdge,
-        {**_positive(mass=1.0, inertia=1.0), "slope": Key(Numbers(dimension=ANGLE)), "gravity": Key(_GRAVITY, 1.0)},
-    ),
-    "rolling-coin": Module(
-        RollingCoin,
-        {
-            **_positive(mass=1.0, radius=1.0),
-            "inertia": Key(Numbers((2,), POSITIVE, OF_INERTIA), None),
-            "gravity": Key(_GRAVITY, 1.0),
-        },
-    ),
-    "snakeboard": Module(Snakeboard, _positive(mass=1.0, board=0.1, rotor=0.1, truck=0.01, half_length=0.5)),
-    "roller-racer": Module(
-        RollerRacer,
-        {**_positive(mass=1.0, rear=0.2, front=0.05), "lengths": Key(Numbers((2,), dimension=LENGTH), (0.5, 0.1))},
-    ),
-}
-
+LAGRANGIAN = modules_of(
+    {
+        "chaplygin-sleigh": ChaplyginSleigh,
+        "knife-edge": KnifeEdge,
+        "rolling-coin": RollingCoin,
+        "snakeboard": Snakeboard,
+        "roller-racer": RollerRacer,
+    }
+)
+_REQUIRED = {"mass": Key(Numbers(rule=POSITIVE, dimension=OF_MASS)), "gravity": Key(Numbers(dimension=OF_GRAVITY))}
 CLASSICAL = Open(
     AbstractSystem,
     {
-        "free-rigid-body": Module(FreeRigidBody, INERTIA),
-        "heavy-top": Module(
-            HeavyTop,
-            {
-                "mass": Key(Numbers(rule=POSITIVE, dimension=OF_MASS)),
-                **INERTIA,
-                "chi": Key(Numbers((3,), dimension=LENGTH)),
-                "gravity": Key(_GRAVITY),
-            },
-        ),
+        "free-rigid-body": module_of(FreeRigidBody),
+        "heavy-top": module_of(HeavyTop, keys=_REQUIRED),
         "suslov": Module(SuslovProblem, {**INERTIA, "xi": Key(_XI)}),
-        "rolling-ellipsoid": Module(
-            RollingEllipsoid,
-            {
-                "mass": Key(Numbers(rule=POSITIVE, dimension=OF_MASS)),
-                "semiaxes": Key(Numbers((3,), POSITIVE, LENGTH)),
-                **INERTIA,
-                "turn": Key(Numbers(dimension=ANGLE), 0.0),
-                "offset": Key(Numbers((3,), dimension=LENGTH), (0.0, 0.0, 0.0)),
-                "gravity": Key(_GRAVITY),
-            },
-        ),
-        "nonholonomic-particle": Module(NonholonomicParticle, PARTICLE_MASS),
-        "vakonomic-particle": Module(VakonomicParticle, PARTICLE_MASS),
+        "rolling-ellipsoid": module_of(RollingEllipsoid, keys=_REQUIRED),
+        "nonholonomic-particle": module_of(NonholonomicParticle),
+        "vakonomic-particle": module_of(VakonomicParticle),
         **LAGRANGIAN,
     },
 )
@@ -149,10 +98,7 @@ _ORIENTED = {
 _PLACE = {"z": Key(Numbers((2,), dimension=LENGTH), (0.0, 0.0))}
 # The keys of states that begin with an orientation and Ω, besides these.
 _BESIDE_ORIENTATION: dict[type[AbstractState], Keys] = {RigidBodyState: {}, EllipsoidState: _PLACE}
-_PARTICLE = {
-    **{name: Key(Numbers(dimension=LENGTH), 0.0) for name in ("x", "y", "z")},
-    **{name: Key(Numbers(dimension=VELOCITY), 0.0) for name in ("xdot", "ydot")},
-}
+_PARTICLE = module_of(ParticleState).keys
 _PARTICLES = {
     ParticleState: _PARTICLE,
     VakonomicState: {**_PARTICLE, "multiplier": Key(Numbers(dimension=OF_MOMENTUM), None)},

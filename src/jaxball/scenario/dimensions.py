@@ -8,11 +8,12 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from ..numerics.declare import ACCELERATION, EFFORT, Dimension
 from .errors import ScenarioError, describe
 from .logs import KIND as LOG
 from .paths import key_of, steps, value_at
 from .units import Units, parse_unit
-from .values import ACCELERATION, EFFORT, Dimension, Numbers
+from .values import Numbers
 
 _PLACE = re.compile(r"mechanisms\[\d+\]\.joints\[\d+\]|masses\[\d+\]|ground\.(?:motion|displacement)")
 # Angles of frames and of sinusoids, in joints of any kind.

@@ -8,6 +8,7 @@ from typing import Any
 import equinox as eqx
 
 from ..numerics.arrays import to_array
+from ..numerics.declare import POSITIVE
 from ..physics.contact.law import Contact
 from ..physics.system import AbstractSystem
 from ..simulation.events import DOWN, EITHER, UP, AbstractEvent, Detachment, Event, Slip, check_events
@@ -15,7 +16,7 @@ from .errors import ScenarioError, describe, each_of, key_error
 from .imports import is_python_name
 from .own import Function, Open, names_own, read_own, trying, trying_class
 from .table import Family, Key, Module, join, keys_of, read_by_name, read_family, write_member
-from .values import POSITIVE, Choice, Flag, Integer, Numbers, is_traced_document, unread
+from .values import Choice, Flag, Integer, Numbers, is_traced_document, unread
 
 DIRECTIONS = {"rising": UP, "falling": DOWN, "both": EITHER}
 MOST_KEPT = 10**6
@@ -65,7 +66,7 @@ _KINDS: Family = {
     "detachment": Module(Detachment, _ENDING),
 }
 EVENTS = Open(AbstractEvent, {"": CROSSING, **_KINDS})
-KEYS = {"events": Key(unread("a table of tables", keys_of(EVENTS)), None)}
+KEYS = {"events": Key(unread("a table of tables", keys_of(EVENTS), forms=("by name",)), None)}
 
 
 def read_events(values: Any, path: str) -> dict[str, AbstractEvent]:

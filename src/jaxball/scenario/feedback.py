@@ -10,30 +10,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from jaxtyping import Array
 
+from ..numerics.declare import FINITE, NOT_NEGATIVE, PER_TIME, POSITIVE, Rule
 from ..physics.body import System
 from ..physics.forces.force import Push
 from ..sensors import AbstractSensor
 from .errors import ScenarioError, describe, each_of, key_error
+from .own import module_of
 from .paths import check_number, with_numbers
 from .solve import SaveTimes
 from .table import Family, Key, Module, join, keys_of, read_family, read_list, write_family
-from .values import (
-    FINITE,
-    NOT_NEGATIVE,
-    OF_FORCE,
-    OF_TORQUE,
-    PER_TIME,
-    POSITIVE,
-    TIME,
-    Integer,
-    Names,
-    Nested,
-    Numbers,
-    Rule,
-    WholeNumber,
-    is_traced_document,
-    unread,
-)
+from .values import Integer, Names, Nested, Numbers, WholeNumber, is_traced_document, unread
 
 if TYPE_CHECKING:
     from ..control.feedback import AbstractFeedback
@@ -202,15 +188,7 @@ def _depth(value: Any) -> int:
     return 1 + _depth(value[0]) if isinstance(value, list) and value else np.ndim(value)
 
 
-_PUSH = Module(
-    Push,
-    {
-        "force": Key(Numbers((3,), dimension=OF_FORCE)),
-        "start": Key(Numbers(dimension=TIME)),
-        "duration": Key(Numbers(rule=POSITIVE, dimension=TIME)),
-        "torque": Key(Numbers((3,), dimension=OF_TORQUE), (0.0, 0.0, 0.0)),
-    },
-)
+_PUSH = module_of(Push)
 
 
 def _read_pushes(values: Any, path: str) -> tuple[Push, ...]:
@@ -229,7 +207,7 @@ _FEEDFORWARD = {
     "limits": Key(_ByName(NOT_NEGATIVE, shapes=((),)), None),
     "delay": Key(WholeNumber(0, 10**6), 0),
     "start": _NAMED,
-    "pushes": Key(Nested(_read_pushes, _write_pushes, "a list of tables", {"": _PUSH.keys}), ()),
+    "pushes": Key(Nested(_read_pushes, _write_pushes, "a list of tables", {"": _PUSH.keys}, forms=("list",)), ()),
     "model": _NAMED,
 }
 _REGULATOR = {"Q": Key(_WEIGHTS), "R": Key(_WEIGHTS), "Qf": Key(_WEIGHTS, None), **_FEEDFORWARD}

@@ -86,9 +86,9 @@ _SHARED = {
 KEYS = {
     **_SHARED,
     **BODY_KEYS,
-    "masses": Key(unread(tables=MASSES), []),
-    "mechanisms": Key(unread(tables={"": MECHANISM}), []),
-    "actuation": Key(unread(tables=keys_of(FORMS)), None),
+    "masses": Key(unread(tables=MASSES, forms=("list",)), []),
+    "mechanisms": Key(unread(tables={"": MECHANISM}, forms=("list",)), []),
+    "actuation": Key(unread(tables=keys_of(FORMS), by="form"), None),
     "initial": Key(unread(tables=INITIAL), None),
     **FEEDBACK_KEYS,
 }

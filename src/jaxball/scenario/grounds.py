@@ -21,55 +21,33 @@ from ..physics.grounds import (
 )
 from ..physics.grounds.ground import AbstractGround, Ground
 from ..physics.mechanisms import Accelerated
+from ..physics.prescribed.motion import AbstractPrescribedMotion
 from ..physics.prescribed.schedules import AbstractSchedule
 from .errors import ScenarioError, describe, key_error
 from .mechanisms import JointInState
 from .motions import MOTIONS, SCHEDULE, SCHEDULES, read_motion, write_motion
-from .own import FUNCTION, Open, names_own, read_own, trying
-from .table import Key, Keys, Module, join, keys_of, read_family, read_list, read_one_of
-from .values import (
-    ANGLE,
-    FULL_TURN,
-    LENGTH,
-    PER_LENGTH,
-    POSITIVE,
-    QUARTER_TURN,
-    TIME,
-    Flag,
-    Nested,
-    Numbers,
-    Radians,
-    require_conditions,
-)
+from .own import FUNCTION, Open, Parts, module_of, modules_of, names_own, read_own, trying
+from .table import Key, join, keys_of, read_family, read_list, read_one_of
+from .values import Nested, require_conditions
 
 _MOTION = Nested(lambda values, path: read_motion(*read_one_of(values, path, MOTIONS)), write_motion, tables=MOTIONS)
-_CENTRE = Key(Numbers((2,), dimension=LENGTH), (0.0, 0.0))
-_CARRIERS = {
-    "turntable": Key(Module(Turntable, {"turning": SCHEDULE, "centre": _CENTRE}).nested, None),
-    "belt": Key(Module(Belt, {"travel": SCHEDULE, "heading": Key(Radians((), FULL_TURN, ANGLE), 0.0)}).nested, None),
-}
-GROUND = Module(
-    Ground,
-    {
-        "angle": Key(Radians((), QUARTER_TURN, ANGLE), 0.0),
-        "heading": Key(Radians((), FULL_TURN, ANGLE), 0.0),
-        "motion": Key(_MOTION, None),
-        **_CARRIERS,
-    },
-)
-
-_ORIGIN = Key(Numbers((3,), dimension=LENGTH), (0.0, 0.0, 0.0))
-_TURN = Module(Turn, {"axis": Key(Numbers((3,))), "angle": SCHEDULE})
+_SCHEDULED: Parts = {AbstractSchedule: SCHEDULE.kind}
+_TURN = module_of(Turn, _SCHEDULED)
 _TURNS = Nested(
     lambda values, path: read_list(values, path, _TURN.read),
     lambda turns, path: [_TURN.write(turn, f"{path}[{index}]") for index, turn in enumerate(turns)],
     "a list of tables",
     {"": _TURN.keys},
+    forms=("list",),
 )
-_FRAME = Module(MovingFrame, {"turns": Key(_TURNS, ()), "displacement": Key(_MOTION, None), "pivot": _ORIGIN})
-_MOVED = {"motion": Key(_FRAME.nested, None), **_CARRIERS}
-_RADIUS = Key(Numbers(rule=POSITIVE, dimension=LENGTH))
-_OF_FUNCTION = {**FUNCTION, "kink_times": Key(Numbers((None,), dimension=TIME), ())}
+_DISPLACED: Parts = {AbstractPrescribedMotion: _MOTION}
+_PARTS: Parts = {
+    **_DISPLACED,
+    MovingFrame: module_of(MovingFrame, _DISPLACED, keys={"turns": Key(_TURNS, ())}).nested,
+    Turntable: module_of(Turntable, _SCHEDULED).nested,
+    Belt: module_of(Belt, _SCHEDULED).nested,
+}
+GROUND = module_of(Ground, _PARTS)
 
 
 _ANGLES = ("about_e1", "about_e2")  # of a plate
@@ -119,7 +97,7 @@ def _write_angle(angle: AbstractSchedule | Accelerated, path: str) -> dict[str, 
     return None if isinstance(angle, Accelerated) else SCHEDULE.kind.write(angle, path)
 
 
-_ANGLE = Key(Nested(SCHEDULE.kind.read, _write_angle, SCHEDULE.kind.words, keys_of(SCHEDULES)), None)
+_ANGLE = Nested(SCHEDULE.kind.read, _write_angle, SCHEDULE.kind.words, keys_of(SCHEDULES))
 
 
 def write_targets(targets: Mapping[str, AbstractSchedule | None]) -> dict[str, Any]:
@@ -129,61 +107,29 @@ def write_targets(targets: Mapping[str, AbstractSchedule | None]) -> dict[str, A
     return {name: SCHEDULE.kind.write(target, path) for name, (path, target) in followed.items() if target is not None}
 
 
-def _surface(kind: type, keys: Keys) -> Module:
-    """Describes in a file a surface that may move as a whole."""
-    return Module(kind, {**keys, **_MOVED})
-
-
+_PLATE = module_of(TiltingPlane, {AbstractSchedule | Accelerated: _ANGLE, **_PARTS})
+_OF_FUNCTION = {"height-field": HeightField, "parametric": ParametricSurface, "signed-distance": SignedDistance}
+_SURFACES = {
+    "bowl": Bowl,
+    "sphere": SphereOutside,
+    "cylinder": Cylinder,
+    "paraboloid": Paraboloid,
+    "washboard": Washboard,
+}
 GROUNDS = Open(
     AbstractGround,
     {
         "": GROUND,
-        "height-field": _surface(HeightField, _OF_FUNCTION),
-        "parametric": _surface(ParametricSurface, _OF_FUNCTION),
-        "signed-distance": _surface(
-            SignedDistance,
-            {
-                **_OF_FUNCTION,
-                "centre": Key(Numbers((3,), dimension=LENGTH), None),
-                "guess": Key(Numbers(dimension=LENGTH), 0.0),
-            },
-        ),
-        "bowl": _surface(Bowl, {"radius": _RADIUS}),
-        "sphere": _surface(SphereOutside, {"radius": _RADIUS}),
-        "cylinder": _surface(
-            Cylinder,
-            {
-                "radius": _RADIUS,
-                "axis": Key(Numbers((3,)), (1.0, 0.0, 0.0)),
-                "start": Key(Numbers((3,)), (0.0, 0.0, -1.0)),
-                "centre": _ORIGIN,
-                "outside": Key(Flag(), False),
-            },
-        ),
-        "paraboloid": _surface(Paraboloid, {"curvatures": Key(Numbers((2,), dimension=PER_LENGTH, by_size=True))}),
-        "washboard": _surface(
-            Washboard,
-            {
-                "amplitude": Key(Numbers(dimension=LENGTH)),
-                "wavelength": Key(Numbers(rule=POSITIVE, dimension=LENGTH)),
-                "phase": Key(Radians((), FULL_TURN, ANGLE), 0.0),
-                "heading": Key(Radians((), FULL_TURN, ANGLE), 0.0),
-            },
-        ),
-        "tilting-plane": Module(
-            TiltingPlane,
-            {
-                "about_e1": _ANGLE,
-                "about_e2": _ANGLE,
-                "accelerated": Key(_AnglesOfPlate(), None),
-                "pivot": _ORIGIN,
-                "displacement": Key(_MOTION, None),
-                **_CARRIERS,
-            },
+        **{name: module_of(kind, _PARTS, keys=FUNCTION) for name, kind in _OF_FUNCTION.items()},
+        **modules_of(_SURFACES, _PARTS),
+        "tilting-plane": dataclasses.replace(
+            _PLATE,
+            keys={**_PLATE.keys, "accelerated": Key(_AnglesOfPlate(), None)},
             build=_read_plate,
             attributes={"accelerated": "driven"},
         ),
     },
+    parts=_PARTS,
 )
 
 

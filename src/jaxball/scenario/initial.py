@@ -11,6 +11,7 @@ from .. import programs
 from ..compat import is_traced
 from ..interface.wording import all_of, number_of
 from ..numerics.arrays import to_array
+from ..numerics.declare import ANGLE, LENGTH, NOT_ALL_ZERO, RATE, VELOCITY, Rule
 from ..numerics.vectors import length
 from ..physics.body import Ball, Disk, System
 from ..physics.contact.released import ReleasedState
@@ -22,21 +23,7 @@ from ..physics.state import BallState, DiskState, State
 from .errors import ScenarioError, UntraceableError, key_error
 from .mechanisms import ReadMechanism, joints_in_state
 from .table import Key, join, read_one_of, read_table, write_table
-from .values import (
-    ANGLE,
-    LENGTH,
-    NOT_ALL_ZERO,
-    RATE,
-    VELOCITY,
-    Flag,
-    Indices,
-    Nested,
-    Numbers,
-    Rule,
-    namespace,
-    outside_of_traces,
-    require,
-)
+from .values import Flag, Indices, Nested, Numbers, namespace, outside_of_traces, require
 
 _BALANCE_KEYS = {"masses": Key(Indices()), "above": Key(Flag(), None)}
 _BALANCE = Nested(

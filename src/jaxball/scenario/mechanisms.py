@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import numpy as np
 
 from ..physics.body import System
 from ..physics.mechanisms import (
@@ -28,10 +27,12 @@ from ..physics.mechanisms import (
     SpeedLimitedMotor,
     Spring,
 )
+from ..physics.prescribed.rails import AbstractRail
 from ..physics.prescribed.schedules import AbstractSchedule
+from ..physics.prescribed.signals import AbstractSignal
 from .errors import ScenarioError, describe, key_error
-from .motions import MASS, RAILS, SCHEDULE, SIGNAL
-from .own import Open
+from .motions import RAIL, SCHEDULE, SIGNAL
+from .own import Open, Parts, module_of, modules_of
 from .table import (
     Family,
     Key,
@@ -39,7 +40,6 @@ from .table import (
     Module,
     join,
     keys_of,
-    member_of,
     read_family,
     read_list,
     read_table,
@@ -47,73 +47,31 @@ from .table import (
     write_member,
     write_table,
 )
-from .values import (
-    ANGLE,
-    DAMPING,
-    EFFORT,
-    LENGTH,
-    NOT_ALL_ZERO,
-    RATE,
-    STIFFNESS,
-    Dimension,
-    Flag,
-    Integer,
-    Nested,
-    Numbers,
-    require_conditions,
-)
+from .values import Flag, Integer, Nested, require_conditions
 
-_EFFORT, _LIMIT = Key(Numbers(dimension=EFFORT)), Key(Numbers(dimension=EFFORT), None)
-_STIFFNESS, _DAMPING = Key(Numbers(dimension=STIFFNESS)), Key(Numbers(dimension=DAMPING))
-_UNDAMPED = Key(Numbers(dimension=DAMPING), 0.0)
-_PER_RATE = Dimension(0, 1, 0, -1)
-_END = Key(Numbers(dimension=ANGLE))
 MOST_EXPONENT = 100
 
-_FORCES: Family = {
-    "motor": Module(Motor, {"signal": Key(SIGNAL), "limit": _LIMIT}),
-    "spring": Module(Spring, {"stiffness": _STIFFNESS, "rest": Key(Numbers(dimension=ANGLE), 0.0)}),
-    "damper": Module(Damper, {"coefficient": _DAMPING, "negative": Key(Flag(), False)}),
-    "speed-limited-motor": Module(
-        SpeedLimitedMotor, {"command": Key(SIGNAL), "stall": _EFFORT, "free_speed": Key(Numbers(dimension=RATE))}
-    ),
-    "pd-servo": Module(PDServo, {"target": SCHEDULE, "stiffness": _STIFFNESS, "damping": _UNDAMPED, "limit": _LIMIT}),
-    "end-stops": Module(
-        EndStops,
-        {"lower": _END, "upper": _END, "stiffness": _STIFFNESS, "damping": Key(Numbers(dimension=_PER_RATE), 0.0)},
-    ),
-    "hard-stops": Module(
-        HardStops,
-        {
-            "lower": Key(Numbers(dimension=ANGLE), -np.inf),
-            "upper": Key(Numbers(dimension=ANGLE), np.inf),
-            "restitution": Key(Numbers(), 0.0),
-            "slowest": Key(Numbers(), 1e-6),
-        },
-    ),
-    "joint-friction": Module(
-        JointFriction,
-        {
-            "kinetic": _EFFORT,
-            "static": _LIMIT,
-            "viscous": _UNDAMPED,
-            "stribeck": Key(Numbers(dimension=RATE), None),
-            "exponent": Key(Integer(1, MOST_EXPONENT), 2),
-            "smoothing": Key(Numbers(dimension=RATE), None),
-        },
-    ),
-    "majd-simaan-friction": Module(
-        MajdSimaanFriction,
-        {
-            "viscous": _DAMPING,
-            "kinetic": _EFFORT,
-            "peak": _EFFORT,
-            "rate": Key(Numbers(dimension=RATE)),
-            "steepness": Key(Numbers()),
-        },
-    ),
-}
-JOINT_FORCES = Open(AbstractJointForce, _FORCES)
+_DRIVING: Parts = {AbstractSignal | AbstractSchedule: SIGNAL, AbstractSchedule: SCHEDULE.kind}
+JOINT_FORCES = Open(
+    AbstractJointForce,
+    {
+        **modules_of(
+            {
+                "motor": Motor,
+                "spring": Spring,
+                "damper": Damper,
+                "speed-limited-motor": SpeedLimitedMotor,
+                "pd-servo": PDServo,
+                "end-stops": EndStops,
+                "hard-stops": HardStops,
+                "majd-simaan-friction": MajdSimaanFriction,
+            },
+            _DRIVING,
+        ),
+        "joint-friction": module_of(JointFriction, keys={"exponent": Key(Integer(1, MOST_EXPONENT), 2)}),
+    },
+    parts=_DRIVING,
+)
 _FORCE_WORDS = "a table, or a list of tables whose forces add up"
 
 
@@ -139,17 +97,15 @@ def write_forces(force: AbstractJointForce, path: str) -> Any:
     return write_family(force, path, JOINT_FORCES)
 
 
-_FORCE = Key(Nested(read_forces, write_forces, _FORCE_WORDS, keys_of(JOINT_FORCES)), None)
+_FORCE = Key(Nested(read_forces, write_forces, _FORCE_WORDS, keys_of(JOINT_FORCES), forms=("item", "list")), None)
 
 
 MOST_JOINTS = 10_000
 
-_ON = {"on": Key(Integer(-1, MOST_JOINTS), None)}
-_AXIS = Key(Numbers((3,), NOT_ALL_ZERO))
+_ON = Key(Integer(-1, MOST_JOINTS), None)
 _GEOMETRY: Family = {
-    "hinge": Module(Hinge, {"axis": _AXIS, "point": Key(Numbers((3,), dimension=LENGTH), (0.0, 0.0, 0.0)), **_ON}),
-    "slider": Module(Slider, {"axis": _AXIS, **_ON}),
-    "carriage": Module(Carriage, {"rail": Key(member_of(RAILS)), **_ON}),
+    name: module_of(joint, {AbstractRail: RAIL.kind}, keys={"on": _ON})
+    for name, joint in {"hinge": Hinge, "slider": Slider, "carriage": Carriage}.items()
 }
 _DRIVES = {
     "schedule": Key(SCHEDULE.kind, None),
@@ -207,20 +163,19 @@ def _write_drive(drive: Drive, target: AbstractSchedule | None, path: str) -> di
     return accelerated | {"schedule": SCHEDULE.kind.write(schedule, join(path, "schedule"))}
 
 
-_CARRIED = Module(
-    CarriedMass,
-    {
-        "mass": MASS,
-        "place": Key(Numbers((3,), dimension=LENGTH), (0.0, 0.0, 0.0)),
-        "joint": Key(Integer(0, MOST_JOINTS), None),
-    },
-)
+_CARRIED = module_of(CarriedMass, keys={"joint": Key(Integer(0, MOST_JOINTS), None)})
 
 
 def _tables(read: Callable[[Any, str], Any], tables: Mapping[str, Keys]) -> Key:
     """Describes a list of tables, each read by ``read``, and written where the whole is."""
     return Key(
-        Nested(lambda values, path: read_list(values, path, read), lambda item, path: item, "a list of tables", tables)
+        Nested(
+            lambda values, path: read_list(values, path, read),
+            lambda item, path: item,
+            "a list of tables",
+            tables,
+            forms=("list",),
+        )
     )
 
 

@@ -9,6 +9,17 @@ import numpy as np
 from ..interface.arguments import require_function
 from ..interface.wording import number_of
 from ..numerics.arrays import a_number
+from ..numerics.declare import (
+    ANGLE,
+    INCREASING,
+    LENGTH,
+    OF_FORCE,
+    OF_MASS,
+    POSITIVE,
+    RATE,
+    TIME,
+    Dimension,
+)
 from ..numerics.functions import HarmonicSeries
 from ..physics.body import System
 from ..physics.dynamics.parameters import PointMass
@@ -37,7 +48,7 @@ from ..physics.prescribed.schedules import (
 from ..physics.prescribed.signals import AbstractSignal, ConstantSignal, PiecewiseSignal
 from .errors import ScenarioError, key_error
 from .logs import KIND as LOG
-from .own import Open
+from .own import Open, Parts, module_of, modules_of
 from .recorded import SCHEDULE_FROM_LOG, SIGNAL_OR_SCHEDULE_FROM_LOG
 from .table import (
     Family,
@@ -54,34 +65,14 @@ from .table import (
     write_member,
     write_table,
 )
-from .values import (
-    ACCELERATION,
-    ANGLE,
-    FULL_TURN,
-    INCREASING,
-    LENGTH,
-    NOT_ALL_ZERO,
-    OF_FORCE,
-    OF_MASS,
-    POSITIVE,
-    QUARTER_TURN,
-    RATE,
-    TIME,
-    Dimension,
-    Nested,
-    Numbers,
-    Radians,
-    namespace,
-    require,
-)
+from .values import Nested, Numbers, namespace, require
 
 ORTHONORMAL = 1e-9
 
-_ANGLES = {"azimuth": Key(Radians((), FULL_TURN, ANGLE)), "elevation": Key(Radians((), QUARTER_TURN, ANGLE))}
 _FRAMES: Family = {
-    "azimuth": Module(SphericalFrame, _ANGLES),
-    "versor": Module(VersorFrame, {"versor": Key(Numbers((4,), NOT_ALL_ZERO))}, attributes={"versor": "q"}),
-    "matrix": Module(MatrixFrame, {"matrix": Key(Numbers((3, 3)))}, attributes={"matrix": "B"}),
+    "azimuth": module_of(SphericalFrame),
+    "versor": module_of(VersorFrame, attributes={"versor": "q"}),
+    "matrix": module_of(MatrixFrame, attributes={"matrix": "B"}, keys={"matrix": Key(Numbers((3, 3)))}),
 }
 _CHOICES = {name: frame.keys for name, frame in _FRAMES.items()}
 
@@ -181,13 +172,6 @@ SINUSOIDS = Module(
 )
 
 
-SIZE = Numbers(rule=POSITIVE, dimension=LENGTH)
-SIZES = Numbers((2,), POSITIVE, LENGTH)
-ROWS = Numbers((None, 3), dimension=LENGTH)
-CENTRE = Key(Numbers((3,), dimension=LENGTH), (0.0, 0.0, 0.0))
-PLACE = {"centre": CENTRE, "frame": FRAME}
-
-
 def _check_harmonics(table: dict[str, Any], path: str) -> None:
     n, m = len(table["cosine"]), len(table["sine"])
     if m != n:
@@ -200,20 +184,26 @@ def _check_points(table: dict[str, Any], path: str) -> None:
         raise key_error(join(path, "points"), "a list of three points or more", f"one of {n}")
 
 
+_PLACED: Parts = {AbstractFrame: FRAME.kind}
 _RAILS: Family = {
-    "circle": Module(Circle, {"radius": Key(SIZE), **PLACE}),
-    "ellipse": Module(Ellipse, {"semi_axes": Key(SIZES), **PLACE}),
-    "gerono-eight": Module(GeronoEight, {"half_extents": Key(SIZES), **PLACE}),
-    "bernoulli-eight": Module(BernoulliEight, {"half_width": Key(SIZE), **PLACE}),
-    "tube": Module(Tube, {"direction": Key(Numbers((3,), NOT_ALL_ZERO)), "centre": CENTRE}),
-    "fourier": Module(FourierRail, {"cosine": Key(ROWS), "sine": Key(ROWS), "centre": CENTRE}, check=_check_harmonics),
-    "spline": Module(SplineRail, {"points": Key(ROWS)}, attributes={"points": "points_on_rail"}, check=_check_points),
+    **modules_of(
+        {
+            "circle": Circle,
+            "ellipse": Ellipse,
+            "gerono-eight": GeronoEight,
+            "bernoulli-eight": BernoulliEight,
+            "tube": Tube,
+        },
+        _PLACED,
+    ),
+    "fourier": module_of(FourierRail, check=_check_harmonics),
+    "spline": module_of(SplineRail, attributes={"points": "points_on_rail"}, check=_check_points),
 }
-RAILS = Open(AbstractRail, _RAILS, lambda rail: require_function("rail", rail.__call__, (3,), theta=a_number()))
+RAILS = Open(
+    AbstractRail, _RAILS, lambda rail: require_function("rail", rail.__call__, (3,), theta=a_number()), _PLACED
+)
 
 
-THETA = Key(Numbers(dimension=ANGLE))
-NO_RATE = Key(Numbers(dimension=RATE), 0.0)
 TIMES = Numbers((None,), INCREASING, TIME)
 
 
@@ -249,39 +239,11 @@ def _check_waypoints(table: dict[str, Any], path: str) -> None:
 
 
 _SCHEDULES: Family = {
-    "pulse": Module(
-        Pulse,
-        {
-            "theta": THETA,
-            "height": Key(Numbers(dimension=ACCELERATION), 1.0),
-            "rate": NO_RATE,
-            "start": Key(Numbers(dimension=TIME), 0.0),
-            "hold": Key(Numbers(dimension=TIME), 0.1),
-            "end": Key(Numbers(dimension=TIME), 0.2),
-        },
-        check=_check_pulse,
-    ),
-    "constant-rate": Module(ConstantRate, {"theta": THETA, "rate": NO_RATE}),
+    "pulse": module_of(Pulse, check=_check_pulse),
+    "constant-rate": module_of(ConstantRate),
     "sinusoids": SINUSOIDS,
-    "piecewise-acceleration": Module(
-        PiecewiseAcceleration,
-        {
-            "theta": THETA,
-            "rate": NO_RATE,
-            "times": Key(TIMES),
-            "accelerations": Key(Numbers((None, None), dimension=ACCELERATION)),
-        },
-        check=row_for_each_interval("accelerations"),
-    ),
-    "waypoints": Module(
-        Waypoints,
-        {
-            "times": Key(TIMES),
-            "theta": Key(Numbers((None,), dimension=ANGLE)),
-            "end_rates": Key(Numbers((2,), dimension=RATE), (0.0, 0.0)),
-        },
-        check=_check_waypoints,
-    ),
+    "piecewise-acceleration": module_of(PiecewiseAcceleration, check=row_for_each_interval("accelerations")),
+    "waypoints": module_of(Waypoints, check=_check_waypoints),
     LOG: SCHEDULE_FROM_LOG,
 }
 SCHEDULES = Open(
@@ -334,7 +296,7 @@ def write_signal(signal: AbstractSignal | AbstractSchedule, path: str) -> Any:
     return write_family(signal, path, _WRITTEN)
 
 
-SIGNAL = Nested(read_signal, write_signal, _NUMBER.words, keys_of(SIGNALS))
+SIGNAL = Nested(read_signal, write_signal, _NUMBER.words, keys_of(SIGNALS), others=(_NUMBER,))
 
 
 MASS = Key(Numbers(rule=POSITIVE, dimension=OF_MASS))

@@ -17,10 +17,11 @@ import jax
 import numpy as np
 
 from ..numerics.arrays import to_array
+from ..numerics.declare import FINITE, Declared
 from .errors import ScenarioError, describe, key_error
 from .imports import import_name, is_python_name, name_of
 from .table import REQUIRED, Key, Keys, Module, OpenFamily, join
-from .values import Kind, Numbers, require_conditions
+from .values import Flag, Kind, Numbers, require_conditions
 
 
 @contextlib.contextmanager
@@ -131,8 +132,8 @@ class _Array(Numbers):
 class Open(OpenFamily):
     """A family of kinds that users' subclasses of ``contract`` join.
 
-    ``check`` is given what a user's class makes, and raises an exception if it does not fit. ``keys`` are those of
-    fields that subclasses inherit.
+    ``check`` is given what a user's class makes, and raises an exception if it does not fit; ``parts`` are those of
+    :func:`module_of`.
     """
 
     def __init__(
@@ -140,14 +141,14 @@ class Open(OpenFamily):
         contract: type,
         members: Mapping[str, Module],
         check: Callable[[Any], None] = lambda item: None,
-        keys: Keys = MappingProxyType({}),
+        parts: "Parts" = MappingProxyType({}),
     ):
         super().__init__(members)
-        self.contract, self.check, self.keys_of_fields = contract, check, keys
+        self.contract, self.check, self.parts = contract, check, parts
 
     def own(self, named: str, path: str) -> Module:
         # From its own arguments: a class of users needs no list of keys.
-        module = self._module_of(own_class(named, path, self.contract))
+        module = module_of(own_class(named, path, self.contract), self.parts)
 
         def build(**arguments: Any) -> Any:
             with trying_class(path, named):
@@ -160,7 +161,7 @@ class Open(OpenFamily):
     def own_name(self, item: Any, path: str) -> tuple[str, Module] | None:
         kind = type(item)
         # Classes of jaxball that are not in the family are refused by the caller, with the names of those that are.
-        if not isinstance(item, self.contract) or kind.__module__.partition(".")[0] == "jaxball":
+        if not isinstance(item, self.contract) or _is_jaxballs(kind):
             return None
         name = name_of(kind, path)
         if name is None:
@@ -168,11 +169,7 @@ class Open(OpenFamily):
                 f"Key `{join(path, 'kind')}` must be a class that can be imported to be written to a file, but "
                 f"{kind.__module__}:{kind.__qualname__} cannot be; keep its scenario as a Python script."
             )
-        return name, self._module_of(kind)
-
-    def _module_of(self, kind: Any) -> Module:
-        module = module_of(kind)
-        return dataclasses.replace(module, keys={**module.keys, **self.keys_of_fields})
+        return name, module_of(kind, self.parts)
 
 
 def own_class(named: str, path: str, contract: type) -> Any:
@@ -190,25 +187,62 @@ def own_class(named: str, path: str, contract: type) -> Any:
     raise ScenarioError(f"Key `{path}` must name a subclass of {contract.__name__} with all its methods, but {what}.")
 
 
-def module_of(kind: Any) -> Module:
-    """Describes how an object of a user's class stands in a file: each argument of the class is a key.
+Parts = Mapping[Any, Kind]  # how fields of other classes stand in a file, by their annotations
+NONE: Mapping[Any, Any] = MappingProxyType({})
 
-    Static fields are settings, all others numbers, of the shape with which they are annotated if they are. The default
-    None stands for that of the class itself.
+
+def module_of(
+    kind: Any,
+    parts: Parts = NONE,
+    *,
+    keys: Keys = NONE,
+    attributes: Mapping[str, str] = NONE,
+    check: Callable[[dict[str, Any], str], None] | None = None,
+) -> Module:
+    """Describes how an object of a class stands in a file: each argument of the class is a key.
+
+    Numbers are what their fields declare. Those of a user's class need no declaration: static fields are settings, all
+    others numbers, of the shape with which they are annotated if they are; the default None stands for that of the
+    class. Other arguments of jaxball's classes are keys where they are among ``parts`` or ``keys``, which come first.
     """
     fields = {field.name: field for field in dataclasses.fields(kind)}
     _, *parameters = inspect.signature(kind.__init__).parameters.values()
-    keys = {
-        parameter.name: Key(
-            _value_of(fields.get(parameter.name)), REQUIRED if parameter.default is parameter.empty else None
-        )
-        for parameter in parameters
-    }
-    return Module(kind, keys)
+    names = {python: name for name, python in attributes.items()}
+    described = {}
+    for parameter in parameters:
+        name = names.get(parameter.name, parameter.name)
+        key = keys.get(name) or _key_of(parameter, fields.get(parameter.name), parts, _is_jaxballs(kind))
+        if key is not None:
+            described[name] = key
+    return Module(kind, described, attributes=attributes, check=check)
+
+
+def modules_of(kinds: Mapping[str, type], parts: Parts = NONE) -> dict[str, Module]:
+    """Describes classes by their names in files, as :func:`module_of` does."""
+    return {name: module_of(kind, parts) for name, kind in kinds.items()}
+
+
+def _is_jaxballs(kind: type) -> bool:
+    return kind.__module__.partition(".")[0] == "jaxball"
+
+
+def _key_of(parameter: inspect.Parameter, field: dataclasses.Field | None, parts: Parts, is_ours: bool) -> Key | None:
+    required = parameter.default is parameter.empty
+    declared = None if field is None else field.metadata.get("converter")
+    if isinstance(declared, Declared):
+        shape = tuple(n if isinstance(n, int) else None for n in declared.shape)
+        value = Numbers(shape, declared.rule or FINITE, declared.dimension, declared.by_size)
+        return Key(value, REQUIRED if required else parameter.default)
+    part = next((parts[given] for given in parts if field is not None and field.type in (given, given | None)), None)
+    if part is not None:
+        return Key(part, REQUIRED if required else None)
+    if field is not None and field.type is bool:
+        return Key(Flag(), REQUIRED if required else parameter.default)
+    return None if is_ours else Key(_value_of(field), REQUIRED if required else None)
 
 
 def _value_of(field: dataclasses.Field | None) -> Kind:
-    """Returns the kind of value of a field; for an argument that is no field, numbers of any shape."""
+    """Returns the kind of value of a user's field; for an argument that is no field, numbers of any shape."""
     if field is not None and field.metadata.get("static", False):
         return Setting()
     axes = str(getattr(None if field is None else field.type, "dim_str", "...")).split()

@@ -5,18 +5,15 @@ from typing import Any
 from ..interface.arguments import require_function
 from ..numerics.arrays import a_vector
 from ..physics.shape import AbstractShape, Ellipsoid, SupportFunction
-from .own import FUNCTION, Open, names_own, read_own, trying
-from .table import Key, Module, join, keys_of, read_family, write_family
-from .values import ANGLE, LENGTH, POSITIVE, Nested, Numbers
+from .own import FUNCTION, Open, module_of, names_own, read_own, trying
+from .table import join, keys_of, read_family, write_family
+from .values import Nested
 
 SHAPES = Open(
     AbstractShape,
     {
-        "ellipsoid": Module(
-            Ellipsoid,
-            {"semiaxes": Key(Numbers((3,), POSITIVE, LENGTH)), "turn": Key(Numbers(dimension=ANGLE), 0.0)},
-        ),
-        "function": Module(SupportFunction, FUNCTION),
+        "ellipsoid": module_of(Ellipsoid),
+        "function": module_of(SupportFunction, keys=FUNCTION),
     },
     lambda shape: require_function("shape", shape.height, (), Gamma=a_vector()),
 )

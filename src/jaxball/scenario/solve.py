@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..classical import AbstractLagrangianSystem, NonholonomicParticle, VakonomicParticle
+from ..numerics.declare import INCREASING, POSITIVE, TIME
 from ..physics.body import Disk
 from ..physics.contact.law import Contact
 from ..physics.system import AbstractSystem
@@ -15,7 +16,7 @@ from .errors import ScenarioError, key_error
 from .imports import is_python_name
 from .solvers import KNOW_MASS_MATRICES, SOLVERS, own_solver
 from .table import Key, read_one_of
-from .values import INCREASING, POSITIVE, TIME, Choice, Flag, Integer, Numbers, namespace, number, require
+from .values import Choice, Flag, Integer, Numbers, namespace, number, require
 
 MOST_SAVES = 10_000_000
 ROUNDINGS_APART = 4 * float(np.finfo(float).eps)  # times further apart than this share of the later differ when rounded

@@ -9,7 +9,7 @@ from typing import Any
 
 from .errors import describe, key_error
 from .table import Key, read_table, write_table
-from .values import Nested
+from .values import Choice, Nested
 
 DIMENSIONLESS = "dimensionless"
 # Exponents of mass, length and time.
@@ -143,4 +143,6 @@ def write_units(units: Units | None) -> Any:
 
 
 WORDS = f'a table with length, mass and time, or "{DIMENSIONLESS}"'
-UNITS_KEY = Key(Nested(read_units, lambda value, path: value, WORDS, {"": UNITS}), None)
+UNITS_KEY = Key(
+    Nested(read_units, lambda value, path: value, WORDS, {"": UNITS}, others=(Choice((DIMENSIONLESS,)),)), None
+)

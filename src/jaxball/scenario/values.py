@@ -9,15 +9,16 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool
 
 from ..compat import is_traced
 from ..interface.wording import beyond_numbers, did_you_mean, nearest, one_of
+from ..numerics.declare import FINITE, Dimension, Rule
 from ..physics.conditions import Condition
 from .errors import ScenarioError as ScenarioError, describe as describe, key_error
 from .paths import key_of
@@ -155,56 +156,7 @@ class Kind(Protocol):
 
 
 AnyArray = Array | np.ndarray
-
-
-class Rule(NamedTuple):
-    """A condition on the numbers of a key, with the words before and after "numbers" that describe it.
-
-    ``holds`` is a function of a NumPy array, or of a traced one.
-    """
-
-    before: str
-    holds: Callable[[Float[AnyArray, " numbers"]], Any]
-    after: str = ""
-
-
-FINITE = Rule("finite", lambda x: np.True_)
-POSITIVE = Rule("positive", lambda x: (x > 0).all())
-NOT_NEGATIVE = Rule("non-negative", lambda x: (x >= 0).all())
-NOT_ALL_ZERO = Rule("finite", lambda x: (x != 0).any(), ", not all zero")
-INCREASING = Rule("increasing", lambda x: (x[1:] > x[:-1]).all())
-ROUNDED = 1e-3  # 1.5708 is a right angle
-
-
-def within(limit: float, words: str) -> Rule:
-    """Returns the rule that an angle in radians is no further than ``limit``, in ``words``, from 0."""
-    return Rule("finite", lambda x: (abs(x) <= limit + ROUNDED).all(), f" of radians from -{words} to {words}")
-
-
-QUARTER_TURN, FULL_TURN = within(math.pi / 2, "π/2"), within(2 * math.pi, "2π")
-
-
-class Dimension(NamedTuple):
-    """The dimension of a number by the exponents of length, time and mass.
-
-    - ``coordinate``: the exponent of a coordinate, which is an angle, or a length along a slider or in a tube. That of
-      a torque about a hinge is -1, because it is an energy over an angle; along a slider it is a force.
-    """
-
-    length: int
-    time: int
-    mass: int = 0
-    coordinate: int = 0
-
-
-LENGTH, TIME, ANGLE = Dimension(1, 0), Dimension(0, 1), Dimension(0, 0, 0, 1)
-RATE, ACCELERATION = Dimension(0, -1, 0, 1), Dimension(0, -2, 0, 1)  # of angles
-VELOCITY, PER_LENGTH, PER_TIME = Dimension(1, -1), Dimension(-1, 0), Dimension(0, -1)
-OF_MOMENTUM, OF_FORCE, OF_TORQUE = Dimension(1, -1, 1), Dimension(1, -2, 1), Dimension(2, -2, 1)
-OF_DRAG, OF_ROTATIONAL_DRAG = Dimension(0, -1, 1), Dimension(2, -1, 1)
-# What drives a coordinate, and the coefficients of forces that are linear in it or in its rate.
-EFFORT, STIFFNESS, DAMPING = Dimension(2, -2, 1, -1), Dimension(2, -2, 1, -2), Dimension(2, -1, 1, -2)
-OF_MASS, OF_INERTIA, OF_GRAVITY = Dimension(0, 0, 1), Dimension(2, 0, 1), Dimension(1, -2)
+Form = Literal["item", "list", "by name"]
 
 
 @dataclass(frozen=True)
@@ -222,21 +174,14 @@ class Numbers:
 
     @property
     def words(self) -> str:
-        before, _, after = self.rule
-        if not self.shape:
-            return f"a {before} number{after}"
-        counts = ["" if n is None else f"{n} " for n in self.shape]
-        inner = f"{counts[-1]}{before} {'number' if self.shape[-1] == 1 else 'numbers'}{after}"
-        return f"a list of {inner}" if len(self.shape) == 1 else f"a list of {counts[0]}rows of {inner}"
+        return self.rule.words(self.shape)
 
     def read(self, value: Any, path: str) -> Any:
         """Reads the numbers as an array, a single one as it is; traced where some in ``value`` are."""
         array = _as_floats(value)
         if array is None or not self._fits(array.shape):
             raise key_error(path, self.words, describe(value))
-        # Both together: an infinite number might fulfil the rule.
-        holds = namespace(array).isfinite(array).all() & self.rule.holds(array.reshape(-1))
-        require(holds, path, self.words, lambda: f"{describe(value)}{beyond_numbers(value)}")
+        require(self.rule.holds(array), path, self.words, lambda: self._shown(value))
         kinds_read = _KINDS_READ.get()
         # Also where the number is traced, since its kind depends on the key alone.
         if kinds_read is not None:
@@ -246,25 +191,15 @@ class Numbers:
     def write(self, value: Any, path: str) -> Any:
         return np.asarray(value, dtype=float).tolist()
 
+    def _shown(self, value: Any) -> str:
+        if self.rule.is_angle and math.isfinite(value):
+            return f"{describe(value)}; {describe(value)} degrees are {math.radians(value):.8g} radians"
+        return f"{describe(value)}{beyond_numbers(value)}"
+
     def _fits(self, shape: tuple[int, ...]) -> bool:
         return len(shape) == len(self.shape) and all(
             n > 0 if length is None else n == length for n, length in zip(shape, self.shape, strict=True)
         )
-
-
-@dataclass(frozen=True)
-class Radians(Numbers):
-    """An angle in radians, limited by its rule."""
-
-    def read(self, value: Any, path: str) -> Any:
-        try:
-            return super().read(value, path)
-        except ScenarioError:
-            degrees = _as_floats(value)
-            if degrees is None or degrees.shape or not np.isfinite(degrees):
-                raise
-            in_radians = f"{describe(value)}; {describe(value)} degrees are {math.radians(float(degrees)):.8g} radians"
-            raise key_error(path, self.words, in_radians) from None
 
 
 _KINDS_READ: ContextVar[dict[str, Numbers] | None] = ContextVar("_KINDS_READ", default=None)
@@ -404,17 +339,25 @@ class Nested:
 
     - ``tables``: the keys that a table may have, by what decides which: its kind, the one key of several that it has,
       or the kind of body; under "" where it always has the same.
+    - ``by``: the key that names the kind.
+    - ``own``: whether the key ``kind`` may name a user's class instead, where jaxball's tables have no kind.
+    - ``forms``: whether there may be one item, a list of them, or a table of them by name; none where anything may be.
+    - ``others``: what an item may be besides a table.
     """
 
     read: Callable[[Any, str], Any]
     write: Callable[[Any, str], Any]
     words: str = "a table"
     tables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    by: str = "kind"
+    own: bool = False
+    forms: tuple[Form, ...] = ("item",)
+    others: tuple[Kind, ...] = ()
 
 
-def unread(words: str = "a table", tables: Mapping[str, Mapping[str, Any]] | None = None) -> Nested:
-    """Describes a value that is not checked here, because its rules depend on other keys."""
-    return Nested(lambda value, path: value, lambda value, path: value, words, tables or {})
+def unread(words: str = "a table", tables: Mapping[str, Mapping[str, Any]] | None = None, **others: Any) -> Nested:
+    """Describes a value that is not checked here, because its rules depend on other keys; see :class:`Nested`."""
+    return Nested(lambda value, path: value, lambda value, path: value, words, tables or {}, **others)
 
 
 def _is_integer(value: Any) -> bool:

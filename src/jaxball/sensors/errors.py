@@ -15,6 +15,7 @@ from ..compat import is_traced
 from ..interface.arguments import refusal, require
 from ..interface.printing import Printed
 from ..numerics.arrays import numbers
+from ..numerics.declare import number
 
 # Times that differ by less, in spans of the run, are the same: more than rounding, less than any interval.
 SAME_TIME = 1e-9
@@ -49,12 +50,12 @@ class SensorErrors(Printed):
     Array([nan, 0.1, nan, 0.1, nan], dtype=float64)
     """
 
-    noise: Float[Array, ""] = eqx.field(converter=numbers("noise"), default=0.0)
+    noise: Float[Array, ""] = eqx.field(converter=number(), default=0.0)
     bias: Float[Array, " components"] = eqx.field(converter=lambda x: _in_list(x), default=0.0)
-    random_walk: Float[Array, ""] = eqx.field(converter=numbers("random_walk"), default=0.0)
+    random_walk: Float[Array, ""] = eqx.field(converter=number(), default=0.0)
     rate: float | None = eqx.field(static=True, default=None)
     delay: float = eqx.field(static=True, default=0.0)
-    missing: Float[Array, ""] = eqx.field(converter=numbers("missing"), default=0.0)
+    missing: Float[Array, ""] = eqx.field(converter=number(), default=0.0)
     seed: Int[Array, ""] = eqx.field(converter=lambda x: _whole("seed", x), default=0)
 
     def __check_init__(self):

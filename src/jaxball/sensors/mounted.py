@@ -6,7 +6,7 @@ import equinox as eqx
 from jaxtyping import Array, Float
 
 from ..interface.arguments import require
-from ..numerics.arrays import numbers
+from ..numerics.declare import LENGTH, number
 from ..numerics.vectors import apply
 from ..physics.body import AbstractBody
 from ..physics.dynamics.energy import accelerations_of_masses
@@ -62,7 +62,7 @@ class Accelerometer(_OnMount):
     Array([-0.028524,  0.      ,  0.995004], dtype=float64)
     """
 
-    at: Float[Array, "3"] = eqx.field(converter=numbers("at", (3,)), default=(0.0, 0.0, 0.0))
+    at: Float[Array, "3"] = eqx.field(converter=number(LENGTH), default=(0.0, 0.0, 0.0))
     on: str | None = eqx.field(static=True, default=None)
     frame: AbstractFrame = eqx.field(default_factory=MatrixFrame)
 
@@ -136,7 +136,7 @@ class Position(_OnMount):
            [2. , 0.5, 0. ]], dtype=float64)
     """
 
-    at: Float[Array, "3"] = eqx.field(converter=numbers("at", (3,)), default=(0.0, 0.0, 0.0))
+    at: Float[Array, "3"] = eqx.field(converter=number(LENGTH), default=(0.0, 0.0, 0.0))
     on: str | None = eqx.field(static=True, default=None)
 
     units: ClassVar[str] = "length"

@@ -18,7 +18,8 @@ from jaxtyping import Array
 from ..compat import is_traced
 from ..interface.arguments import describe, refusal, require, whole_number
 from ..interface.wording import UserError
-from ..numerics.arrays import Numbers, default_dtype, has_shape, require_numbers, shapes_of_fields, to_array
+from ..numerics.arrays import Numbers, default_dtype, has_shape, require_numbers, to_array
+from ..numerics.declare import shapes_of_fields
 from ..physics.body import AbstractBody
 from ..physics.contact.body_on_plane import BodyOnPlane, has_contact
 from ..physics.contact.law import COEFFICIENTS, Contact

@@ -18,6 +18,7 @@ from ..interface.arguments import require, require_callable, require_flags, trac
 from ..interface.printing import Printed, format_value, is_single
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, numbers
+from ..numerics.declare import number
 from ..physics.contact.body_on_plane import has_contact
 from ..physics.contact.modes import ContactState, Mode
 from ..physics.dynamics.footing import room_on_ground
@@ -151,7 +152,7 @@ class Event(AbstractEvent):
     direction: int = eqx.field(static=True, default=EITHER)
     terminal: bool = eqx.field(static=True, default=False)
     capacity: int = eqx.field(static=True, default=64)
-    level: Float[Array, ""] = eqx.field(converter=numbers("level"), default=0.0)
+    level: Float[Array, ""] = eqx.field(converter=number(), default=0.0)
     from_start: ClassVar[bool] = False
     status: ClassVar[Status] = Status.EVENT
 
@@ -246,7 +247,7 @@ class Slip(AbstractEvent):
     [True, False]
     """
 
-    friction: Float[Array, ""] = eqx.field(converter=numbers("friction"))
+    friction: Float[Array, ""] = eqx.field(converter=number())
     terminal: bool = eqx.field(static=True)
     capacity: int = eqx.field(static=True)
     direction: int = eqx.field(static=True)

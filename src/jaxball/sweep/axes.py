@@ -283,7 +283,7 @@ def keys_of_paths(axis: Axis, key: str) -> Iterator[tuple[str, str]]:
         yield path, f"{key}.{name}"
 
 
-_TABLES = unread("a list of tables, one or more")
+_TABLES = unread("a list of tables, one or more", forms=("list",))
 _PATH = Key(Text())
 _RANGE: Keys = {"from": Key(Numbers()), "to": Key(Numbers()), "count": _COUNT}
 _DESIGN: Keys = {
@@ -291,7 +291,7 @@ _DESIGN: Keys = {
     "count": _COUNT,
     "seed": _SEED,
     # A distribution for each path.
-    "numbers": Key(unread(tables=DISTRIBUTIONS)),
+    "numbers": Key(unread(tables=DISTRIBUTIONS, forms=("by name",))),
 }
 AXES: Mapping[str, Keys] = {
     "values": {"path": _PATH, "values": Key(Numbers((None,)))},

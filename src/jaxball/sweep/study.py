@@ -18,6 +18,7 @@ from ..ensemble.reductions import reductions_of
 from ..interface.html import repr_html
 from ..interface.status import BACK_WITHIN
 from ..interface.wording import did_you_mean, number_of
+from ..numerics.declare import POSITIVE
 from ..physics.rolling import AbstractRollingSystem
 from ..scenario import Scenario, ScenarioError, read_document
 from ..scenario.errors import describe, each_of, key_error, raise_first, try_readers
@@ -27,7 +28,7 @@ from ..scenario.own import own_class, trying_class
 from ..scenario.paths import check_number, value_at, with_numbers
 from ..scenario.sources import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
 from ..scenario.table import Key, read_list, read_one_of, read_table
-from ..scenario.values import POSITIVE, Choice, Flag, Integer, Numbers, Text, unread
+from ..scenario.values import Choice, Flag, Integer, Numbers, Text, unread
 from .axes import AXES, Axis, keys_of_paths, read_axis
 from .errors import StudyError
 
@@ -99,14 +100,14 @@ ENOUGH_CHUNKS = 16  # for a small study
 KEYS = {
     "format": Key(Integer(FORMAT, FORMAT)),
     "title": Key(Text(), ""),
-    "scenario": Key(unread(SCENARIO)),
-    "axes": Key(unread("a list of tables", AXES)),
+    "scenario": Key(unread(SCENARIO, others=(Text(),))),
+    "axes": Key(unread("a list of tables", AXES, forms=("list",))),
     "save": Key(Choice(("end", "times")), "end"),
     "contact": Key(Flag(), False),
     "detachment": Key(Flag(), False),
     "readings": Key(Flag(), False),
     "within": Key(Numbers(rule=POSITIVE), BACK_WITHIN),
-    "find": Key(unread("a list of names and tables", FINDS), []),
+    "find": Key(unread("a list of names and tables", FINDS, forms=("list",), others=(Text(),)), []),
     "chunk": Key(Integer(1, 2**20), None),
 }
 

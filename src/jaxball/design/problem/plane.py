@@ -14,7 +14,9 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from ... import programs
-from ...numerics.arrays import Numbers, numbers, require_shape, to_array
+from ...interface.printing import Printed
+from ...numerics.arrays import Numbers, require_shape, to_array
+from ...numerics.declare import LENGTH, POSITIVE, number
 from ...numerics.functions import PiecewisePolynomial, cubic_spline_with_slopes
 from .space import DesignError
 
@@ -62,7 +64,7 @@ def off_e1(points: Float[ArrayLike, "n 2"]) -> str:
     return f"a position {most:.6g} off e1" if most > ROUNDING * np.max(points, initial=0.0) else ""
 
 
-class AbstractCurve(eqx.Module):
+class AbstractCurve(Printed):
     """A curve c(s) in the plane, 0 ≤ s ≤ 1; for a disk it lies on e1, and its points are single numbers."""
 
     @abc.abstractmethod
@@ -104,9 +106,9 @@ class Sigmoid(AbstractCurve):
     [2. 1.]
     """
 
-    length: Float[Array, ""] = eqx.field(converter=numbers("length"))
-    height: Float[Array, ""] = eqx.field(converter=numbers("height"))
-    steepness: Float[Array, ""] = eqx.field(converter=numbers("steepness"), default=10.0)
+    length: Float[Array, ""] = eqx.field(converter=number(LENGTH))
+    height: Float[Array, ""] = eqx.field(converter=number())
+    steepness: Float[Array, ""] = eqx.field(converter=number(rule=POSITIVE), default=10.0)
     origin: Float[Array, "2"] = eqx.field(converter=place("origin"), default=(0.0, 0.0))
 
     def __call__(self, s):
@@ -138,8 +140,8 @@ class FigureEight(AbstractCurve):
     [1.414214 1.      ]
     """
 
-    length: Float[Array, ""] = eqx.field(converter=numbers("length"))
-    height: Float[Array, ""] = eqx.field(converter=numbers("height"))
+    length: Float[Array, ""] = eqx.field(converter=number(LENGTH))
+    height: Float[Array, ""] = eqx.field(converter=number())
     origin: Float[Array, "2"] = eqx.field(converter=place("origin"), default=(0.0, 0.0))
 
     def __call__(self, s):

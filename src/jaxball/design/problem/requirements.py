@@ -8,14 +8,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PyTree
 
 from ...interface.arguments import require_callable_with
-from ...numerics.arrays import numbers
+from ...interface.printing import Printed
+from ...numerics.declare import number
 from ...numerics.quadrature import integrate_samples
 from ...physics.body import System
 from .run import Run
 from .space import DesignError
 
 
-class Requirement(eqx.Module):
+class Requirement(Printed):
     """A requirement on a motion: an objective or a constraint."""
 
     def unreachable_by_disk(self) -> str:
@@ -45,7 +46,7 @@ class AbstractObjective(Requirement):
     ``weight`` multiplies it in the sum of objectives; it can change without compiling again.
     """
 
-    weight: Float[Array, ""] = eqx.field(converter=numbers("weight"), default=1.0, kw_only=True)
+    weight: Float[Array, ""] = eqx.field(converter=number(), default=1.0, kw_only=True)
 
     @abc.abstractmethod
     def __call__(self, run: Run) -> Float[Array, ""]:

@@ -17,6 +17,7 @@ from jaxtyping import Array, Float
 from ... import programs
 from ...interface.arguments import require
 from ...numerics.arrays import to_array
+from ...numerics.declare import OF_GRAVITY, Dimension
 from ...physics.body import System
 from ...physics.contact.law import Contact
 from ...physics.contact.released import ReleasedState
@@ -29,7 +30,7 @@ from ...scenario.errors import UntraceableError, each_of
 from ...scenario.files import with_defaults
 from ...scenario.paths import check_number, key_of, numbers_of, value_at, with_numbers
 from ...scenario.traced import Outline
-from ...scenario.values import OF_GRAVITY, Dimension, Numbers, kinds_of_numbers
+from ...scenario.values import Numbers, kinds_of_numbers
 
 # A start on a bound, from which it could not move away, is moved inside by this fraction of its scale.
 INSIDE = 1e-3

@@ -14,7 +14,8 @@ from ...compat import is_traced
 from ...interface.arguments import refusal
 from ...interface.printing import Printed
 from ...numerics.arrays import Numbers, namespace_of, numbers
-from ..conditions import Condition, positive
+from ...numerics.declare import FROM_0, LENGTH, POSITIVE, VELOCITY, number
+from ..conditions import Condition, on_numbers
 
 SLOWEST_REBOUND = 1e-6
 DEFAULT_CAPACITY = 64
@@ -41,7 +42,7 @@ class AbstractFriction(Printed):
 
     def conditions(self) -> Iterator[Condition]:
         """Yields every condition that its numbers must meet, named ``contact.…``; traceable."""
-        yield from ()
+        yield from on_numbers(self, "contact.friction.")
 
 
 class SmoothedCoulomb(AbstractFriction):
@@ -65,19 +66,12 @@ class SmoothedCoulomb(AbstractFriction):
     0.2
     """
 
-    kinetic: Float[Array, "*batch"] = eqx.field(converter=numbers("kinetic"))
-    smoothing: Float[Array, "*batch"] = eqx.field(converter=numbers("smoothing"))
+    kinetic: Float[Array, "*group"] = eqx.field(converter=number(rule=FROM_0))
+    smoothing: Float[Array, "*group"] = eqx.field(converter=number(VELOCITY, POSITIVE))
 
     def __call__(self, speed: Float[Array, ""]) -> Float[Array, "*batch"]:
         """Computes μ(v)."""
         return self.kinetic * speed / (speed + self.smoothing)
-
-    def conditions(self) -> Iterator[Condition]:
-        """Yields the conditions on its numbers; traceable."""
-        finite = namespace_of(self.kinetic).isfinite
-        holds = (self.kinetic >= 0) & finite(self.kinetic)
-        yield Condition(holds, "contact.friction.kinetic", self.kinetic, "0 or positive")
-        yield Condition(positive(self.smoothing), "contact.friction.smoothing", self.smoothing, "a positive number")
 
 
 class LimitSurface(AbstractFriction):
@@ -111,18 +105,12 @@ class LimitSurface(AbstractFriction):
     LimitSurface(friction=0.3, radius=0.05)
     """
 
-    friction: Float[Array, "*batch"] = eqx.field(converter=numbers("friction"))
-    radius: Float[Array, "*batch"] = eqx.field(converter=numbers("radius"))
+    friction: Float[Array, "*group"] = eqx.field(converter=number(rule=POSITIVE))
+    radius: Float[Array, "*group"] = eqx.field(converter=number(LENGTH, POSITIVE))
 
     def __call__(self, speed: Float[Array, ""]) -> Float[Array, "*batch"]:
         """Returns μ, which does not depend on the speed."""
         return self.friction
-
-    def conditions(self) -> Iterator[Condition]:
-        """Yields the conditions on its numbers; traceable."""
-        for name in ("friction", "radius"):
-            value = getattr(self, name)
-            yield Condition(positive(value), f"contact.friction.{name}", value, "a positive number")
 
 
 class Contact(Printed):

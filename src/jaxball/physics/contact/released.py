@@ -31,7 +31,7 @@ from jaxtyping import Array, Bool, Float
 
 from ...interface.arguments import require
 from ...interface.printing import Printed
-from ...numerics.arrays import numbers
+from ...numerics.declare import number
 from ...numerics.linear import product
 from ...numerics.terms import add, convert
 from ...numerics.vectors import apply, cross, dot, inverse
@@ -79,8 +79,8 @@ class ReleasedState(Printed):
     """
 
     body: PlacedState
-    V: Float[Array, "*batch 3"] = eqx.field(converter=numbers("V", (3,), batch=True), default=(0.0, 0.0, 0.0))
-    height: Float[Array, "*batch"] = eqx.field(converter=numbers("height", batch=True), default=0.0)
+    V: Float[Array, "*batch 3"] = eqx.field(converter=number(), default=(0.0, 0.0, 0.0))
+    height: Float[Array, "*batch"] = eqx.field(converter=number(), default=0.0)
 
     def __check_init__(self):
         require(

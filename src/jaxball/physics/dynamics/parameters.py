@@ -18,6 +18,7 @@ from ...interface.arguments import require, require_each
 from ...interface.printing import Printed, entry, format_fields, format_value
 from ...interface.wording import all_of
 from ...numerics.arrays import Numbers, numbers
+from ...numerics.declare import OF_MASS, POSITIVE, number
 from ..feedback import AbstractLaw
 from ..forces.force import AbstractWrench, FunctionForce, HarmonicForce, require_wrench
 from ..forces.resistance import AbstractResistance
@@ -48,7 +49,7 @@ class PointMass(Printed):
     PointMass(mass=0.5, motion=Fixed(position=(0.0, 0.0, -0.5)))
     """
 
-    mass: Float[Array, "*group"] = eqx.field(converter=numbers("mass"))
+    mass: Float[Array, "*group"] = eqx.field(converter=number(OF_MASS, POSITIVE))
     motion: AbstractMotion
 
     def __check_init__(self):

@@ -10,7 +10,8 @@ from jaxtyping import Array, Float
 
 from ...interface.arguments import call_with, describe, require_callable_with, require_function, require_value
 from ...interface.printing import Printed
-from ...numerics.arrays import Numbers, a_number, default_dtype, numbers, require_shape, to_array
+from ...numerics.arrays import Numbers, a_number, default_dtype, require_shape, to_array
+from ...numerics.declare import OF_FORCE, OF_TORQUE, POSITIVE, TIME, number
 from ...numerics.functions import HarmonicSeries, OfKinkedFunctionOfState, VectorOfTime
 from ...numerics.kinks import kinks_of_function, kinks_seen
 from ...numerics.vectors import apply
@@ -267,10 +268,10 @@ class Push(AbstractWrench):
     0.075
     """
 
-    force: Float[Array, "*group 3"] = eqx.field(converter=numbers("force", (3,)))
-    start: Float[Array, "*group"] = eqx.field(converter=numbers("start"))
-    duration: Float[Array, "*group"] = eqx.field(converter=numbers("duration"))
-    torque: Float[Array, "*group 3"] = eqx.field(converter=numbers("torque", (3,)), default=(0.0, 0.0, 0.0))
+    force: Float[Array, "*group 3"] = eqx.field(converter=number(OF_FORCE))
+    start: Float[Array, "*group"] = eqx.field(converter=number(TIME))
+    duration: Float[Array, "*group"] = eqx.field(converter=number(TIME, POSITIVE))
+    torque: Float[Array, "*group 3"] = eqx.field(converter=number(OF_TORQUE), default=(0.0, 0.0, 0.0))
 
     def wrench(self, t: Float[Array, ""], motion: BodyMotion) -> Wrench:
         lasts = (t >= self.start) & (t < self.start + self.duration)

@@ -9,9 +9,9 @@ from jaxtyping import Array, Float
 
 from ...interface.arguments import require_flags
 from ...interface.printing import Printed
-from ...numerics.arrays import namespace_of, number_or_none, numbers
+from ...numerics.declare import FINITE, FROM_0, OF_DRAG, OF_ROTATIONAL_DRAG, POSITIVE, RATE, number, number_or_none
 from ...numerics.vectors import dot
-from ..conditions import Condition, positive
+from ..conditions import Condition, on_numbers, positive
 
 SMOOTHING = 1e-3  # of dry friction by default, rad/time
 
@@ -76,7 +76,7 @@ class AbstractResistance(Printed):
 
     def conditions(self) -> Iterator[Condition]:
         """Yields every condition that its numbers must meet, named ``resistance.…``; traceable."""
-        yield from ()
+        yield from on_numbers(self, "resistance.")
 
 
 class Resistance(AbstractResistance):
@@ -124,14 +124,14 @@ class Resistance(AbstractResistance):
     0.367879
     """
 
-    rolling: Float[Array, "*group"] = eqx.field(converter=numbers("rolling"), default=0.0)
-    spinning: Float[Array, "*group"] = eqx.field(converter=numbers("spinning"), default=0.0)
-    drag: Float[Array, "*group"] = eqx.field(converter=numbers("drag"), default=0.0)
-    rotational_drag: Float[Array, "*group"] = eqx.field(converter=numbers("rotational_drag"), default=0.0)
-    dry: Float[Array, "*group"] | None = eqx.field(converter=number_or_none("dry"), default=None)
-    smoothing: Float[Array, "*group"] = eqx.field(converter=numbers("smoothing"), default=SMOOTHING)
+    rolling: Float[Array, "*group"] = eqx.field(converter=number(OF_ROTATIONAL_DRAG), default=0.0)
+    spinning: Float[Array, "*group"] = eqx.field(converter=number(OF_ROTATIONAL_DRAG), default=0.0)
+    drag: Float[Array, "*group"] = eqx.field(converter=number(OF_DRAG), default=0.0)
+    rotational_drag: Float[Array, "*group"] = eqx.field(converter=number(OF_ROTATIONAL_DRAG), default=0.0)
+    dry: Float[Array, "*group"] | None = eqx.field(converter=number_or_none(), default=None)
+    smoothing: Float[Array, "*group"] = eqx.field(converter=number(RATE, POSITIVE), default=SMOOTHING)
     negative: bool = eqx.field(static=True, default=False)
-    dry_spinning: Float[Array, "*group"] | None = eqx.field(converter=number_or_none("dry_spinning"), default=None)
+    dry_spinning: Float[Array, "*group"] | None = eqx.field(converter=number_or_none(), default=None)
     exact: bool = eqx.field(static=True, default=False)
 
     def __check_init__(self):
@@ -149,11 +149,10 @@ class Resistance(AbstractResistance):
             if value is not None and self.exact and name.startswith("dry"):
                 yield Condition(positive(value), f"resistance.{name}", value, "a positive number, as it is `exact`")
             elif value is not None:
-                finite = namespace_of(value).isfinite(value)
+                rule = FINITE if self.negative else FROM_0
                 must = "a finite number" if self.negative else "0 or positive, unless `negative` allows it"
-                yield Condition(finite if self.negative else finite & (value >= 0), f"resistance.{name}", value, must)
-        holds = (self.smoothing > 0) & namespace_of(self.smoothing).isfinite(self.smoothing)
-        yield Condition(holds, "resistance.smoothing", self.smoothing, "a positive number")
+                yield Condition(rule.holds(value), f"resistance.{name}", value, must)
+        yield from super().conditions()
 
     @property
     def is_dry(self) -> bool:

@@ -8,9 +8,9 @@ from jaxtyping import Array, Float
 
 from ...interface.arguments import require
 from ...interface.printing import Printed
-from ...numerics.arrays import namespace_of, numbers
+from ...numerics.declare import ANGLE, FINITE, FULL_TURN, LENGTH, number
 from ...numerics.vectors import root, sine_cosine
-from ..conditions import Condition
+from ..conditions import Condition, on_numbers
 from ..prescribed.schedules import AbstractSchedule
 
 Slopes = tuple[Float[Array, "3"], Float[Array, "3"]]  # ∂p/∂u1 and ∂p/∂u2
@@ -39,7 +39,7 @@ class Turntable(Printed):
     """
 
     turning: AbstractSchedule
-    centre: Float[Array, "*group 2"] = eqx.field(converter=numbers("centre", (2,)), default=(0.0, 0.0))
+    centre: Float[Array, "*group 2"] = eqx.field(converter=number(LENGTH, FINITE), default=(0.0, 0.0))
 
     def __check_init__(self):
         must = "a schedule of its angle of rotation, such as ConstantRate(0.0, rate=2.0)"
@@ -52,8 +52,7 @@ class Turntable(Printed):
 
     def conditions(self) -> Iterator[Condition]:
         """Yields the condition on its centre; traceable."""
-        finite = namespace_of(self.centre).isfinite(self.centre).all()
-        yield Condition(finite, "ground.turntable.centre", self.centre, "two finite numbers")
+        yield from on_numbers(self, "ground.turntable.")
 
     def kinks(self) -> Float[Array, " kinks"]:
         """Returns the times at which Ẇ jumps or has a kink."""
@@ -87,7 +86,7 @@ class Belt(Printed):
     """
 
     travel: AbstractSchedule
-    heading: Float[Array, "*group"] = eqx.field(converter=numbers("heading"), default=0.0)
+    heading: Float[Array, "*group"] = eqx.field(converter=number(ANGLE, FULL_TURN), default=0.0)
 
     def __check_init__(self):
         must = "a schedule of the length by which it has moved, such as ConstantRate(0.0, rate=2.0)"
@@ -111,8 +110,7 @@ class Belt(Printed):
 
     def conditions(self) -> Iterator[Condition]:
         """Yields the condition on its heading; traceable."""
-        finite = namespace_of(self.heading).isfinite(self.heading)
-        yield Condition(finite, "ground.belt.heading", self.heading, "a finite number")
+        yield from on_numbers(self, "ground.belt.")
 
     def kinks(self) -> Float[Array, " kinks"]:
         """Returns the times at which its acceleration jumps or has a kink."""

@@ -15,10 +15,11 @@ from jaxtyping import Array, Float
 
 from ...interface.arguments import describe, require
 from ...interface.printing import Printed
-from ...numerics.arrays import join_arrays, namespace_of, numbers
+from ...numerics.arrays import join_arrays, namespace_of
+from ...numerics.declare import ANGLE, FULL_TURN, QUARTER_TURN, number
 from ...numerics.terms import add
 from ...numerics.vectors import in_three, sine_cosine
-from ..conditions import Condition, ExplainedCondition
+from ..conditions import Condition, ExplainedCondition, on_numbers
 from ..prescribed.motion import AbstractPrescribedMotion
 from ..prescribed.schedules import AbstractSchedule
 from .carriers import Belt, Turntable
@@ -67,6 +68,7 @@ class AbstractGround(Printed):
 
     def conditions(self, planar: bool = False) -> Iterator[Condition]:
         """Yields the conditions on its numbers; traceable. ``planar``: for a disk, which rolls along e1."""
+        yield from on_numbers(self, "ground.")
         for carrier in self.carriers:
             yield from carrier.conditions()
 
@@ -166,8 +168,8 @@ class Ground(AbstractGround):
     [0.142619 0.      ]
     """
 
-    angle: Float[Array, "*group"] = eqx.field(converter=numbers("angle"), default=0.0)
-    heading: Float[Array, "*group"] = eqx.field(converter=numbers("heading"), default=0.0)
+    angle: Float[Array, "*group"] = eqx.field(converter=number(ANGLE, QUARTER_TURN), default=0.0)
+    heading: Float[Array, "*group"] = eqx.field(converter=number(ANGLE, FULL_TURN), default=0.0)
     motion: AbstractPrescribedMotion | None = None
 
     def __check_init__(self):
@@ -178,7 +180,6 @@ class Ground(AbstractGround):
         number = namespace_of(self.angle)
         tilted = "an angle of less than a right angle, π/2, either way"
         yield Condition(abs(self.angle) < number.pi / 2, "ground.angle", self.angle, tilted)
-        yield Condition(number.isfinite(self.heading), "ground.heading", self.heading, "a finite number")
         headings = {"heading": self.heading} | ({} if self.belt is None else {"belt.heading": self.belt.heading})
         for name, heading in headings.items() if planar else ():
             along = abs(number.sin(heading)) < SINE_ALONG

@@ -7,9 +7,10 @@ from jaxtyping import Array, Float
 
 from ...interface.arguments import require, require_each
 from ...interface.printing import Printed
-from ...numerics.arrays import Numbers, join_arrays, numbers
+from ...numerics.arrays import Numbers, join_arrays, to_array
+from ...numerics.declare import DIRECTION, LENGTH, number
 from ...numerics.vectors import apply, turn_about, unit_vector
-from ..conditions import Condition, a_direction
+from ..conditions import Condition, on_numbers
 from ..prescribed.motion import AbstractPrescribedMotion
 from ..prescribed.schedules import AbstractSchedule
 
@@ -29,7 +30,7 @@ class Turn(Printed):
     Turn(axis=(0.0, 0.0, 1.0), angle=ConstantRate(theta=0.0, rate=2.0))
     """
 
-    axis: Float[Array, "*group 3"] = eqx.field(converter=numbers("axis", (3,)))
+    axis: Float[Array, "*group 3"] = eqx.field(converter=number(rule=DIRECTION))
     angle: AbstractSchedule
 
     def __check_init__(self):
@@ -58,7 +59,7 @@ class MovingFrame(Printed):
 
     turns: tuple[Turn, ...]
     displacement: AbstractPrescribedMotion | None
-    pivot: Float[Array, "*group 3"]
+    pivot: Float[Array, "*group 3"] = eqx.field(converter=number(LENGTH))
 
     def __init__(
         self,
@@ -69,7 +70,7 @@ class MovingFrame(Printed):
         require_each("turns", turns, Turn, "a Turn")
         must = "a motion, such as Oscillating(HarmonicSeries(...)), or None"
         require("displacement", displacement, (AbstractPrescribedMotion, type(None)), must)
-        self.turns, self.displacement, self.pivot = tuple(turns), displacement, numbers("pivot", (3,))(pivot)
+        self.turns, self.displacement, self.pivot = tuple(turns), displacement, to_array(pivot, "pivot")
 
     def place(self, t: Float[Array, ""], x: Float[Array, "3"]) -> Float[Array, "3"]:
         """Returns the place in space of the point ``x`` of the surface."""
@@ -90,7 +91,7 @@ class MovingFrame(Printed):
     def conditions(self, name: str) -> Iterator[Condition]:
         """Yields the conditions on its numbers; ``name`` is what sentences call it."""
         for index, turn in enumerate(self.turns):
-            yield a_direction(f"{name}.turns[{index}].axis", turn.axis)
+            yield from on_numbers(turn, f"{name}.turns[{index}].")
 
     def kinks(self) -> Float[Array, " kinks"]:
         """Returns the times at which an acceleration jumps or has a kink."""

@@ -10,10 +10,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...interface.arguments import call_with, require, require_flags, require_function
-from ...numerics.arrays import AnyArray, a_number, join_arrays, namespace_of, numbers
+from ...numerics.arrays import a_number, join_arrays, namespace_of
+from ...numerics.declare import ANGLE, DIRECTION, FINITE, FULL_TURN, LENGTH, PER_LENGTH, POSITIVE, number
 from ...numerics.functions import OfKinkedFunctionOfState
 from ...numerics.vectors import cross, dot, sine_cosine, unit_vector
-from ..conditions import Condition, a_direction, positive
+from ..conditions import Condition
 from ..mechanisms.joints import Accelerated
 from ..prescribed.motion import AbstractPrescribedMotion
 from ..prescribed.schedules import AbstractSchedule
@@ -136,12 +137,8 @@ class Bowl(AbstractSurface):
     [2. 0. 3.]
     """
 
-    radius: Float[Array, "*group"] = eqx.field(converter=numbers("radius"))
+    radius: Float[Array, "*group"] = eqx.field(converter=number(LENGTH, POSITIVE))
     motion: MovingFrame | None = None
-
-    def conditions(self, planar: bool = False) -> Iterator[Condition]:
-        yield _of_radius(self.radius)
-        yield from AbstractSurface.conditions(self, planar)
 
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
         return _on_sphere(self.radius, u1, u2, 1.0)
@@ -175,12 +172,8 @@ class SphereOutside(AbstractSurface):
     [ 4.  0. -3.]
     """
 
-    radius: Float[Array, "*group"] = eqx.field(converter=numbers("radius"))
+    radius: Float[Array, "*group"] = eqx.field(converter=number(LENGTH, POSITIVE))
     motion: MovingFrame | None = None
-
-    def conditions(self, planar: bool = False) -> Iterator[Condition]:
-        yield _of_radius(self.radius)
-        yield from AbstractSurface.conditions(self, planar)
 
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
         return _on_sphere(self.radius, u1, u2, -1.0)
@@ -220,10 +213,10 @@ class Cylinder(AbstractSurface):
     [0.  1.5 3. ]
     """
 
-    radius: Float[Array, "*group"] = eqx.field(converter=numbers("radius"))
-    axis: Float[Array, "*group 3"] = eqx.field(converter=numbers("axis", (3,)), default=(1.0, 0.0, 0.0))
-    start: Float[Array, "*group 3"] = eqx.field(converter=numbers("start", (3,)), default=(0.0, 0.0, -1.0))
-    centre: Float[Array, "*group 3"] = eqx.field(converter=numbers("centre", (3,)), default=(0.0, 0.0, 0.0))
+    radius: Float[Array, "*group"] = eqx.field(converter=number(LENGTH, POSITIVE))
+    axis: Float[Array, "*group 3"] = eqx.field(converter=number(rule=DIRECTION), default=(1.0, 0.0, 0.0))
+    start: Float[Array, "*group 3"] = eqx.field(converter=number(), default=(0.0, 0.0, -1.0))
+    centre: Float[Array, "*group 3"] = eqx.field(converter=number(LENGTH), default=(0.0, 0.0, 0.0))
     outside: bool = eqx.field(static=True, default=False)
     motion: MovingFrame | None = None
 
@@ -231,8 +224,6 @@ class Cylinder(AbstractSurface):
         require_flags(outside=self.outside)
 
     def conditions(self, planar: bool = False) -> Iterator[Condition]:
-        yield _of_radius(self.radius)
-        yield a_direction("ground.axis", self.axis)
         a, b, number = self.axis, self.start, namespace_of(self.start)
         across = number.cross(a, b)
         holds = (across**2).sum() > 1e-12 * (a**2).sum() * (b**2).sum()
@@ -293,13 +284,8 @@ class Paraboloid(AbstractSurface):
     [2.   1.   0.15]
     """
 
-    curvatures: Float[Array, "*group 2"] = eqx.field(converter=numbers("curvatures", (2,)))
+    curvatures: Float[Array, "*group 2"] = eqx.field(converter=number(PER_LENGTH, FINITE, by_size=True))
     motion: MovingFrame | None = None
-
-    def conditions(self, planar: bool = False) -> Iterator[Condition]:
-        finite = namespace_of(self.curvatures).isfinite(self.curvatures).all()
-        yield Condition(finite, "ground.curvatures", self.curvatures, "two finite numbers")
-        yield from AbstractSurface.conditions(self, planar)
 
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
         return jnp.stack([u1, u2, 0.5 * (self.curvatures[0] * u1**2 + self.curvatures[1] * u2**2)])
@@ -328,17 +314,11 @@ class Washboard(AbstractSurface):
     [1.  2.  0.1]
     """
 
-    amplitude: Float[Array, "*group"] = eqx.field(converter=numbers("amplitude"))
-    wavelength: Float[Array, "*group"] = eqx.field(converter=numbers("wavelength"))
-    phase: Float[Array, "*group"] = eqx.field(converter=numbers("phase"), default=0.0)
-    heading: Float[Array, "*group"] = eqx.field(converter=numbers("heading"), default=0.0)
+    amplitude: Float[Array, "*group"] = eqx.field(converter=number(LENGTH, FINITE))
+    wavelength: Float[Array, "*group"] = eqx.field(converter=number(LENGTH, POSITIVE))
+    phase: Float[Array, "*group"] = eqx.field(converter=number(ANGLE, FULL_TURN), default=0.0)
+    heading: Float[Array, "*group"] = eqx.field(converter=number(ANGLE, FULL_TURN), default=0.0)
     motion: MovingFrame | None = None
-
-    def conditions(self, planar: bool = False) -> Iterator[Condition]:
-        finite = namespace_of(self.amplitude).isfinite(self.amplitude)
-        yield Condition(finite, "ground.amplitude", self.amplitude, "a finite number")
-        yield Condition(positive(self.wavelength), "ground.wavelength", self.wavelength, "a positive number")
-        yield from AbstractSurface.conditions(self, planar)
 
     def point(self, t: Time, u1: Coordinate, u2: Coordinate) -> Float[Array, "3"]:
         sine, cosine = sine_cosine(self.heading)
@@ -375,7 +355,7 @@ class TiltingPlane(AbstractSurface):
 
     about_e1: AbstractSchedule | Accelerated | None = None
     about_e2: AbstractSchedule | Accelerated | None = None
-    pivot: Float[Array, "*group 3"] = eqx.field(converter=numbers("pivot", (3,)), default=(0.0, 0.0, 0.0))
+    pivot: Float[Array, "*group 3"] = eqx.field(converter=number(LENGTH), default=(0.0, 0.0, 0.0))
     displacement: AbstractPrescribedMotion | None = None
 
     def __check_init__(self):
@@ -461,10 +441,6 @@ class _Near(AbstractSchedule):
 
     def shift(self, by: Float[Array, ""]) -> "_Near":
         return _Near(self.time, self.theta + by, self.rate, self.acceleration)
-
-
-def _of_radius(radius: Float[AnyArray, ""]) -> Condition:
-    return Condition(positive(radius), "ground.radius", radius, "a positive number")
 
 
 def _on_sphere(R: Float[Array, ""], u1: Coordinate, u2: Coordinate, up: float) -> Float[Array, "3"]:

@@ -9,7 +9,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...interface.arguments import call_with, require_function
-from ...numerics.arrays import a_number, join_arrays, namespace_of, number_or_none, numbers
+from ...numerics.arrays import a_number, join_arrays
+from ...numerics.declare import FINITE, LENGTH, number, number_or_none
 from ...numerics.functions import OfKinkedFunctionOfState
 from ...numerics.roots import find_rising_root, with_derivatives_of_root
 from ...numerics.vectors import cross, dot
@@ -70,8 +71,8 @@ class SignedDistance(OfKinkedFunctionOfState, AbstractSurface):
     """
 
     motion: MovingFrame | None = None
-    centre: Float[Array, "*group 3"] | None = eqx.field(converter=number_or_none("centre", (3,)), default=None)
-    guess: Float[Array, "*group"] = eqx.field(converter=numbers("guess"), default=0.0)
+    centre: Float[Array, "*group 3"] | None = eqx.field(converter=number_or_none(LENGTH, FINITE), default=None)
+    guess: Float[Array, "*group"] = eqx.field(converter=number(LENGTH), default=0.0)
 
     def __check_init__(self):
         number = a_number()
@@ -80,11 +81,8 @@ class SignedDistance(OfKinkedFunctionOfState, AbstractSurface):
 
     def conditions(self, planar: bool = False) -> Iterator[Condition]:
         if self.centre is None:
-            finite = namespace_of(self.guess).isfinite(self.guess)
-            yield Condition(finite, "ground.guess", self.guess, "a finite number")
+            yield Condition(FINITE.holds(self.guess), "ground.guess", self.guess, "a finite number")
         else:
-            finite = namespace_of(self.centre).isfinite(self.centre).all()
-            yield Condition(finite, "ground.centre", self.centre, "three finite numbers")
             must = "a positive number, the distance from the centre at which the ground is sought first"
             yield Condition(positive(self.guess), "ground.guess", self.guess, must)
         yield from AbstractSurface.conditions(self, planar)

@@ -11,21 +11,27 @@ from jaxtyping import Array, Float
 from ...interface.arguments import call_with, require, require_callable_with, require_flags, require_value, traceable
 from ...interface.printing import Printed
 from ...numerics.arrays import (
-    AnyArray,
-    Numbers,
     default_dtype,
     join_arrays,
-    namespace_of,
-    number_or_none,
-    numbers,
     require_not_nan,
-    to_array,
+)
+from ...numerics.declare import (
+    ANGLE,
+    DAMPING,
+    EFFORT,
+    FROM_0,
+    PER_RATE,
+    POSITIVE,
+    RATE,
+    STIFFNESS,
+    number,
+    number_or_none,
 )
 from ...numerics.functions import OfKinkedFunctionOfState
 from ...numerics.kinks import kinks_of_function, kinks_seen
-from ..conditions import Condition
+from ..conditions import Condition, on_numbers
 from ..prescribed.schedules import AbstractSchedule
-from ..prescribed.signals import AbstractIntegrableSignal, AbstractSignal, as_signal
+from ..prescribed.signals import AbstractIntegrableSignal, AbstractSignal, ToSignal
 from ..state import State
 
 
@@ -53,7 +59,7 @@ class AbstractJointForce(Printed):
 
     def conditions(self, name: str) -> Iterator[Condition]:
         """Yields every condition that its numbers must meet; ``name`` is what sentences call the force."""
-        yield from ()
+        yield from on_numbers(self, f"{name}.")
 
     def impulse(self, t: Float[Array, ""]) -> Float[Array, ""] | None:
         """Computes ∫ Q up to t, for the part of Q whose integral is known in closed form; None if there is none."""
@@ -195,8 +201,8 @@ class Spring(AbstractJointForce):
     -1.0
     """
 
-    stiffness: Float[Array, "*group"] = eqx.field(converter=numbers("stiffness"))
-    rest: Float[Array, "*group"] = eqx.field(converter=numbers("rest"), default=0.0)
+    stiffness: Float[Array, "*group"] = eqx.field(converter=number(STIFFNESS))
+    rest: Float[Array, "*group"] = eqx.field(converter=number(ANGLE), default=0.0)
 
     def __call__(self, t, theta, thetadot, state):
         return -self.stiffness * (theta - self.rest)
@@ -218,7 +224,7 @@ class Damper(AbstractJointForce):
     -1.0
     """
 
-    coefficient: Float[Array, "*group"] = eqx.field(converter=numbers("coefficient"))
+    coefficient: Float[Array, "*group"] = eqx.field(converter=number(DAMPING))
     negative: bool = eqx.field(static=True, default=False)
 
     def __check_init__(self):
@@ -233,7 +239,8 @@ class Damper(AbstractJointForce):
 
     def conditions(self, name: str) -> Iterator[Condition]:
         if not self.negative:
-            yield not_negative(f"{name}.coefficient", self.coefficient, "0 or positive, unless `negative` allows it")
+            must = "0 or positive, unless `negative` allows it"
+            yield Condition(FROM_0.holds(self.coefficient), f"{name}.coefficient", self.coefficient, must)
 
 
 class Motor(AbstractJointForce):
@@ -254,19 +261,11 @@ class Motor(AbstractJointForce):
     2.0
     """
 
-    signal: AbstractSignal | AbstractSchedule
-    limit: Float[Array, "*group"] | None
-
-    def __init__(self, signal: "AbstractSignal | AbstractSchedule | Numbers", limit: Numbers | None = None):
-        self.signal = as_signal("signal", signal)
-        self.limit = number_or_none("limit")(limit)
+    signal: AbstractSignal | AbstractSchedule = eqx.field(converter=ToSignal())
+    limit: Float[Array, "*group"] | None = eqx.field(converter=number_or_none(EFFORT, FROM_0), default=None)
 
     def __call__(self, t, theta, thetadot, state):
         return _limit(self.signal(t), self.limit)
-
-    def conditions(self, name: str) -> Iterator[Condition]:
-        if self.limit is not None:
-            yield not_negative(f"{name}.limit", self.limit, "0 or positive")
 
     def impulse(self, t):
         signal = self._integrable
@@ -318,20 +317,12 @@ class SpeedLimitedMotor(AbstractJointForce):
     1.0
     """
 
-    command: AbstractSignal | AbstractSchedule
-    stall: Float[Array, "*group"]
-    free_speed: Float[Array, "*group"]
-
-    def __init__(self, command: "AbstractSignal | AbstractSchedule | Numbers", stall: Numbers, free_speed: Numbers):
-        self.command = as_signal("command", command)
-        self.stall, self.free_speed = to_array(stall, "stall"), to_array(free_speed, "free_speed")
+    command: AbstractSignal | AbstractSchedule = eqx.field(converter=ToSignal())
+    stall: Float[Array, "*group"] = eqx.field(converter=number(EFFORT, FROM_0))
+    free_speed: Float[Array, "*group"] = eqx.field(converter=number(RATE, POSITIVE))
 
     def __call__(self, t, theta, thetadot, state):
         return self.stall * (self.command(t) - thetadot / self.free_speed)
-
-    def conditions(self, name: str) -> Iterator[Condition]:
-        yield not_negative(f"{name}.stall", self.stall, "0 or positive")
-        yield Condition(self.free_speed > 0, f"{name}.free_speed", self.free_speed, "a positive number")
 
     def impulse(self, t):
         command = self._integrable
@@ -378,9 +369,9 @@ class PDServo(AbstractJointForce):
     """
 
     target: AbstractSchedule
-    stiffness: Float[Array, "*group"] = eqx.field(converter=numbers("stiffness"))
-    damping: Float[Array, "*group"] = eqx.field(converter=numbers("damping"), default=0.0)
-    limit: Float[Array, "*group"] | None = eqx.field(converter=number_or_none("limit"), default=None)
+    stiffness: Float[Array, "*group"] = eqx.field(converter=number(STIFFNESS))
+    damping: Float[Array, "*group"] = eqx.field(converter=number(DAMPING), default=0.0)
+    limit: Float[Array, "*group"] | None = eqx.field(converter=number_or_none(EFFORT, FROM_0), default=None)
 
     def __check_init__(self):
         require("target", self.target, AbstractSchedule, "a schedule, such as Waypoints(...)")
@@ -388,10 +379,6 @@ class PDServo(AbstractJointForce):
     def __call__(self, t, theta, thetadot, state):
         target, rate, _ = self.target.derivatives(t)
         return _limit(-self.stiffness * (theta - target) - self.damping * (thetadot - rate), self.limit)
-
-    def conditions(self, name: str) -> Iterator[Condition]:
-        if self.limit is not None:
-            yield not_negative(f"{name}.limit", self.limit, "0 or positive")
 
     def kinks(self) -> Float[Array, " kinks"]:
         return self.target.kinks()
@@ -422,10 +409,10 @@ class EndStops(AbstractJointForce):
     -25.0
     """
 
-    lower: Float[Array, "*group"] = eqx.field(converter=numbers("lower"))
-    upper: Float[Array, "*group"] = eqx.field(converter=numbers("upper"))
-    stiffness: Float[Array, "*group"] = eqx.field(converter=numbers("stiffness"))
-    damping: Float[Array, "*group"] = eqx.field(converter=numbers("damping"), default=0.0)
+    lower: Float[Array, "*group"] = eqx.field(converter=number(ANGLE))
+    upper: Float[Array, "*group"] = eqx.field(converter=number(ANGLE))
+    stiffness: Float[Array, "*group"] = eqx.field(converter=number(STIFFNESS, FROM_0))
+    damping: Float[Array, "*group"] = eqx.field(converter=number(PER_RATE, FROM_0), default=0.0)
 
     def __call__(self, t, theta, thetadot, state):
         back = self._push(self.lower - theta, -thetadot)
@@ -436,8 +423,7 @@ class EndStops(AbstractJointForce):
 
     def conditions(self, name: str) -> Iterator[Condition]:
         yield Condition(self.lower < self.upper, f"{name}.lower", self.lower, "less than `upper`")
-        yield not_negative(f"{name}.stiffness", self.stiffness, "0 or positive")
-        yield not_negative(f"{name}.damping", self.damping, "0 or positive")
+        yield from super().conditions(name)
 
 
 class FunctionJointForce(OfKinkedFunctionOfState, AbstractJointForce):
@@ -483,7 +469,3 @@ def _joint_at_rest() -> tuple[Float[Array, ""], Float[Array, ""]]:
 
 def _limit(force: Float[Array, ""], limit: Float[Array, ""] | None) -> Float[Array, ""]:
     return force if limit is None else jnp.clip(force, -limit, limit)
-
-
-def not_negative(name: str, value: Float[AnyArray, "*group"], must: str) -> Condition:
-    return Condition((value >= 0) & namespace_of(value).isfinite(value), name, value, must)

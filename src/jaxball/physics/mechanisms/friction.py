@@ -7,9 +7,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...interface.arguments import require
-from ...numerics.arrays import AnyArray, number_or_none, numbers
+from ...numerics.arrays import AnyArray
+from ...numerics.declare import DAMPING, EFFORT, FROM_0, FROM_1, POSITIVE, RATE, number, number_or_none
 from ..conditions import Condition, positive
-from .forces import AbstractJointForce, not_negative
+from .forces import AbstractJointForce
 
 
 class JointFriction(AbstractJointForce):
@@ -45,12 +46,12 @@ class JointFriction(AbstractJointForce):
     -0.7
     """
 
-    kinetic: Float[Array, "*group"] = eqx.field(converter=numbers("kinetic"))
-    static: Float[Array, "*group"] | None = eqx.field(converter=number_or_none("static"), default=None)
-    viscous: Float[Array, "*group"] = eqx.field(converter=numbers("viscous"), default=0.0)
-    stribeck: Float[Array, "*group"] | None = eqx.field(converter=number_or_none("stribeck"), default=None)
+    kinetic: Float[Array, "*group"] = eqx.field(converter=number(EFFORT, FROM_0))
+    static: Float[Array, "*group"] | None = eqx.field(converter=number_or_none(EFFORT), default=None)
+    viscous: Float[Array, "*group"] = eqx.field(converter=number(DAMPING, FROM_0), default=0.0)
+    stribeck: Float[Array, "*group"] | None = eqx.field(converter=number_or_none(RATE, POSITIVE), default=None)
     exponent: int = eqx.field(static=True, default=2)
-    smoothing: Float[Array, "*group"] | None = eqx.field(converter=number_or_none("smoothing"), default=None)
+    smoothing: Float[Array, "*group"] | None = eqx.field(converter=number_or_none(RATE, POSITIVE), default=None)
     direction: Float[Array, "*group"] | None = None
 
     def __check_init__(self):
@@ -89,13 +90,9 @@ class JointFriction(AbstractJointForce):
         return self.kinetic + (self.largest - self.kinetic) * jnp.exp(-((speed / self.stribeck) ** self.exponent))
 
     def conditions(self, name: str) -> Iterator[Condition]:
-        yield not_negative(f"{name}.kinetic", self.kinetic, "0 or positive")
+        yield from super().conditions(name)
         holds = positive(self.largest) & (self.largest >= self.kinetic)
         yield Condition(holds, f"{name}.static", self.largest, "a positive number, not less than `kinetic`")
-        yield not_negative(f"{name}.viscous", self.viscous, "0 or positive")
-        for field, value in (("stribeck", self.stribeck), ("smoothing", self.smoothing)):
-            if value is not None:
-                yield Condition(positive(value), f"{name}.{field}", value, "a positive number")
 
 
 class MajdSimaanFriction(AbstractJointForce):
@@ -125,11 +122,11 @@ class MajdSimaanFriction(AbstractJointForce):
     Array([-0.423, -0.621, -0.5  ], dtype=float64)
     """
 
-    viscous: Float[Array, "*group"] = eqx.field(converter=numbers("viscous"))
-    kinetic: Float[Array, "*group"] = eqx.field(converter=numbers("kinetic"))
-    peak: Float[Array, "*group"] = eqx.field(converter=numbers("peak"))
-    rate: Float[Array, "*group"] = eqx.field(converter=numbers("rate"))
-    steepness: Float[Array, "*group"] = eqx.field(converter=numbers("steepness"))
+    viscous: Float[Array, "*group"] = eqx.field(converter=number(DAMPING, FROM_0))
+    kinetic: Float[Array, "*group"] = eqx.field(converter=number(EFFORT, FROM_0))
+    peak: Float[Array, "*group"] = eqx.field(converter=number(EFFORT, FROM_0))
+    rate: Float[Array, "*group"] = eqx.field(converter=number(RATE, POSITIVE))
+    steepness: Float[Array, "*group"] = eqx.field(converter=number(rule=FROM_1))
 
     @property
     def dissipating(self) -> tuple[AbstractJointForce, ...]:
@@ -140,9 +137,3 @@ class MajdSimaanFriction(AbstractJointForce):
         rising = (self.peak + self.kinetic) * jnp.exp(-self.steepness * speed)
         level = self.kinetic + self.peak * jnp.exp(-speed) - rising
         return -self.viscous * thetadot - level * jnp.sign(thetadot)
-
-    def conditions(self, name: str) -> Iterator[Condition]:
-        for field in ("viscous", "kinetic", "peak"):
-            yield not_negative(f"{name}.{field}", getattr(self, field), "0 or positive")
-        yield Condition(positive(self.rate), f"{name}.rate", self.rate, "a positive number")
-        yield Condition(self.steepness >= 1, f"{name}.steepness", self.steepness, "1 or more")

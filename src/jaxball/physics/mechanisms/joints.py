@@ -10,9 +10,9 @@ from jaxtyping import Array, Float
 
 from ...interface.arguments import require
 from ...interface.printing import Printed
-from ...numerics.arrays import numbers
+from ...numerics.declare import DIRECTION, LENGTH, number
 from ...numerics.vectors import apply, turn_about, unit_vector
-from ..conditions import Condition, a_direction
+from ..conditions import Condition, on_numbers
 from ..prescribed.rails import AbstractRail
 from ..prescribed.schedules import AbstractSchedule
 from .forces import AbstractJointForce
@@ -93,7 +93,7 @@ class AbstractJoint(Printed):
 
     def conditions(self, name: str) -> Iterator[Condition]:
         """Yields every condition that its numbers must meet; ``name`` is what sentences call the joint."""
-        yield from ()
+        yield from on_numbers(self, f"{name}.")
 
     def prepare(self) -> "AbstractJoint":
         """Returns the same joint, ready to be evaluated many times."""
@@ -118,8 +118,8 @@ class Hinge(AbstractJoint):
     Hinge(axis=(0.0, 1.0, 0.0), point=(0.0, 0.0, 0.2), drive=Motor(signal=ConstantSignal(value=0.1)))
     """
 
-    axis: Float[Array, "*group 3"] = eqx.field(converter=numbers("axis", (3,)))
-    point: Float[Array, "*group 3"] = eqx.field(converter=numbers("point", (3,)), default=(0.0, 0.0, 0.0))
+    axis: Float[Array, "*group 3"] = eqx.field(converter=number(rule=DIRECTION))
+    point: Float[Array, "*group 3"] = eqx.field(converter=number(LENGTH), default=(0.0, 0.0, 0.0))
     drive: Drive = None
     on: int | None = eqx.field(static=True, default=None)
 
@@ -130,9 +130,6 @@ class Hinge(AbstractJoint):
         turned = jnp.sum(carrier.turn[:, :, None] * turn[None], axis=1)
         zero = jnp.zeros_like(w)
         return Moved(Placement(turned, c - apply(turned, self.point)), w, c, zero, zero)
-
-    def conditions(self, name: str) -> Iterator[Condition]:
-        yield a_direction(f"{name}.axis", self.axis)
 
 
 class Slider(AbstractJoint):
@@ -152,7 +149,7 @@ class Slider(AbstractJoint):
     Slider(axis=(1.0, 0.0, 0.0), drive=Spring(stiffness=5.0))
     """
 
-    axis: Float[Array, "*group 3"] = eqx.field(converter=numbers("axis", (3,)))
+    axis: Float[Array, "*group 3"] = eqx.field(converter=number(rule=DIRECTION))
     drive: Drive = None
     on: int | None = eqx.field(static=True, default=None)
 
@@ -160,9 +157,6 @@ class Slider(AbstractJoint):
         v = apply(carrier.turn, unit_vector(self.axis))
         zero = jnp.zeros_like(v)
         return Moved(Placement(carrier.turn, carrier.shift + theta * v), zero, zero, v, zero)
-
-    def conditions(self, name: str) -> Iterator[Condition]:
-        yield a_direction(f"{name}.axis", self.axis)
 
 
 class Carriage(AbstractJoint):

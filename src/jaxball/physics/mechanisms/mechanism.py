@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float, PyTree
 from ...interface.arguments import call_with, require_each, require_function
 from ...interface.printing import Printed
 from ...numerics.arrays import Numbers, default_dtype, join_arrays, numbers, stack_arrays
+from ...numerics.declare import LENGTH, OF_MASS, POSITIVE, number
 from ...numerics.vectors import cross
 from ..conditions import Condition, positive
 from ..prescribed.schedules import AbstractSchedule
@@ -53,8 +54,8 @@ class CarriedMass(Printed):
     Mechanism(joints=(Hinge(axis=(0.0, 1.0, 0.0)),), mass=(0.5,), place=((0.0, 0.0, -0.6),), carrier=(0,))
     """
 
-    mass: Float[Array, ""] = eqx.field(converter=numbers("mass"))
-    place: Float[Array, "3"] = eqx.field(converter=numbers("place", (3,)), default=(0.0, 0.0, 0.0))
+    mass: Float[Array, ""] = eqx.field(converter=number(OF_MASS, POSITIVE))
+    place: Float[Array, "3"] = eqx.field(converter=number(LENGTH), default=(0.0, 0.0, 0.0))
     joint: int = eqx.field(static=True, default=-1)
 
 

@@ -1,14 +1,15 @@
 """Hard end stops of a joint, which it strikes, rests against and leaves."""
 
+import math
 from collections.abc import Iterator
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...numerics.arrays import numbers
+from ...numerics.declare import ANGLE, BETWEEN_0_AND_1, FROM_0, number
 from ..conditions import Condition
-from .forces import AbstractJointForce, not_negative
+from .forces import AbstractJointForce
 
 
 class HardStops(AbstractJointForce):
@@ -21,7 +22,7 @@ class HardStops(AbstractJointForce):
 
     **Arguments:**
 
-    - ``lower``, ``upper``: θ at the stops; −inf or inf where there is none.
+    - ``lower``, ``upper``: θ at the stops; −inf or inf, which are the defaults, where there is none.
     - ``restitution``: e, from 0 to 1.
     - ``slowest``: rebounds slower than this times √(g r) count as none, as the masses that the joint moves have them;
       without gravity, the acceleration to the stop takes the place of g.
@@ -39,10 +40,10 @@ class HardStops(AbstractJointForce):
     ['t = 1: mechanisms[0].joints[0] comes to rest against its lower stop']
     """
 
-    lower: Float[Array, "*group"] = eqx.field(converter=numbers("lower"))
-    upper: Float[Array, "*group"] = eqx.field(converter=numbers("upper"))
-    restitution: Float[Array, "*group"] = eqx.field(converter=numbers("restitution"), default=0.0)
-    slowest: Float[Array, "*group"] = eqx.field(converter=numbers("slowest"), default=1e-6)
+    lower: Float[Array, "*group"] = eqx.field(converter=number(ANGLE), default=-math.inf)
+    upper: Float[Array, "*group"] = eqx.field(converter=number(ANGLE), default=math.inf)
+    restitution: Float[Array, "*group"] = eqx.field(converter=number(rule=BETWEEN_0_AND_1), default=0.0)
+    slowest: Float[Array, "*group"] = eqx.field(converter=number(rule=FROM_0), default=1e-6)
     direction: Float[Array, "*group"] | None = None
 
     @property
@@ -57,6 +58,4 @@ class HardStops(AbstractJointForce):
 
     def conditions(self, name: str) -> Iterator[Condition]:
         yield Condition(self.lower < self.upper, f"{name}.lower", self.lower, "less than `upper`")
-        holds = (self.restitution >= 0) & (self.restitution <= 1)
-        yield Condition(holds, f"{name}.restitution", self.restitution, "between 0 and 1")
-        yield not_negative(f"{name}.slowest", self.slowest, "0 or positive")
+        yield from super().conditions(name)

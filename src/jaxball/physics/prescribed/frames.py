@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from ...compat import is_traced
 from ...interface.printing import Printed
-from ...numerics.arrays import numbers
+from ...numerics.declare import ANGLE, FULL_TURN, NOT_ALL_ZERO, QUARTER_TURN, number
 from ...numerics.versor import normalize, rotation_matrix
 
 
@@ -70,7 +70,7 @@ class MatrixFrame(AbstractFrame):
     """
 
     B: Float[Array, "*group 3 3"] = eqx.field(
-        converter=numbers("B", (3, 3)), default=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+        converter=number(), default=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     )
 
     def matrix(self) -> Float[Array, "3 3"]:
@@ -93,7 +93,7 @@ class VersorFrame(AbstractFrame):
      [ 0.  0.  1.]]
     """
 
-    q: Float[Array, "*group 4"] = eqx.field(converter=numbers("q", (4,)))
+    q: Float[Array, "*group 4"] = eqx.field(converter=number(rule=NOT_ALL_ZERO))
 
     def matrix(self) -> Float[Array, "3 3"]:
         return rotation_matrix(normalize(self.q))
@@ -122,8 +122,8 @@ class SphericalFrame(AbstractFrame):
     [0.866 0.    0.5  ]
     """
 
-    azimuth: Float[Array, "*group"] = eqx.field(converter=numbers("azimuth"))
-    elevation: Float[Array, "*group"] = eqx.field(converter=numbers("elevation"))
+    azimuth: Float[Array, "*group"] = eqx.field(converter=number(ANGLE, FULL_TURN))
+    elevation: Float[Array, "*group"] = eqx.field(converter=number(ANGLE, QUARTER_TURN))
 
     def __check_init__(self):
         for name in ("azimuth", "elevation"):

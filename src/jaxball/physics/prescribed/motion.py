@@ -16,8 +16,9 @@ from jaxtyping import Array, Float
 
 from ...interface.arguments import require
 from ...interface.printing import Printed
-from ...numerics.arrays import numbers, require_shape
+from ...numerics.arrays import require_shape
 from ...numerics.calculus import two_derivatives
+from ...numerics.declare import LENGTH, number
 from ...numerics.functions import HarmonicSeries, VectorOfTime
 from ...numerics.kinks import kinks_seen
 from .rails import AbstractRail
@@ -183,7 +184,7 @@ class Fixed(AbstractPrescribedMotion):
     Array([ 0. ,  0. , -0.5], dtype=float64)
     """
 
-    position: Float[Array, "*group 3"] = eqx.field(converter=numbers("position", (3,)))
+    position: Float[Array, "*group 3"] = eqx.field(converter=number(LENGTH))
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
         return self.position

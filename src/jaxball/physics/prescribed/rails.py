@@ -11,8 +11,9 @@ from jaxtyping import Array, Float
 
 from ...interface.arguments import call_with, require, require_function
 from ...interface.printing import Printed
-from ...numerics.arrays import a_number, numbers
+from ...numerics.arrays import a_number
 from ...numerics.calculus import Furthest, furthest, two_derivatives
+from ...numerics.declare import DIRECTION, LENGTH, POSITIVE, number
 from ...numerics.functions import OfFunction, PiecewisePolynomial, periodic_cubic_spline
 from ...numerics.vectors import dot, sine_cosine
 from .frames import AbstractFrame, MatrixFrame
@@ -114,8 +115,8 @@ class Tube(AbstractRail):
     Array([0.2, 0. , 0.5], dtype=float64)
     """
 
-    direction: Float[Array, "*group 3"] = eqx.field(converter=numbers("direction", (3,)))
-    centre: Float[Array, "*group 3"] = eqx.field(converter=numbers("centre", (3,)), default=(0.0, 0.0, 0.0))
+    direction: Float[Array, "*group 3"] = eqx.field(converter=number(rule=DIRECTION))
+    centre: Float[Array, "*group 3"] = eqx.field(converter=number(LENGTH), default=(0.0, 0.0, 0.0))
 
     def __call__(self, theta: Float[Array, ""]) -> Float[Array, "3"]:
         return self.centre + theta * self.direction / jnp.sqrt(jnp.sum(self.direction**2))
@@ -187,8 +188,8 @@ class Circle(AbstractPlanarRail):
      [0.  0.  1. ]]
     """
 
-    radius: Float[Array, "*group"] = eqx.field(converter=numbers("radius"))
-    centre: Float[Array, "*group 3"] = eqx.field(converter=numbers("centre", (3,)), default=ORIGIN)
+    radius: Float[Array, "*group"] = eqx.field(converter=number(LENGTH, POSITIVE))
+    centre: Float[Array, "*group 3"] = eqx.field(converter=number(LENGTH), default=ORIGIN)
     frame: AbstractFrame = eqx.field(default_factory=MatrixFrame)
 
     def planar(self, theta):
@@ -223,8 +224,8 @@ class Ellipse(AbstractPlanarRail):
      [0.  0.  0.5]]
     """
 
-    semi_axes: Float[Array, "*group 2"] = eqx.field(converter=numbers("semi_axes", (2,)))
-    centre: Float[Array, "*group 3"] = eqx.field(converter=numbers("centre", (3,)), default=ORIGIN)
+    semi_axes: Float[Array, "*group 2"] = eqx.field(converter=number(LENGTH, POSITIVE))
+    centre: Float[Array, "*group 3"] = eqx.field(converter=number(LENGTH), default=ORIGIN)
     frame: AbstractFrame = eqx.field(default_factory=MatrixFrame)
 
     def planar(self, theta):
@@ -253,8 +254,8 @@ class GeronoEight(AbstractPlanarRail):
      [0.566 0.    0.4  ]]
     """
 
-    half_extents: Float[Array, "*group 2"] = eqx.field(converter=numbers("half_extents", (2,)))
-    centre: Float[Array, "*group 3"] = eqx.field(converter=numbers("centre", (3,)), default=ORIGIN)
+    half_extents: Float[Array, "*group 2"] = eqx.field(converter=number(LENGTH, POSITIVE))
+    centre: Float[Array, "*group 3"] = eqx.field(converter=number(LENGTH), default=ORIGIN)
     frame: AbstractFrame = eqx.field(default_factory=MatrixFrame)
 
     def planar(self, theta):
@@ -283,8 +284,8 @@ class BernoulliEight(AbstractPlanarRail):
      [0.377 0.    0.267]]
     """
 
-    half_width: Float[Array, "*group"] = eqx.field(converter=numbers("half_width"))
-    centre: Float[Array, "*group 3"] = eqx.field(converter=numbers("centre", (3,)), default=ORIGIN)
+    half_width: Float[Array, "*group"] = eqx.field(converter=number(LENGTH, POSITIVE))
+    centre: Float[Array, "*group 3"] = eqx.field(converter=number(LENGTH), default=ORIGIN)
     frame: AbstractFrame = eqx.field(default_factory=MatrixFrame)
 
     def planar(self, theta):
@@ -313,9 +314,9 @@ class FourierRail(AbstractClosedRail):
      [0.  0.3 0. ]]
     """
 
-    cosine: Float[Array, "*group K 3"] = eqx.field(converter=numbers("cosine", ("K", 3)))
-    sine: Float[Array, "*group K 3"] = eqx.field(converter=numbers("sine", ("K", 3)))
-    centre: Float[Array, "*group 3"] = eqx.field(converter=numbers("centre", (3,)), default=(0.0, 0.0, 0.0))
+    cosine: Float[Array, "*group K 3"] = eqx.field(converter=number(LENGTH))
+    sine: Float[Array, "*group K 3"] = eqx.field(converter=number(LENGTH))
+    centre: Float[Array, "*group 3"] = eqx.field(converter=number(LENGTH), default=(0.0, 0.0, 0.0))
 
     def __check_init__(self):
         if self.cosine.shape != self.sine.shape or self.cosine.shape[-1:] != (3,) or self.cosine.ndim < 2:
@@ -358,7 +359,7 @@ class SplineRail(AbstractClosedRail):
      [0.  0.  0.5]]
     """
 
-    points_on_rail: Float[Array, "*group n 3"] = eqx.field(converter=numbers("points_on_rail", ("n", 3)))
+    points_on_rail: Float[Array, "*group n 3"] = eqx.field(converter=number(LENGTH))
 
     def __check_init__(self):
         shape = self.points_on_rail.shape

@@ -15,7 +15,8 @@ from ...compat import is_traced
 from ...interface.arguments import refusal
 from ...interface.printing import Printed
 from ...interface.wording import one_of, tell_numbers_apart
-from ...numerics.arrays import AnyArray, numbers
+from ...numerics.arrays import AnyArray
+from ...numerics.declare import number
 from ...numerics.functions import PiecewisePolynomial, not_a_knot_cubic_spline
 from ...numerics.kinks import CLOSE_KINKS
 from ..conditions import ExplainedCondition, Problem
@@ -118,8 +119,8 @@ class RecordedSignal(AbstractRecorded, AbstractIntegrableSignal):
 
     choices_outside: ClassVar[tuple[str, ...]] = get_args(OutsideOfSignal)
 
-    times: Float[Array, "*group n"] = eqx.field(converter=numbers("times", ("n",)))
-    values: Float[Array, "*group n"] = eqx.field(converter=numbers("values", ("n",)))
+    times: Float[Array, "*group n"] = eqx.field(converter=number())
+    values: Float[Array, "*group n"] = eqx.field(converter=number())
     interpolation: Interpolation = eqx.field(static=True, default="linear")
     outside: OutsideOfSignal = eqx.field(static=True, default="refuse")
 
@@ -207,8 +208,8 @@ class RecordedSchedule(AbstractRecorded, AbstractSchedule):
     choices_outside: ClassVar[tuple[str, ...]] = get_args(OutsideOfSchedule)
     interpolation: ClassVar[Interpolation] = "spline"  # the only one with θ̇ and θ̈
 
-    times: Float[Array, "*group n"] = eqx.field(converter=numbers("times", ("n",)))
-    values: Float[Array, "*group n"] = eqx.field(converter=numbers("values", ("n",)))
+    times: Float[Array, "*group n"] = eqx.field(converter=number())
+    values: Float[Array, "*group n"] = eqx.field(converter=number())
     outside: OutsideOfSchedule = eqx.field(static=True, default="refuse")
 
     def __check_init__(self):

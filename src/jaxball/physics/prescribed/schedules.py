@@ -10,8 +10,9 @@ from jaxtyping import Array, Float
 from ...compat import is_traced
 from ...interface.arguments import call_with, require_function
 from ...interface.printing import Printed
-from ...numerics.arrays import AnyArray, Numbers, a_number, numbers, to_array
+from ...numerics.arrays import AnyArray, Numbers, a_number, to_array
 from ...numerics.calculus import two_derivatives
+from ...numerics.declare import ACCELERATION, ANGLE, INCREASING, RATE, TIME, number
 from ...numerics.functions import HarmonicSeries, OfFunction, PiecewisePolynomial, cubic_spline_with_slopes
 from ...numerics.kinks import kinks_of_function, kinks_seen
 
@@ -90,8 +91,8 @@ class FunctionSchedule(OfFunction, AbstractSchedule):
     (0.0, 2.0, -4.0)
     """
 
-    theta: Float[Array, "*group"] = eqx.field(converter=numbers("theta"), default=0.0)
-    kink_times: Float[Array, "*group kinks"] = eqx.field(converter=numbers("kink_times", ("kinks",)), default=())
+    theta: Float[Array, "*group"] = eqx.field(converter=number(ANGLE), default=0.0)
+    kink_times: Float[Array, "*group kinks"] = eqx.field(converter=number(TIME), default=())
 
     def __check_init__(self):
         require_function("function", self.function, (), t=a_number(), parameters=self.parameters)
@@ -122,8 +123,8 @@ class ConstantRate(AbstractSchedule):
     6.5
     """
 
-    theta: Float[Array, "*group"] = eqx.field(converter=numbers("theta"))
-    rate: Float[Array, "*group"] = eqx.field(converter=numbers("rate"), default=0.0)
+    theta: Float[Array, "*group"] = eqx.field(converter=number(ANGLE))
+    rate: Float[Array, "*group"] = eqx.field(converter=number(RATE), default=0.0)
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
         return self.theta + self.rate * t
@@ -226,10 +227,10 @@ class PiecewiseAcceleration(AbstractPiecewise):
     1.0
     """
 
-    theta: Float[Array, "*group"] = eqx.field(converter=numbers("theta"))
-    times: Float[Array, "*group n_plus_one"] = eqx.field(converter=numbers("times", ("n_plus_one",)))
-    accelerations: Float[Array, "*group n k"] = eqx.field(converter=numbers("accelerations", ("n", "k")))
-    rate: Float[Array, "*group"] = eqx.field(converter=numbers("rate"), default=0.0)
+    theta: Float[Array, "*group"] = eqx.field(converter=number(ANGLE))
+    times: Float[Array, "*group n_plus_one"] = eqx.field(converter=number(TIME, INCREASING))
+    accelerations: Float[Array, "*group n k"] = eqx.field(converter=number(ACCELERATION))
+    rate: Float[Array, "*group"] = eqx.field(converter=number(RATE), default=0.0)
 
     def __check_init__(self):
         times, rows = self.times.shape, self.accelerations.shape
@@ -293,12 +294,12 @@ class Pulse(AbstractPiecewise):
     (0.01, 0.2, 2.0)
     """
 
-    theta: Float[Array, "*group"] = eqx.field(converter=numbers("theta"))
-    height: Float[Array, "*group"] = eqx.field(converter=numbers("height"), default=1.0)
-    rate: Float[Array, "*group"] = eqx.field(converter=numbers("rate"), default=0.0)
-    start: Float[Array, "*group"] = eqx.field(converter=numbers("start"), default=0.0)
-    hold: Float[Array, "*group"] = eqx.field(converter=numbers("hold"), default=0.1)
-    end: Float[Array, "*group"] = eqx.field(converter=numbers("end"), default=0.2)
+    theta: Float[Array, "*group"] = eqx.field(converter=number(ANGLE))
+    height: Float[Array, "*group"] = eqx.field(converter=number(ACCELERATION), default=1.0)
+    rate: Float[Array, "*group"] = eqx.field(converter=number(RATE), default=0.0)
+    start: Float[Array, "*group"] = eqx.field(converter=number(TIME), default=0.0)
+    hold: Float[Array, "*group"] = eqx.field(converter=number(TIME), default=0.1)
+    end: Float[Array, "*group"] = eqx.field(converter=number(TIME), default=0.2)
 
     def __check_init__(self):
         if is_traced(self.start) or is_traced(self.hold) or is_traced(self.end):
@@ -362,9 +363,9 @@ class Waypoints(AbstractPiecewise):
     0.5
     """
 
-    times: Float[Array, "*group n"] = eqx.field(converter=numbers("times", ("n",)))
-    theta: Float[Array, "*group n"] = eqx.field(converter=numbers("theta", ("n",)))
-    end_rates: Float[Array, "*group 2"] = eqx.field(converter=numbers("end_rates", (2,)), default=(0.0, 0.0))
+    times: Float[Array, "*group n"] = eqx.field(converter=number(TIME, INCREASING))
+    theta: Float[Array, "*group n"] = eqx.field(converter=number(ANGLE))
+    end_rates: Float[Array, "*group 2"] = eqx.field(converter=number(RATE), default=(0.0, 0.0))
 
     def __check_init__(self):
         if self.times.shape != self.theta.shape or self.times.ndim < 1 or self.times.shape[-1] < 2:

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 from ...interface.arguments import refusal
 from ...interface.printing import Printed
 from ...numerics.arrays import Numbers, numbers, require_not_nan, to_array
+from ...numerics.declare import number
 from ...numerics.kinks import kinks_seen
 from .schedules import SORT_INTERVALS, AbstractSchedule, PiecewiseAcceleration, require_increasing
 
@@ -63,7 +64,7 @@ class ConstantSignal(AbstractSignal):
     ConstantSignal(value=0.5)
     """
 
-    value: Float[Array, "*group"] = eqx.field(converter=numbers("value"))
+    value: Float[Array, "*group"] = eqx.field(converter=number())
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
         return self.value
@@ -91,7 +92,7 @@ class PiecewiseSignal(AbstractIntegrableSignal):
     [0.5, -0.5, 0.0]
     """
 
-    times: Float[Array, "*group n_plus_one"] = eqx.field(converter=numbers("times", ("n_plus_one",)))
+    times: Float[Array, "*group n_plus_one"] = eqx.field(converter=number())
     values: Float[Array, "*group n k"]
 
     def __init__(self, times: Numbers, values: Numbers):
@@ -152,3 +153,16 @@ def as_signal(name: str, given: Any) -> AbstractSignal | AbstractSchedule:
         raise refusal(name, "a number, a signal such as PiecewiseSignal(...), or a schedule", given) from None
     require_not_nan(name, number)
     return ConstantSignal(number)
+
+
+class ToSignal:
+    """The converter of a field that is a signal, by :func:`as_signal`."""
+
+    name = "signal"
+
+    def belong_to(self, name: str, annotation: Any) -> None:
+        """Takes the name of the field."""
+        self.name = name
+
+    def __call__(self, given: AbstractSignal | AbstractSchedule | Numbers) -> AbstractSignal | AbstractSchedule:
+        return as_signal(self.name, given)

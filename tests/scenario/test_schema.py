@@ -1,0 +1,126 @@
+"""JSON Schemas of files, by a validator that knows nothing of jaxball: they accept every file that is read, and refuse
+none that a reader accepts.
+"""
+
+import copy
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from jsonschema import Draft202012Validator
+
+from jaxball.cli import main
+from jaxball.cli.commands.schema import KINDS, schema
+from jaxball.scenario import ScenarioError, builtin_scenarios, builtin_text
+from jaxball.scenario.sources import document_of
+from tests.support import corpus
+
+VALIDATORS = {kind: Draft202012Validator(schema(kind)) for kind in KINDS}
+
+
+def validator_of(document: dict[str, Any]) -> Draft202012Validator:
+    if "axes" in document:
+        return VALIDATORS["study"]
+    if "objectives" in document or "variables" in document or "control" in document:
+        return VALIDATORS["control" if "control" in document else "problem"]
+    return VALIDATORS["scenario"]
+
+
+def problems_of(document: dict[str, Any]) -> list[str]:
+    return [f"{error.json_path}: {error.message}"[:200] for error in validator_of(document).iter_errors(document)]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_is_a_schema(kind, capsys):
+    assert main(["schema", kind]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    Draft202012Validator.check_schema(printed)
+    assert printed["$defs"]
+
+
+@pytest.mark.parametrize("name", builtin_scenarios())
+def test_builtin_scenarios_are_valid(name):
+    assert problems_of(document_of(builtin_text(name), "scenario", ScenarioError)) == []
+
+
+@pytest.mark.parametrize("corpora", [corpus.scenarios, corpus.studies, corpus.problems])
+def test_files_of_the_corpus_are_valid(corpora):
+    assert {name: problems for name, document in corpora().items() if (problems := problems_of(document))} == {}
+
+
+def test_files_with_everything_are_valid():
+    assert [problems for document in corpus.with_everything() if (problems := problems_of(document))] == []
+
+
+BALL = {
+    "format": 1,
+    "kind": "ball",
+    "body": {"mass": 1.0, "radius": 1.0, "inertia": [0.4, 0.4, 0.4], "gravity": 1.0},
+    "masses": [{"mass": 0.5, "rail": {"kind": "circle", "radius": 0.5}, "schedule": {"kind": "pulse", "theta": 0.0}}],
+    "time": {"start": 0.0, "end": 1.0, "saves": 3},
+}
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("body.mass", -1.0),
+        ("body.mass", "1 kg"),
+        ("body.inertia", [0.4, 0.4]),
+        ("body.mas", 1.0),
+        ("kind", "bal"),
+        ("kind", 1),
+        ("masses", {}),
+        ("masses.0.rail.kind", "circel"),
+        ("masses.0.rail.radius", 0.0),
+        ("masses.0.rail.semi_axes", [1.0, 1.0]),
+        ("masses.0.rail.frame", {"azimuth": 30.0, "elevation": 0.0}),
+        ("masses.0.schedule.theta", True),
+        ("masses.0.position", [0.0, 0.0, 0.0]),
+        ("time.saves", 1),
+        ("time.step", 0.1),
+        ("solve", {"solver": "dopri9"}),
+        ("solve", {"max_steps": 1.5}),
+        ("actuation", {"form": "servo", "stiffness": [1.0]}),
+        ("contact", {"friction": {"kind": "smoothed-coulomb", "kinetic": -0.1, "smoothing": 0.1}}),
+        ("ground", {"kind": "bowl"}),
+        ("units", "dimensionles"),
+        ("events", {"low": {"level": 0.0}}),
+        ("feedback", {"kind": "mpc", "Q": 1.0, "R": 1.0}),
+    ],
+)
+def test_wrong_files_are_refused(path, value):
+    assert problems_of(BALL) == []
+    wrong = copy.deepcopy(BALL)
+    *above, last = path.split(".")
+    place: Any = wrong
+    for step in above:
+        place = place[int(step) if step.isdecimal() else step]
+    place[last] = value
+    assert problems_of(wrong)
+    with pytest.raises(ScenarioError):
+        corpus.read_any(wrong)
+
+
+def missing_keys(document: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    for step, value in document.items() if isinstance(document, dict) else enumerate(document):
+        yield (*path, step)
+        if isinstance(value, dict | list):
+            yield from missing_keys(value, (*path, step))
+
+
+def test_what_must_be_there_is_asked_for():
+    """Without each key and entry in turn: the schema refuses no file that the reader accepts."""
+    refused = 0
+    for *above, last in missing_keys(BALL):
+        changed = copy.deepcopy(BALL)
+        place: Any = changed
+        for step in above:
+            place = place[step]
+        del place[last]
+        if problems_of(changed):
+            refused += 1
+            with pytest.raises(ScenarioError):
+                corpus.read_any(changed)
+    assert refused >= 15
