@@ -117,9 +117,9 @@ BODIES = [
 FUNCTIONS = [
     (
         lambda: FunctionRail(lambda: ZEROS),
-        r"`function` must be a function of \(theta, parameters\), but the lambda",
+        r"`function` must be a function of \(theta\) or \(theta, parameters\), but the lambda",
     ),
-    (lambda: FunctionRail(0.5), r"`function` must be a function of \(theta, parameters\), but it is 0.5"),
+    (lambda: FunctionRail(0.5), r"`function` must be a function of \(theta\) or \(theta, parameters\), but it is 0.5"),
     (
         lambda: FunctionRail(lambda theta, p: (theta, theta, theta)),
         "must give an array of shape.*a tuple of length 3; j",
@@ -136,7 +136,7 @@ FUNCTIONS = [
     ),
     (lambda: jaxball.Free(lambda t, p: jnp.zeros(2)), r"must give an array of shape \(3,\)"),
     (lambda: FunctionAxis(lambda t, p: t), r"must give an array of shape \(3,\)"),
-    (lambda: jaxball.FunctionLaw(lambda t: ZEROS), r"a function of \(t, state, parameters\)"),
+    (lambda: jaxball.FunctionLaw(lambda t: ZEROS), r"a function of \(t, state\) or \(t, state, parameters\)"),
     (
         lambda: jaxball.Event(lambda t: t),
         r"`of` must be a function of \(system, t, state\), but the lambda given takes",

@@ -51,8 +51,7 @@ class AbstractBodyState(AbstractState):
     ) -> "AbstractBodyState":
         """Computes ẋ where Ω̇ is known, and θ, θ̇, θ̈: the kinematics of rolling, for a body of radius r.
 
-        ``own`` are the rates of states of one's own, and ``drift`` is the velocity u of a turntable under the body's
-        centre, if there are any.
+        ``own`` are the rates of states of one's own, if there are any.
 
         **Raises:** ``ValueError`` for several states.
         """

@@ -90,12 +90,13 @@ def place(trajectory: Trajectory, run: Record) -> Placed:
     rows, seen, system = finite_rows(trajectory), run.observables, trajectory.system
     plane = system.ground if isinstance(system.ground, Ground) else None
     with_arms, state = system if system.mechanisms else None, jax.tree.map(lambda leaf: leaf[rows], trajectory.state)
-    Lambda, arms, *ground = jax.tree.map(np.asarray, _evaluate(plane, with_arms, to_array(run.times), state))
+    seen_at = _evaluate(plane, with_arms, to_array(run.times), state)
+    Lambda, arms, moved, turned, carried = jax.tree.map(np.asarray, seen_at)
     if isinstance(system.ground, AbstractSurface):
         contacts = contacts_of(system.ground, run.times, np.asarray(state.z), np.asarray(state.theta))
         setting = Setting(np.eye(3), contacts.moved, None, np.zeros(3), contacts)
     else:
-        setting = _on_plane(plane, *ground, len(rows))
+        setting = _on_plane(plane, moved, turned, carried, len(rows))
     page, contacts = setting.page, setting.contacts
     return Placed(
         times=run.times,

@@ -27,7 +27,7 @@ from ..physics.contact.released import ReleasedState
 from ..physics.contact.slide import find_rival
 from ..physics.dae import WITH_UNIT
 from ..physics.dynamics.parameters import shapes_of_body
-from ..physics.system import AbstractState, AbstractSystem, require_one, require_state, shapes_of_state
+from ..physics.system import AbstractState, AbstractSystem, require_one, require_state, require_system, shapes_of_state
 from ..programs import traces
 from ..programs.derivatives.differentiation import is_differentiated_forward
 from ..solvers import NDF, TRBDF2, RadauIIA, Trapezoidal
@@ -378,9 +378,10 @@ def system_to_solve(system: AbstractSystem, contact: Contact | None) -> Abstract
 
     Everything else asks it, and not whether there is a law.
 
-    **Raises:** ``TypeError`` for a law that the system has no equations for, and ``ValueError`` for a limit surface
-    beside what it cannot be solved with.
+    **Raises:** ``TypeError`` for what is no system, and for a law that the system has no equations for; ``ValueError``
+    for a limit surface beside what it cannot be solved with.
     """
+    require_system(system)
     if contact is None:
         if not isinstance(system, AbstractBody):
             return system.with_modes
