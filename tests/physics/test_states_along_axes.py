@@ -178,4 +178,4 @@ def test_rates_of_many_states_are_refused(state):
     many, angles = jax.tree.map(lambda leaf: jnp.stack([leaf] * 3), state), (jnp.zeros(0),) * 3
     with pytest.raises(ValueError, match=r"Argument `state` must be one state, but .* shape \(3,\); take jax\.vmap"):
         many.rates(jnp.asarray(1.0), jnp.zeros(3), angles, None)
-    jax.vmap(lambda state: state.rates(jnp.asarray(1.0), jnp.zeros(3), angles))(many)
+    jax.vmap(lambda state: state.rates(jnp.asarray(1.0), jnp.zeros(3), angles, None))(many)
