@@ -160,8 +160,8 @@ class Movement(NamedTuple):
     @property
     def weight(self) -> Float[Array, "3"]:
         """γ + Λ⁻¹v̇_s, with which a + γ is the force that a unit of mass needs anywhere in the body; body axes."""
-        weight = self.acting.weight
-        return weight if self.slip is None else weight + apply(self.state.Lambda.T, self.slip.acceleration)
+        slips = None if self.slip is None else apply(self.state.Lambda.T, self.slip.acceleration)
+        return add(self.acting.weight, slips)
 
 
 class Slip(NamedTuple):

@@ -216,7 +216,7 @@ class Response(NamedTuple):
             return Rows(R, by.T, R[2], by[:, 2])
         axes, carried, *_ = self.turned
         rate, rates = apply(axes, self.rolling.Omegadot), product(self.each("Omegadot"), axes.T)
-        rest = jnp.concatenate([R, rate if carried is None else rate + carried])
+        rest = jnp.concatenate([R, add(rate, carried)])
         return Rows(rest, jnp.concatenate([by, rates], axis=1).T, R[2], by[:, 2])
 
     def law(self, slips: Bool[Array, "3"]) -> Law:

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ...numerics.terms import add, convert
 from ...numerics.vectors import apply, cross, dot
 from ..forces.force import Wrench
 from ..prescribed.motion import Kinematics
@@ -24,10 +25,9 @@ def kinetic_energy(
 ) -> Float[Array, ""]:
     """Computes T = ½ Ω·𝕀Ω + ½ Σ m |Ω × s + χ̇ + Λ⁻¹u|², over the shell (first) and the point masses.
 
-    ``drift`` is Λ⁻¹u, where a turntable carries the body.
+    ``drift`` is Λ⁻¹ of what every mass has besides the velocity of rolling on a plane at rest, if there is any.
     """
-    Y = velocities(r, masses, Omega, arm)
-    Y = Y if drift is None else Y + drift[None]
+    Y = add(velocities(r, masses, Omega, arm), convert(lambda drift: drift[None], drift))
     return 0.5 * dot(Omega, apply(inertia, Omega)) + 0.5 * jnp.sum(m * jnp.sum(Y**2, axis=1))
 
 
@@ -89,16 +89,15 @@ def dissipation(
 
     ``dry`` is the torque of dry friction in body axes, and ``velocity`` ż.
     """
-    lost = jnp.zeros_like(acting.g)
-    for torque in (acting.torque, dry):
-        lost = lost if torque is None else lost - dot(apply(Lambda, torque), omega)
-    lost = lost if acting.force is None else lost - dot(apply(Lambda, acting.force), velocity)
-    return lost if acting.applied is None else lost + external_power(acting.applied, Lambda, velocity, omega)
+    turned = (convert(lambda torque: -dot(apply(Lambda, torque), omega), torque) for torque in (acting.torque, dry))
+    moved = convert(lambda force: -dot(apply(Lambda, force), velocity), acting.force)
+    supplied = None if acting.applied is None else external_power(acting.applied, Lambda, velocity, omega)
+    return add(jnp.zeros_like(acting.g), *turned, moved, supplied)
 
 
 def external_power(
     applied: Wrench, Lambda: Float[Array, "3 3"], velocity: Float[Array, "3"], omega: Float[Array, "3"]
 ) -> Float[Array, ""]:
     """Computes F·ż + T·ω, the rate at which the external force and its torque, in body axes, do work."""
-    power = dot(apply(Lambda, applied.force), velocity)
-    return power if applied.torque is None else power + dot(apply(Lambda, applied.torque), omega)
+    turned = convert(lambda torque: dot(apply(Lambda, torque), omega), applied.torque)
+    return add(dot(apply(Lambda, applied.force), velocity), turned)

@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float
 
 from ...interface.arguments import require_value
 from ...numerics.linear import product
+from ...numerics.terms import add, convert
 from ...numerics.vectors import apply, cross, dot, outer, root
 from ...programs.derivatives.differentiation import without_derivatives
 from ..conditions import Condition
@@ -147,8 +148,7 @@ class Equations(NamedTuple):
 
     def reaction_without_motion(self, acting: Load) -> Float[Array, "3"]:
         """Computes the reaction R̃ of the plane as it would be if Ω̇ and θ̈ were 0."""
-        resting = self.apparent + self.body_moments.M * acting.weight
-        return resting if acting.force is None else resting - acting.force
+        return add(self.apparent + self.body_moments.M * acting.weight, convert(jnp.negative, acting.force))
 
     def complete(self, thetaddot: Joints) -> Moments:
         """Completes the moments with the accelerations of free joints: p̈ + Σ p_a θ̈_a and ℓ̇ + Σ ℓ_a θ̈_a."""
@@ -247,7 +247,7 @@ def _turning(
     lever, free = motion_equations.lever, motion_equations.free
     changes = jax.vmap(lambda torque: _dry_friction(lever, free, motion_equations.matrix, torque))(axes)
     normal = _normal_force(motion_equations, acting, Omegadot, thetaddot)
-    rate = apply(axes, Omegadot if carried is None else Omegadot + carried)
+    rate = apply(axes, add(Omegadot, carried))
     return Turning(Rows(rate, product(axes, changes[0].T), normal, changes[2]), system.height_of_centre(lever.Gamma))
 
 

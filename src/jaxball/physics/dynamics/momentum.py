@@ -10,6 +10,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ...numerics.terms import add, convert
 from ...numerics.vectors import apply, cross, dot
 from .equations import inertia_about_contact
 from .load import Load
@@ -81,9 +82,8 @@ def jellett_rate(
     motion of the plane, which act at the centre of mass. ``force`` is F̃, at the geometric centre, and ``torque`` T̃.
     """
     L, s, velocity = _about_centre_of_mass(body_moments, r, Omega, Gamma)
-    rate = dot(L, velocity)
-    rate = rate if force is None else rate - dot(s, cross(body_moments.p / body_moments.M, force))
-    return rate if torque is None else rate + dot(s, torque)
+    pushed = convert(lambda force: -dot(s, cross(body_moments.p / body_moments.M, force)), force)
+    return add(dot(L, velocity), pushed, convert(lambda torque: dot(s, torque), torque))
 
 
 def routh_integrals(

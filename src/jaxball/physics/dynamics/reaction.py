@@ -5,6 +5,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ...numerics.terms import add, convert
 from ...numerics.vectors import cross
 from ..rolling import Reaction, friction_ratio
 from ..state import State
@@ -35,7 +36,7 @@ def reaction_in_body(
     With a_i = Ω̇ × s_i + Ω × (Ω × χ_i + 2χ̇_i) + χ̈_i, Σ m a depends only on the moments.
     """
     R = total_inertial_force(body_moments, r, acting.arm.along, Omega, Omegadot) + body_moments.M * acting.weight
-    return R if acting.force is None else R - acting.force
+    return add(R, convert(jnp.negative, acting.force))
 
 
 def reaction(system: BodyParameters, t: Float[Array, ""], state: State, mode: TurningMode | None = None) -> Reaction:

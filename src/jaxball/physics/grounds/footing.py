@@ -5,7 +5,6 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...numerics.terms import convert
 from ...numerics.vectors import apply
 
 
@@ -49,11 +48,6 @@ class Footing(NamedTuple):
     def rows(self, Lambda: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
         """Returns the contact axes in body axes, as rows: what takes vectors of the body to the contact axes."""
         return Lambda if self.axes is None else jnp.sum(self.axes[:, :, None] * Lambda[None], axis=1)
-
-    def normal_in_body(self, Lambda: Float[Array, "3 3"], Gamma: Float[Array, "3"]) -> Float[Array, "3"]:
-        """Returns the normal in body axes, which is Γ where it is e3."""
-        normal = convert(lambda n: apply(Lambda.T, n), self.normal)
-        return Gamma if normal is None else normal
 
 
 AT_REST = Footing()  # on a level plane at rest

@@ -281,7 +281,7 @@ class AbstractSurface(AbstractGround):
             return self._footing_along(t, r, u, omega, V, height)
         contact, (by_u1, by_u2, by_t) = self._slopes(t, u)
         # Above the ground the centre moves over a surface parallel to it, which bends as if the ball were larger.
-        reach = r if height is None else r + height
+        reach = add(r, height)
         chart = Chart.of(contact.n, by_u1, by_u2, reach)
         rolling = r * cross(omega, contact.n)
         over = rolling if V is None else V - contact.w
@@ -324,7 +324,7 @@ class AbstractSurface(AbstractGround):
         section is ``z``.
         """
         contact, by_z, by_t = self._slopes_along(t, z)
-        reach = r if height is None else r + height
+        reach = add(r, height)
         length, fit, tangents = _length(by_z.p), _stretch(by_z, reach), contact.axes[:2]
         rolling = r * cross(omega, contact.n)
         over = rolling if V is None else V - contact.w
