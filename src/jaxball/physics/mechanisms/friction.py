@@ -30,7 +30,6 @@ class JointFriction(AbstractJointForce):
       friction falls to ``kinetic`` at once as the joint breaks loose.
     - ``exponent``: of the Stribeck effect, a positive whole number: 1 for Tustin's law, 2 for a Gaussian.
     - ``smoothing``: a rate, for a smooth law that never sticks.
-    - ``direction``: 1 or −1 where a solve knows which way the joint slips, 0 where it sticks; not to be given.
 
     **Raises:** ``TypeError`` or ``ValueError`` for an exponent that is not a positive whole number.
 
@@ -52,7 +51,11 @@ class JointFriction(AbstractJointForce):
     stribeck: Float[Array, "*group"] | None = eqx.field(converter=number_or_none(RATE, POSITIVE), default=None)
     exponent: int = eqx.field(static=True, default=2)
     smoothing: Float[Array, "*group"] | None = eqx.field(converter=number_or_none(RATE, POSITIVE), default=None)
-    direction: Float[Array, "*group"] | None = None
+    # Of a solve, which knows in which direction the joint moves, 1 or −1, and whether it is held, 0.
+    direction: Float[Array, "*group"] | None = eqx.field(init=False)
+
+    def __post_init__(self):
+        self.direction = None
 
     def __check_init__(self):
         require("exponent", self.exponent, int, "a positive whole number")

@@ -26,7 +26,6 @@ class HardStops(AbstractJointForce):
     - ``restitution``: e, from 0 to 1.
     - ``slowest``: rebounds slower than this times √(g r) count as none, as the masses that the joint moves have them;
       without gravity, the acceleration to the stop takes the place of g.
-    - ``direction``: 0 where a solve knows that the joint is held at a stop, else 1 or −1; not to be given.
 
     **Source:** Brogliato, *Nonsmooth Mechanics*, 3rd ed., Springer 2016, chapter 4.
 
@@ -44,7 +43,11 @@ class HardStops(AbstractJointForce):
     upper: Float[Array, "*group"] = eqx.field(converter=number(ANGLE), default=math.inf)
     restitution: Float[Array, "*group"] = eqx.field(converter=number(rule=BETWEEN_0_AND_1), default=0.0)
     slowest: Float[Array, "*group"] = eqx.field(converter=number(rule=FROM_0), default=1e-6)
-    direction: Float[Array, "*group"] | None = None
+    # Of a solve, which knows in which direction the joint moves, 1 or −1, and whether it is held, 0.
+    direction: Float[Array, "*group"] | None = eqx.field(init=False)
+
+    def __post_init__(self):
+        self.direction = None
 
     @property
     def stopping(self) -> "tuple[HardStops, ...]":
