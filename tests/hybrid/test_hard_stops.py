@@ -421,3 +421,9 @@ def test_states_and_numbers_that_are_impossible_are_refused():
         assert any(sentence.replace("\\", "") in str(problem) for problem in jaxball.problems(pendulum(stops)))
     with pytest.raises(ValueError, match="one HardStops at most"):
         HardStops(0.0, 1.0) + HardStops(0.0, 2.0)
+
+
+def test_a_stop_without_the_other_end():
+    stops = HardStops(upper=0.5)
+    assert stops.lower == -np.inf
+    assert all(condition.holds for condition in stops.conditions("drive"))

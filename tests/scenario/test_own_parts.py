@@ -241,3 +241,47 @@ def test_a_class_of_a_script_is_not_written():
 
     with pytest.raises(ScenarioError, match=r"`sensors\.scales\.kind` must be a class that can be imported"):
         write_scenario(dataclasses.replace(scenario, sensors={"scales": Local()}))
+
+
+WITH_PARTS = '''
+import jax.numpy as jnp
+from jaxball import AbstractFrame, AbstractJointForce, AbstractRail, AbstractSchedule, AbstractSignal
+
+class Turned(AbstractRail):
+    frame: AbstractFrame
+
+    def __call__(self, theta):
+        return 0.5 * self.frame.matrix() @ jnp.stack([jnp.cos(theta), jnp.zeros_like(theta), jnp.sin(theta)])
+
+    @property
+    def period(self):
+        return 2 * jnp.pi
+
+class Pulled(AbstractJointForce):
+    towards: AbstractSchedule
+    by: AbstractSignal | AbstractSchedule
+
+    def __call__(self, t, theta, thetadot, state):
+        return self.by(t) * (self.towards(t) - theta)
+'''
+
+
+def test_classes_of_users_have_parts_as_those_of_jaxball(tmp_path):
+    """A frame of a rail, and a schedule and a signal of a force on a joint, in tables of their own."""
+    (tmp_path / "parts.py").write_text(WITH_PARTS)
+    text = (
+        f"{BALL}[[masses]]\nmass = 0.1\n"
+        'rail = { kind = "parts:Turned", frame = { azimuth = 0.5, elevation = 0.0 } }\n'
+        'schedule = { kind = "constant-rate", theta = 0.0 }\n[[mechanisms]]\n'
+        'masses = [{ mass = 0.2, place = [0.0, 0.0, -0.5] }]\n[[mechanisms.joints]]\nkind = "hinge"\n'
+        'axis = [0.0, 1.0, 0.0]\nforce = { kind = "parts:Pulled", towards = { kind = "constant-rate", theta = 0.3 }, '
+        "by = 2.0 }"
+    )
+    scenario = read_scenario(text)
+    place = scenario.system.point_masses[0].motion.rail(jnp.array(0.0))
+    np.testing.assert_allclose(place, [0.5 * np.cos(0.5), 0.5 * np.sin(0.5), 0.0], rtol=0, atol=1e-15)
+    force = scenario.system.mechanisms[0].joints[0].drive
+    assert float(force(jnp.array(0.0), jnp.array(0.1), jnp.array(0.0), None)) == pytest.approx(2.0 * (0.3 - 0.1))
+    written = write_scenario(scenario)
+    assert write_scenario(read_scenario(written)) == written
+    sys.modules.pop("parts")
