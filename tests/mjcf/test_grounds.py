@@ -10,10 +10,12 @@ import pytest
 from jaxball import (
     Ball,
     BallState,
+    Belt,
     Bowl,
     ConstantRate,
     Disk,
     DiskState,
+    Ground,
     HeightField,
     MovingFrame,
     Paraboloid,
@@ -23,6 +25,7 @@ from jaxball import (
     SphereOutside,
     TiltingPlane,
     Turn,
+    Turntable,
     observe,
 )
 from jaxball.mjcf import MJCFError, to_mjcf
@@ -126,6 +129,11 @@ def test_the_outside_of_a_sphere_is_that_of_mujoco():
             SphereOutside(3.0, motion=MovingFrame(turns=(Turn((0.0, 0.0, 1.0), ConstantRate(0.0, 1.0)),))),
             "but a SphereOutside with a motion is not.",
         ),
+        (
+            SphereOutside(3.0, turntable=Turntable(ConstantRate(0.0, 1.0))),
+            "but a SphereOutside with a turntable is not.",
+        ),
+        (Ground(belt=Belt(ConstantRate(0.0, 1.0))), "Key `ground.belt` must be left out to be written as MJCF"),
     ],
 )
 def test_grounds_that_mujoco_has_not(ground, words):

@@ -30,6 +30,8 @@ def check_ground(system: System, times: Float[np.ndarray, " T"]) -> None:
     ground = system.ground
     if isinstance(ground, AbstractSurface):
         _check_surface(ground, times)
+    if ground is not None and ground.belt is not None:
+        raise MJCFError("Key `ground.belt` must be left out to be written as MJCF, which has no belts.")
     if not isinstance(ground, Ground):
         return
     if ground.motion is not None:
@@ -43,8 +45,9 @@ def check_ground(system: System, times: Float[np.ndarray, " T"]) -> None:
 
 def _check_surface(ground: AbstractSurface, times: Float[np.ndarray, " T"]) -> None:
     must = "Key `ground` must be at rest to be written as MJCF, but"
-    if ground.motion is not None:
-        raise MJCFError(f"{must} {describe(ground)} with a motion is not.")
+    if ground.motion is not None or ground.turntable is not None:
+        what = "motion" if ground.turntable is None else "turntable"
+        raise MJCFError(f"{must} {describe(ground)} with a {what} is not.")
     some = times[:: -(-len(times) // TIMES_AT_REST)]
     # A height is over (x, y) itself; on another surface a pair of coordinates is elsewhere.
     x = y = to_array([0.37, -0.21])  # any two places, in whatever unit: a height is over all of them

@@ -318,8 +318,7 @@ class Ball(AbstractBody):
     Any consistent units will do; the paper rescales so that m = r = g = 1.
 
     **Raises:** ``ValueError`` when a shape is wrong, when there are driven masses but no law, or a law but nothing
-    that it drives, and for a turntable with dry friction against spinning. Values are not checked here, so
-    that they may be traced; see :func:`jaxball.problems`.
+    that it drives. Values are not checked here, so that they may be traced; see :func:`jaxball.problems`.
 
     **Example:**
 

@@ -16,7 +16,6 @@ from ...numerics.arrays import Numbers, to_array
 from ...physics.body import System
 from ...physics.dynamics.footing import locate_surface
 from ...physics.forces.force import AbstractForce
-from ...physics.grounds.ground import Ground
 from ...physics.packing import Packing
 from ...physics.prescribed.schedules import AbstractSchedule
 from ...physics.prescribed.signals import AbstractSignal
@@ -95,9 +94,10 @@ class Rolling(AbstractControlProblem):
         with a feedback law, and for one with free joints but no state.
         """
         start, end = (to_array(t) for t in to_array(times))
-        if isinstance(system.ground, Ground) and system.ground.turntable is not None:
+        if system.ground is not None and system.ground.carriers:
+            carrier = system.ground.moves
             raise DesignError(
-                "Argument `system` must be on a plane on which it can come to rest, but it is on a turntable."
+                f"Argument `system` must be on a ground on which it can come to rest, but it is on a {carrier}."
             )
         if system.shape is not None:
             raise DesignError(
