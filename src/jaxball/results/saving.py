@@ -11,7 +11,6 @@ import numpy as np
 
 from ..interface.output import replacing
 from ..interface.status import Status
-from ..physics.contact.history import ContactHistory
 from ..physics.contact.released import ReleasedState
 from ..physics.state import ReducedState, RotationState
 from ..scenario import Scenario, ScenarioError, read_scenario, write_scenario
@@ -124,11 +123,11 @@ def _scenario_of(trajectory: Trajectory[Any, Any], sensors: Mapping[str, Abstrac
     state = state.in_space() if isinstance(state, RotationState) else state
     if isinstance(state, ReducedState):
         return None
-    history, law = trajectory.history, None
-    if isinstance(history, ContactHistory):
-        law = history.law
+    contact, law = trajectory.contact, None
+    if contact is not None:
+        law = contact.law
         rolls = not isinstance(trajectory.start, ReleasedState)
-        state = state if rolls else ReleasedState(state, history.V[0], history.height[0])
+        state = state if rolls else ReleasedState(state, contact.V[0], contact.height[0])
     return Scenario("", trajectory.system, state, np.asarray(trajectory.times), contact=law, sensors=sensors)
 
 
