@@ -28,7 +28,7 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
 
     Its system is that of the scenario in the file, and its observables, or laws, are recomputed from the states. Its
     status is that of the run, so a failed run is not ``ok``. Dense output and the states at events are not saved:
-    ``at`` raises, and ``events`` is empty. ``contact`` of a run with a law of contact is restored, with its switches.
+    ``at`` raises, and ``events`` is empty. The ``history`` of a run with modes is restored, with its switches.
     ``scenario`` is the one that was run, if the file has its settings too.
 
     **Arguments:**
@@ -82,7 +82,7 @@ def _run_in(
     attribute = functools.partial(attribute_of, path, about)
     law = None if scenario is None else scenario.contact
     try:
-        modes = read_history(about, arrays, attribute, state, law)
+        modes = read_history(about, arrays, attribute, state, system, law)
         run = Trajectory(
             system=system,
             times=arrays["time"],
