@@ -1,5 +1,6 @@
 """Every cell of the table of laws and questions in the documentation: asked of a small run, or refused."""
 
+import dataclasses
 import functools
 import re
 from pathlib import Path
@@ -31,9 +32,11 @@ from jaxball import (
 )
 from jaxball.chaos import lyapunov_spectrum, poincare_map
 from jaxball.classical import DryFriction, LagrangianState, LagrangianSystem, UnilateralContact
-from jaxball.control import closed_loop, tvlqr
+from jaxball.control import SampledSystem, closed_loop, tvlqr
 from jaxball.ensemble import simulate_ensemble
 from jaxball.environments import Environment, ReachPoint
+from jaxball.estimation import ErrorStateFilter
+from jaxball.sensors import Gyroscope, SensorErrors
 from jaxball.stability import periodic_motion
 from jaxball.verify import verify
 
@@ -102,6 +105,17 @@ class Asked:
     def law(self) -> dict[str, Any]:
         return {} if self.contact is None else {"contact": self.contact}
 
+    @property
+    def estimate(self) -> Any:
+        """What a filter finds by a gyroscope."""
+        sensors, sample = {"gyro": Gyroscope(errors=SensorErrors(noise=0.1))}, float(TIMES[1])
+        if self.contact is None:
+            known = ErrorStateFilter.of(self.system, sensors, sample)
+        else:
+            sampled = SampledSystem.without_inputs(self.system, sample)
+            known = ErrorStateFilter.for_sampled_system(dataclasses.replace(sampled, contact=self.contact), sensors)
+        return known(self.run.measured(sensors), self.state, {self.state.rotation_rate: 0.1})
+
     def end(self, scale: Any) -> Any:
         """A number at the end of a run whose start is scaled."""
         moved = jax.tree.map(lambda x: x * scale if jnp.ndim(x) else x, self.state)
@@ -138,6 +152,7 @@ ROWS = {
     "`closed_loop`": lambda x, path: (
         closed_loop(tvlqr(simulate(x.system, TIMES, x.state), 1.0, 1.0, sample=0.1), samples=2, **x.law).states
     ),
+    "an `ErrorStateFilter`": lambda x, path: x.estimate.covariance,
     "an `Environment`": lambda x, path: (
         Environment(x.system, ReachPoint(1.0), sample=0.1, **x.law)
         .rollout(jax.random.key(0), lambda seen: jnp.zeros(1), 2)

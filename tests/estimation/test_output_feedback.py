@@ -82,7 +82,7 @@ def test_late_readings_are_taken_for_what_they_were(track):
         xi = track.nominal.state(k).difference(last)
         np.testing.assert_allclose(loop.memory.xi[k], xi, rtol=0, atol=1e-7)
         np.testing.assert_allclose(loop.memory.P[k], found.covariance[-1], rtol=0, atol=1e-8)
-    estimate = loop.history.estimate
+    estimate = loop.run.history.estimate
     np.testing.assert_array_equal(np.isnan(estimate.nis), np.arange(121) > 116)
     degrees = np.asarray(estimate.read)[:117]
     assert set(degrees) == {4, 7}

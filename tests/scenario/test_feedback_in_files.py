@@ -10,11 +10,12 @@ import pytest
 import jaxball
 from jaxball.control import Push, closed_loop, mpc, tvlqr
 from jaxball.estimation import OutputFeedback
+from jaxball.plot.modes import modes_of
 from jaxball.scenario import ScenarioError, builtin_text, read_document, read_scenario, write_scenario
 from jaxball.scenario.closed_loop import model_of
 from jaxball.sensors import Gyroscope, Position, SensorErrors
 from jaxball.verify import verify
-from tests.support.under_feedback import FEEDFORWARD, PREDICTIVE, UNDER_FEEDBACK
+from tests.support.under_feedback import FEEDFORWARD, OF_STATE, PREDICTIVE, UNDER_FEEDBACK
 
 WEIGHTS = {"phi": 1.0, "theta": 1.0}
 
@@ -86,6 +87,45 @@ def test_a_saved_run_is_read_again(run, tmp_path, suffix):
     data = run.to_dataset()
     assert data.estimate_covariance.sel(error="z", error_beside="z").dims == ("time",)
     assert data.deviation.sel(coordinate="z")[0] == pytest.approx(-0.2)
+
+
+ON_ICE = OF_STATE.replace("[time]", "[contact]\nfriction = 0.02\nrestitution = 0.3\n\n[time]")
+
+
+@pytest.fixture(scope="module")
+def slipping():
+    return read_scenario(ON_ICE).simulate(throw=True)
+
+
+@pytest.mark.slow
+def test_a_run_with_a_law_of_contact_is_the_closed_loop_that_the_file_describes(slipping):
+    """The robot slips, whereas the motion and the feedback are those of one that rolls."""
+    track = tvlqr(jaxball.simulate(robot(0.9), np.linspace(0.0, 1.0, 21)), Q=WEIGHTS, R=1.0, Qf=1.0, sample=0.05)
+    pushed = jaxball.Disk(**{**robot(1.0).arguments, "force": read_scenario(ON_ICE).feedback.pushes[0]})
+    law = jaxball.Contact(0.02, restitution=0.3)
+    loop = closed_loop(track, {"phi": 0.2, "z": -0.2}, system=pushed, limits=0.5, delay=1, contact=law)
+    np.testing.assert_allclose(slipping.state.z, loop.states.z, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(slipping.history.u[:-1], loop.u, rtol=0, atol=1e-7)
+    np.testing.assert_array_equal(np.asarray(slipping.contact.mode), np.asarray(loop.moving.mode))
+    assert jaxball.Mode.SLIDING in np.asarray(slipping.contact.mode)
+    start = jax.tree.map(lambda leaf: leaf[0], loop.states)
+    whole = jaxball.simulate(slipping.system, slipping.times, start, contact=law)
+    np.testing.assert_allclose(slipping.contact.V, whole.contact.V, rtol=0, atol=1e-7)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("suffix", ["nc", "npz"])
+def test_a_saved_run_with_a_law_of_contact_has_modes_beside_feedback(slipping, tmp_path, suffix):
+    again = jaxball.load_run(jaxball.save(slipping, tmp_path / f"run.{suffix}"))
+    for one, other in zip(jax.tree.leaves(again.history), jax.tree.leaves(slipping.history), strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert str(again) == str(slipping)
+    np.testing.assert_allclose(again.observables.friction, slipping.observables.friction, rtol=0, atol=1e-12)
+    written = tomllib.loads(write_scenario(again.scenario))
+    assert written["contact"] == {"friction": 0.02, "static_friction": 0.02, "restitution": 0.3}
+    bands = [modes_of(run).spells for run in (again, slipping)]
+    assert bands[0] == bands[1]
+    assert len(bands[0]) > 1
 
 
 @pytest.mark.slow
@@ -167,7 +207,10 @@ def changed(old, new):
         ),
         (changed("start = 0.0\nend = 1.0\nstep = 0.05", "at = [0.0, 0.1, 1.0]"), "must have equally spaced times"),
         (changed("[time]", '[solve]\nsolver = "gauss16"\n\n[time]'), '`solve.solver` must be "dopri8" with `feedback`'),
-        (changed("[time]", "[contact]\nfriction = 0.2\n\n[time]"), "Key `contact` must be left out with `feedback`"),
+        (
+            changed("[time]", "[contact]\nfriction = 0.2\n\n[initial]\nheight = 0.1\n\n[time]"),
+            "Key `initial.height` must be left out with `feedback`",
+        ),
         (
             changed(', force = { kind = "motor", signal = 0.0 }', "").replace(
                 'inputs = ["mechanisms[0].joints[0]"]', ""

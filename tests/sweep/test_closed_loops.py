@@ -75,6 +75,21 @@ def test_rows_with_one_feedback_are_the_runs_of_their_scenarios(text, tmp_path):
     assert data["friction_needed"].attrs["long_name"] == "friction needed at the samples"
 
 
+@pytest.mark.slow
+def test_rows_with_a_law_of_contact_have_the_modes_of_their_runs(tmp_path):
+    """Each with a friction of its own: the first slips, and comes to roll, the other rolls."""
+    text = OF_STATE.replace("[time]", "[contact]\nfriction = 0.02\n\n[time]")
+    sweep(study(text, together(**{"contact.friction": [0.02, 0.3]}), within=0.12), tmp_path / "s.zarr")
+    data = open_dataset(tmp_path / "s.zarr").load()
+    agree(tmp_path / "s.zarr", [0, 1], data)
+    assert data["modes"].values.tolist() == [3, 1]
+    for row, scenario in enumerate(row_scenarios(tmp_path / "s.zarr", [0, 1])):
+        run = scenario.simulate()
+        np.testing.assert_allclose(data["V"][row], run.contact.V[-1], rtol=0, atol=1e-7)
+        assert int(data["mode"][row]) == int(run.contact.mode[-1])
+        assert int(data["switches"][row]) == int(run.switches.count)
+
+
 OF_LOOP = {
     "feedback.R": [1.0, 0.5],
     "feedback.Q.theta": [1.0, 3.0],

@@ -16,6 +16,7 @@ from ..interface.printing import Printed
 from ..interface.status import BACK_WITHIN
 from ..numerics.arrays import Numbers, to_numpy
 from ..physics.body import System
+from ..physics.contact.law import Contact
 from ..physics.forces.force import AbstractWrench
 from ..programs.operation import in_threads
 from .feedback import AbstractFeedback
@@ -105,6 +106,7 @@ def basin(
     delay: int = 0,
     push: AbstractWrench | None = None,
     samples: int | None = None,
+    contact: Contact | None = None,
     threads: int | None = None,
 ) -> Basin:
     """Simulates many disturbed starts under feedback, and says which come back to the motion.
@@ -120,10 +122,12 @@ def basin(
     - ``Q``: the weights by which a deviation at the end is measured, as for :func:`tvlqr`; all 1 by default.
     - ``within``: how small √(ξ·Q ξ / tr Q) must be at the end.
     - ``friction``: a coefficient μ; if given, a start whose run needs |f| > μ N at a sample does not come back.
-    - ``system``, ``limits``, ``delay``, ``push``, ``samples``: as for :func:`closed_loop`.
+    - ``system``, ``limits``, ``delay``, ``push``, ``samples``, ``contact``: as for :func:`closed_loop`. With a law of
+      contact, in place of ``friction``, the robot may slip and fly, and come back all the same.
     - ``threads``: how many blocks of starts are computed at a time; by default the number of this process's cores.
 
-    **Raises:** ``ValueError`` for starts or directions that do not fit the motion; else as :func:`closed_loop`.
+    **Raises:** ``ValueError`` for starts or directions that do not fit the motion, and for ``friction`` with
+    ``contact``; else as :func:`closed_loop`.
 
     **Example:**
 
@@ -139,7 +143,11 @@ def basin(
     ((45,), True)
     """
     require("feedback", feedback, AbstractFeedback, "a feedback, such as tvlqr(...) makes")
-    plant, names = plant_of(feedback, system, limits, push), feedback.nominal.state(0).directions
+    if contact is not None and friction is not None:
+        raise ValueError(
+            "Argument `friction` must be left out with `contact`, because the robot slips by that, but both are given."
+        )
+    plant, names = plant_of(feedback, system, limits, push, contact), feedback.nominal.state(0).directions
     grid, xi = _starts(starts, names)
     weights = weight_matrix("Q", Q, names)
     count = feedback.nominal.samples if samples is None else whole_number("samples", samples, 1)
@@ -150,7 +158,9 @@ def basin(
     # Runs that failed end in NaN, which compares as not returned.
     with np.errstate(invalid="ignore"):
         remaining = np.sqrt(np.einsum("ki,ij,kj->k", ends.xi, weights, ends.xi) / np.trace(weights))
-        returned = (remaining < within) & (ends.least_normal_force > 0)
+        returned = remaining < within
+        if contact is None:
+            returned &= ends.least_normal_force > 0
         if friction is not None:
             returned &= ends.friction_needed <= friction
     return Basin(xi, ends, remaining, returned, within, grid, plant.system, names)
@@ -179,13 +189,13 @@ def _starts(
 @programs.filter_jit
 def _outcome(feedback: AbstractFeedback, plant: SampledSystem, samples: int, delay: int, xi: Array) -> Outcome:
     start = feedback.sampled.displace(feedback.nominal.state(0), xi)
-    times, states, u, _, deviations, _ = run_loop(feedback, plant, start, samples, delay)
+    loop = run_loop(feedback, plant, start, samples, delay)
 
-    def contact_force(t: Array, state: Any, u: Array) -> tuple[Array, Array]:
-        force = plant.hold(u).prepare().plane_reaction(t, state)
+    def contact_force(t: Array, moving: Any, u: Array) -> tuple[Array, Array]:
+        force = plant.as_solved(plant.hold(u)).prepare().plane_reaction(t, moving)
         return force.normal, force.ratio
 
     # At the start of each sample, with the input that is held from there on: an input jumps between samples.
-    before = jax.tree.map(lambda leaf: leaf[:-1], states)
-    normal, ratio = jax.lax.map(lambda arguments: contact_force(*arguments), (times[:-1], before, u))
-    return Outcome(deviations[-1], jnp.min(normal), jnp.max(ratio))
+    before = jax.tree.map(lambda leaf: leaf[:-1], loop.moving)
+    normal, ratio = jax.lax.map(lambda arguments: contact_force(*arguments), (loop.times[:-1], before, loop.u))
+    return Outcome(loop.xi[-1], jnp.min(normal), jnp.max(ratio))

@@ -207,6 +207,10 @@ class AbstractFeedback(Printed):
     def __call__(self, k: Int[Array, ""], state: PlacedState, memory: Any) -> tuple[Float[Array, " m"], Any]:
         """Returns δu of sample ``k`` at ``state``, before limits, and what the feedback remembers of this sample."""
 
+    def act(self, k: Int[Array, ""], plant: SampledSystem, moving: Any, memory: Any) -> tuple[Float[Array, " m"], Any]:
+        """Returns the same for what the robot that is simulated advances: with a law of contact, its mode too."""
+        return self(k, plant.body_state(moving), memory)
+
     def remember_inputs(self, k: Int[Array, ""], u: Float[Array, " m"], memory: Any) -> Any:
         """Remembers of sample ``k`` which inputs act, once they are known, after delay and limits."""
         return memory

@@ -4,6 +4,7 @@
 shows a run (``plot.view``) read it.
 """
 
+import dataclasses
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -11,14 +12,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..physics.hybrid import AbstractHistory, Switches
+from ..physics.hybrid import AbstractHistory
 from ..physics.state import PlacedState
 
 
 class FeedbackHistory(AbstractHistory):
     """The history of a run under feedback, at its saved times, which are the samples.
 
-    - ``switches``: none, because the body rolls throughout.
+    - ``modes``: the history of the body itself: its modes with a law of contact, exact dry resistance, or joints that
+      stick or have stops.
     - ``nominal``: the states of the motion that is held.
     - ``u``: the inputs from each time on; NaN at the end, after which there are none, shape (T, m).
     - ``estimate``: the :class:`~jaxball.estimation.LoopEstimate` of a feedback from sensors; else None.
@@ -27,13 +29,37 @@ class FeedbackHistory(AbstractHistory):
 
     described: ClassVar[str] = "feedback, between whose samples it is not known"
     restarts: ClassVar[bool] = False  # the inputs follow from the states of the run, which have errors
-    always_rolls: ClassVar[bool] = True
 
-    switches: Switches
+    modes: AbstractHistory
     nominal: PlacedState
     u: Float[Array, "T m"]
     estimate: Any
     inputs: tuple[str, ...] = eqx.field(static=True)
+
+    @property
+    def switches(self) -> Any:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Those of the body."""
+        return self.modes.switches
+
+    @property
+    def always_rolls(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return self.modes.always_rolls
+
+    @property
+    def of_body(self) -> AbstractHistory:
+        return self.modes
+
+    @property
+    def over_time(self) -> dict[str, Array]:
+        return self.modes.over_time
+
+    @property
+    def coefficients(self) -> dict[str, Array]:
+        return self.modes.coefficients
+
+    @property
+    def advice(self) -> str:
+        return self.modes.advice
 
     @property
     def directions(self) -> tuple[str, ...]:
@@ -47,13 +73,13 @@ class FeedbackHistory(AbstractHistory):
     @property
     def lines(self) -> list[str]:
         sees = "of its state" if self.estimate is None else "of its sensors' readings"
-        return [f"under feedback {sees}, by {', '.join(self.inputs)}"]
+        return [f"under feedback {sees}, by {', '.join(self.inputs)}", *self.modes.lines]
 
     def at_rows(self, rows: slice) -> "FeedbackHistory":
         # The estimate has names besides arrays, which have no rows.
         arrays, names = eqx.partition((self.nominal, self.u, self.estimate), eqx.is_array)
         nominal, u, estimate = eqx.combine(jax.tree.map(lambda leaf: leaf[rows], arrays), names)
-        return FeedbackHistory(self.switches, nominal, u, estimate, self.inputs)
+        return dataclasses.replace(self, modes=self.modes.at_rows(rows), nominal=nominal, u=u, estimate=estimate)
 
 
 def until_end(rows: Float[Array, "samples ..."], count: int) -> Float[Array, "samples_and_end ..."]:

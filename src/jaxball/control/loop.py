@@ -20,9 +20,12 @@ from ..numerics.arrays import Numbers, to_array
 from ..physics.body import System
 from ..physics.contact.law import Contact
 from ..physics.forces.force import AbstractWrench, Wrenches
-from ..physics.hybrid import NO_HISTORY
+from ..physics.hybrid import NO_HISTORY, AbstractHistory
 from ..physics.state import PlacedState
 from ..physics.system import require_one_state
+from ..simulation.arguments import system_to_solve
+from ..simulation.events import Event
+from ..simulation.extremes import most_steps_of_sample
 from ..simulation.simulate import simulate
 from ..simulation.trajectory import Trajectory
 from .feedback import AbstractFeedback
@@ -31,33 +34,49 @@ from .inputs import replay_inputs
 from .sampled import SampledSystem
 from .weights import by_name
 
+PAST_FAILURE = 1e-6  # of a sample
+
 
 class ClosedLoop(Printed):
     """A run under feedback.
 
     - ``times``: of the samples, and the end, shape (N + 1,).
-    - ``states``: those at ``times``.
+    - ``moving``: what the robot advances, at ``times``, as :meth:`SampledSystem.advance` has it: the states or, with a
+      law of contact, more than these.
     - ``u``: the inputs that acted, shape (N, m).
     - ``du``: what feedback added to those of the motion, after delay and limits, shape (N, m).
     - ``xi``: the deviations from the motion in local coordinates, shape (N + 1, n).
     - ``feedback``: the feedback.
     - ``plant``: the robot that was simulated.
     - ``memory``: what the feedback remembers at the end.
+    - ``status``: the :class:`~jaxball.Status` of the first sample whose solve failed, or ``SUCCESS``.
     """
 
     times: Float[Array, " samples_and_end"]
-    states: PlacedState
+    moving: Any
     u: Float[Array, "samples m"]
     du: Float[Array, "samples m"]
     xi: Float[Array, "samples_and_end n"]
     feedback: AbstractFeedback
     plant: SampledSystem
     memory: Any
+    status: Int[Array, ""]
+
+    @property
+    def states(self) -> PlacedState:
+        """The states at ``times``."""
+        return self.plant.body_state(self.moving)
 
     @property
     def ok(self) -> bool:
         """Whether the run reached its end."""
-        return bool(np.all(np.isfinite(np.asarray(self.xi))))
+        return int(self.status) == Status.SUCCESS
+
+    @property
+    def reached(self) -> Float[Array, ""]:
+        """The last sample, or the end, whose state is known."""
+        # Where a run fails, all later deviations are NaN.
+        return self.times[jnp.sum(jnp.all(jnp.isfinite(self.xi), axis=1)) - 1]
 
     @property
     def saturated(self) -> Bool[Array, "samples m"]:
@@ -68,34 +87,51 @@ class ClosedLoop(Printed):
     def run(self) -> Trajectory[Any, Any]:
         """The run as a trajectory of the robot with the inputs that acted: with observables, figures and files.
 
-        With a law of contact it is simulated again, in one piece, with the history of its modes.
+        One that has modes is simulated again, in one piece, with their history.
         """
         plant = self.plant
         system = replay_inputs(plant.system, plant.places, plant.limits, self.times, self.u)
-        if plant.contact is not None:
-            first = jax.tree.map(lambda leaf: leaf[0], self.states)
-            most = self.u.shape[0] * plant.most_steps
-            settings = {"rtol": plant.rtol, "atol": plant.atol, "max_steps": most, "inside": False}
-            return simulate(system, self.times, first, contact=plant.contact, **settings)
-        # Where a run fails, all later deviations are NaN.
-        reached = self.times[jnp.sum(jnp.all(jnp.isfinite(self.xi), axis=1)) - 1]
-        status = jnp.where(reached == self.times[-1], int(Status.SUCCESS), int(Status.SOLVER_FAILED))
-        start, none = jax.tree.map(lambda leaf: leaf[0], self.states), jnp.zeros_like(status)
-        steps = none + self.u.shape[0]
+        start = jax.tree.map(lambda leaf: leaf[0], self.states)
+        if system_to_solve(system, plant.contact).is_hybrid:
+            return self._simulate_again(start)
+        none = jnp.zeros_like(self.status)
+        steps, history = none + self.u.shape[0], self._history(NO_HISTORY)
         return Trajectory.of(
-            system, self.times, self.states, reached, status, steps, none, None, {}, start, self.history
+            system, self.times, self.states, self.reached, self.status, steps, none, None, {}, start, history
         )
 
-    @property
-    def history(self) -> FeedbackHistory:
-        """The motion, the inputs and what was estimated, as ``run`` has them."""
+    def _simulate_again(self, start: PlacedState) -> Trajectory[Any, Any]:
+        """Simulates the run in one piece, as far as the loop came."""
+        plant, u, events = self.plant, self.u, {}
+        stopped = not is_traced(self.status) and not self.ok
+        if stopped:
+            # The solve must not see inputs after the failure, which are unknown: it ends soon after the last sample.
+            u, end = jnp.nan_to_num(u), self.reached + PAST_FAILURE * plant.sample
+            events = {"end": Event(lambda system, t, state: t - end, terminal=True)}
+        run = simulate(
+            replay_inputs(plant.system, plant.places, plant.limits, self.times, u),
+            self.times,
+            start,
+            contact=plant.contact,
+            rtol=plant.rtol,
+            atol=plant.atol,
+            max_steps=self.u.shape[0] * most_steps_of_sample(plant.contact),
+            events=events,
+            inside=False,
+        )
+        run = dataclasses.replace(run, history=self._history(run.history))
+        if stopped and run.ok:
+            run = dataclasses.replace(run, status=self.status, reached=self.reached, events={})
+        return run
+
+    def _history(self, modes: AbstractHistory) -> FeedbackHistory:
         count, nominal = len(self.times), self.feedback.nominal
         # After the end of the motion its last state is held.
         numbered = jnp.minimum(jnp.arange(count), nominal.samples)
         states = jax.tree.map(lambda leaf: leaf[numbered], nominal.states)
         estimate = self.feedback.estimates(self.times, self.memory)
         u = until_end(self.u, count)
-        return FeedbackHistory(NO_HISTORY.switches, states, u, estimate, self.plant.inputs)
+        return FeedbackHistory(modes, states, u, estimate, self.plant.inputs)
 
     def __repr__(self) -> str:
         if is_traced(self.u):
@@ -159,13 +195,11 @@ def closed_loop(
     (True, 0.08)
     """
     require("feedback", feedback, AbstractFeedback, "a feedback, such as tvlqr(...) makes")
-    require("contact", contact, (Contact, type(None)), "a Contact, such as Contact(0.3), or None")
-    plant = dataclasses.replace(plant_of(feedback, system, limits, push), contact=contact)
+    plant = plant_of(feedback, system, limits, push, contact)
     first = start_of(feedback, start)
     count = feedback.nominal.samples if samples is None else whole_number("samples", samples, 1)
     late = whole_number("delay", delay, 0)
-    times, states, u, du, xi, memory = _run_loop(feedback, plant, first, count, late, adjoint)
-    return ClosedLoop(times, states, u, du, xi, feedback, plant, memory)
+    return _run_loop(feedback, plant, first, count, late, adjoint)
 
 
 @programs.filter_jit
@@ -176,7 +210,7 @@ def _run_loop(
     samples: int,
     delay: int,
     adjoint: diffrax.AbstractAdjoint | None,
-) -> tuple[Any, ...]:
+) -> ClosedLoop:
     return run_loop(feedback, plant, start, samples, delay, adjoint)
 
 
@@ -188,8 +222,8 @@ def run_loop(
     delay: int | Int[Array, ""] = 0,
     adjoint: diffrax.AbstractAdjoint | None = None,
     longest: int | None = None,
-) -> tuple[Any, ...]:
-    """Runs the loop: times, states, inputs, what feedback added to them, deviations, and its last memory; traceable.
+) -> ClosedLoop:
+    """Runs the loop; traceable.
 
     A ``delay`` that is traced is at most the ``longest``.
     """
@@ -201,38 +235,43 @@ def run_loop(
     def step(carry: Any, k: Array) -> Any:
         moving, memory, waiting = carry
         state = plant.body_state(moving)
-        added, memory = feedback(k, state, memory)
+        added, memory = feedback.act(k, plant, moving, memory)
         # The newest entry is the last, at `room`; the one that takes effect was appended `delay` samples ago.
         queue = jnp.concatenate([waiting, added[None]])
         planned = nominal.input(k)
         # Only what feedback adds is late: the inputs of the motion are known beforehand.
         u = jnp.clip(planned + queue[room - delay], -limits, limits)
         memory = feedback.remember_inputs(k, u, memory)
-        after = plant.flow(t0 + plant.sample * k.astype(t0.dtype), moving, u, adjoint)
-        return (after, memory, queue[1:]), (state, u, u - planned, feedback.deviation(k, state))
+        after, status = plant.advance(plant.hold(u), t0 + plant.sample * k.astype(t0.dtype), moving, adjoint)
+        seen = moving, u, u - planned, feedback.deviation(k, state), status
+        # As in `flow`.
+        return (after.projected(), memory, queue[1:]), seen
 
     waiting = jnp.zeros((room, nominal.u.shape[1]), nominal.u.dtype)
     numbered = jnp.arange(samples)
     begun = plant.begin(plant.hold(nominal.input(0)), t0, start)
-    (last, memory, _), (states, u, du, xi) = jax.lax.scan(step, (begun, feedback.begin(), waiting), numbered)
-    last = plant.body_state(last)
-    states = jax.tree.map(lambda along, end: jnp.concatenate([along, end[None]]), states, last)
+    (last, memory, _), (moving, u, du, xi, statuses) = jax.lax.scan(step, (begun, feedback.begin(), waiting), numbered)
     # States begin at the samples; the scan does not give the last one, at the end.
-    xi = jnp.concatenate([xi, feedback.deviation(jnp.asarray(samples), last)[None]])
+    moving = jax.tree.map(lambda along, end: jnp.concatenate([along, end[None]]), moving, last)
+    xi = jnp.concatenate([xi, feedback.deviation(jnp.asarray(samples), plant.body_state(last))[None]])
     times = t0 + plant.sample * jnp.arange(samples + 1, dtype=t0.dtype)
-    return times, states, u, du, xi, memory
+    # What follows a failure has states of NaN, which is impossible; the first says what it was.
+    status = statuses[jnp.argmax(statuses != int(Status.SUCCESS))]
+    return ClosedLoop(times, moving, u, du, xi, feedback, plant, memory, status)
 
 
 def plant_of(
     feedback: AbstractFeedback,
     system: System | None,
     limits: Numbers | Mapping[str, Numbers] | None,
-    push: AbstractWrench | None,
+    push: AbstractWrench | None = None,
+    contact: Contact | None = None,
 ) -> SampledSystem:
     """Returns the robot that is simulated.
 
     **Raises:** ``ValueError`` for one whose state differs from that of the motion, and for limits that do not fit.
     """
+    require("contact", contact, (Contact, type(None)), "a Contact, such as Contact(0.3), or None")
     design = feedback.sampled
     plant = design
     if system is not None:
@@ -250,7 +289,7 @@ def plant_of(
         force = push if plant.system.force is None else Wrenches((plant.system.force, push))
         # Without a force there is no leaf to replace.
         plant = eqx.tree_at(lambda s: s.system.force, plant, force, is_leaf=lambda x: x is None)
-    return plant
+    return dataclasses.replace(plant, contact=contact)
 
 
 def start_of(feedback: AbstractFeedback, start: PlacedState | Mapping[str, Numbers] | Numbers | None) -> PlacedState:

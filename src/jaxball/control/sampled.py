@@ -25,11 +25,10 @@ from ..physics.forces.resistance import Resistance
 from ..physics.hybrid import START, Accuracy
 from ..physics.state import DiskState, PlacedState
 from ..simulation import DEFAULT_TOLERANCE
-from ..simulation.extremes import MOST_STEPS_OF_SAMPLE
+from ..simulation.extremes import most_steps_of_sample
 from ..simulation.simulate import simulate
 from .inputs import Place, hold_inputs, limits_of, places_of, with_inputs
 
-STEPS_OF_BOUNCES = 16  # times the steps of a sample without
 ANY_ORDER = 5.0  # of a method: the mode in which a body starts does not depend on it
 LEAST_REACHED = 1e-8  # of the largest singular value of the reachable subspace's factor; below it is rounding
 ROUNDING = 1e-6  # of the largest entry of a combination
@@ -117,11 +116,6 @@ class SampledSystem(Printed):
         )
 
     @property
-    def most_steps(self) -> int:
-        """How many steps the solve of a sample may take; with a law of contact more, because bounces pile up."""
-        return MOST_STEPS_OF_SAMPLE * (1 if self.contact is None else STEPS_OF_BOUNCES)
-
-    @property
     def inputs(self) -> tuple[str, ...]:
         """The names of the inputs, in the order of u."""
         return tuple(place.name for place in self.places)
@@ -139,11 +133,15 @@ class SampledSystem(Printed):
         """Returns what :meth:`advance` takes for a body in a state: with a law of contact, also its mode."""
         if self.contact is None:
             return state
-        plane = BodyOnPlane(system, self.contact).prepare()
+        plane = self.as_solved(system).prepare()
         accuracy = Accuracy(self.rtol, self.atol, ANY_ORDER, 1.0)
         after = plane.transition(t, plane.start(t, state), jnp.asarray(START), accuracy).after
         # Of the same kind as after a sample, for a scan.
         return jax.tree.map(lambda x: jnp.asarray(x, t.dtype), after)
+
+    def as_solved(self, system: System) -> Any:
+        """Returns what a solve advances the state of: with a law of contact, the body on its plane."""
+        return system if self.contact is None else BodyOnPlane(system, self.contact)
 
     def body_state(self, state: Any) -> PlacedState:
         """Returns the state of the body in what :meth:`advance` takes and gives."""
@@ -184,7 +182,7 @@ class SampledSystem(Printed):
             rtol=self.rtol,
             atol=self.atol,
             adjoint=adjoint,
-            max_steps=self.most_steps,
+            max_steps=most_steps_of_sample(self.contact),
             inside=False,
         )
         states = run.state if run.contact is None else run.contact.states_of(system, run.state)

@@ -122,7 +122,15 @@ class ErrorStateFilter(Printed):
         process: Mapping[str, Numbers] | None = None,
         biases: Mapping[str, Numbers] | None = None,
     ) -> "ErrorStateFilter":
-        """Builds the filter of a sampled system; arguments as for :meth:`of`."""
+        """Builds the filter of a sampled system; arguments as for :meth:`of`.
+
+        **Raises:** also ``ValueError`` for one with a law of contact.
+        """
+        if sampled.contact is not None:
+            raise ValueError(
+                "Argument `sampled` must have no law of `contact`, because the errors of a filter are those of a body "
+                "that rolls, and a body that slips or flies has more of them than one that rolls; leave it out."
+            )
         measurement = measurement_of(sensors, sampled.system)
         directions = sampled.directions
         rates = to_array(by_name("process", process or {}, directions), "process")

@@ -126,7 +126,7 @@ class OutputFeedback(AbstractFeedback):
         require("feedback", feedback, AbstractFeedback, "a feedback, such as tvlqr(...) makes")
         estimator = ErrorStateFilter.for_sampled_system(feedback.sampled, sensors, process, biases)
         late = {name: samples_late(name, sensor, estimator.sampled) for name, sensor in sensors.items()}
-        plant = plant_of(feedback, system, None, None)
+        plant = plant_of(feedback, system, None)
         return cls.of_parts(feedback, estimator, plant, estimator.deviations(spread), late, key)
 
     @classmethod
@@ -156,10 +156,17 @@ class OutputFeedback(AbstractFeedback):
         return Remembered(belief, y, u, self.feedback.begin(), xi, bias, P, nis, read)
 
     def __call__(self, k, state, memory):
+        return self._act(k, self.plant.hold(memory.u[-1]), state, memory)
+
+    def act(self, k, plant, moving, memory):
+        # Sensors feel a slip, and the blow of a landing.
+        return self._act(k, plant.as_solved(self.plant.hold(memory.u[-1])), moving, memory)
+
+    def _act(self, k: Int[Array, ""], system: Any, state: Any, memory: Remembered) -> tuple[Array, Remembered]:
         t = self._time(k)
         wrong = self.wrong[jnp.minimum(k, len(self.wrong) - 1)]
         # What acts until this sample is known; the input from here on is still to be found, by this reading.
-        now = self.known.measurement(self.plant.hold(memory.u[-1]), t, state) + wrong
+        now = self.known.measurement(system, t, state) + wrong
         y = jnp.concatenate([memory.y, now[None]])
         (belief, oldest), seen = self._follow(k, memory, y)
         added, inner = self.feedback(k, belief.state, memory.inner)

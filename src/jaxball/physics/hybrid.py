@@ -7,7 +7,7 @@ and of all parameters, and has their derivatives, so that later derivatives are 
 """
 
 from collections.abc import Callable
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -226,7 +226,15 @@ class AbstractHistory(Printed):
     restarts: ClassVar[bool] = True
     always_rolls: ClassVar[bool] = False
 
-    switches: eqx.AbstractVar[Any]
+    if TYPE_CHECKING:  # to a type checker, a field declared here would be an argument of all
+        switches = cast(Any, None)
+    else:
+        switches: eqx.AbstractVar[Any]
+
+    @property
+    def of_body(self) -> "AbstractHistory":
+        """The history of the body's own modes, which others have beside what they record."""
+        return self
 
     @property
     def over_time(self) -> dict[str, Array]:
@@ -346,4 +354,4 @@ class NoHistory(AbstractHistory):
         return Switches(jnp.asarray(0), none, none.astype(int), None, None, no)
 
 
-NO_HISTORY = NoHistory()  # pyright: ignore[reportCallIssue]
+NO_HISTORY = NoHistory()

@@ -57,7 +57,7 @@ class Modes(NamedTuple):
 
 def modes_of(trajectory: Trajectory[Any, Any]) -> Modes:
     """Returns the modes of a run at the times that are drawn; no spells without a law of contact."""
-    history, rows = trajectory.history, finite_rows(trajectory)
+    history, rows = trajectory.history.of_body, finite_rows(trajectory)
     if not (isinstance(history, ContactHistory) and rows.size):
         return NO_MODES
     times = np.asarray(trajectory.times)[rows]
@@ -162,7 +162,7 @@ class Track(NamedTuple):
 
 def track_of(trajectory: Trajectory[Any, Any]) -> Track | None:
     """Returns the track of a run; None without a law of contact."""
-    modes, history = modes_of(trajectory), trajectory.history
+    modes, history = modes_of(trajectory), trajectory.history.of_body
     if not (isinstance(history, ContactHistory) and modes.spells):
         return None
     rows, r, count = finite_rows(trajectory), float(trajectory.system.radius), len(modes.switches)

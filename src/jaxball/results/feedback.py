@@ -10,9 +10,9 @@ import numpy as np
 from ..control.history import FeedbackHistory
 from ..estimation.estimate import Followed, LoopEstimate
 from ..numerics.arrays import arrays_of, to_array
-from ..physics.hybrid import NO_HISTORY, AbstractHistory
+from ..physics.hybrid import AbstractHistory
 from ..simulation.variables import Variable
-from .variables import Variables, describe_fields, history_attributes, history_values
+from .variables import Variables, describe_fields, history_attributes, history_summary, history_values, switch_values
 
 INPUTS, BIASES = "feedback_inputs", "estimate_biases"  # attributes that tell such runs, with names one after the other
 BETWEEN = ", "
@@ -31,7 +31,7 @@ OF_ESTIMATE = {
 
 @history_values.register
 def _of_feedback(history: FeedbackHistory, states: Any) -> Variables:
-    variables = _of_states("nominal", "of the motion", history.nominal)
+    variables = history_values(history.modes, states) | _of_states("nominal", "of the motion", history.nominal)
     variables["inputs"] = OF_FEEDBACK["inputs"], np.asarray(history.u)
     variables["deviation"] = OF_FEEDBACK["deviation"], np.asarray(history.deviations(states))
     if history.estimate is None:
@@ -56,9 +56,19 @@ def _of_states(prefix: str, words: str, states: Any) -> Variables:
     }
 
 
+@switch_values.register
+def _of_modes(history: FeedbackHistory, of_state: Mapping[str, Variable]) -> Variables:
+    return switch_values(history.modes, of_state)
+
+
+@history_summary.register
+def _summary_of_modes(history: FeedbackHistory) -> dict[str, Any]:
+    return history_summary(history.modes)
+
+
 @history_attributes.register
 def _names(history: FeedbackHistory) -> dict[str, Any]:
-    names: dict[str, Any] = {INPUTS: BETWEEN.join(history.inputs)}
+    names: dict[str, Any] = {INPUTS: BETWEEN.join(history.inputs)} | history_attributes(history.modes)
     return names if history.estimate is None else names | {BIASES: BETWEEN.join(history.estimate.biases)}
 
 
@@ -73,16 +83,18 @@ def feedback_labels(history: AbstractHistory) -> dict[str, np.ndarray]:
     return {name: np.asarray(names) for name, names in labels.items() if names}
 
 
-def read_feedback(about: Mapping[str, Any], arrays: Mapping[str, np.ndarray], states: Any) -> FeedbackHistory:
-    """Reads the history of a run under feedback from a file with the attributes ``about``, the arrays and the
-    ``states``.
+def read_feedback(
+    about: Mapping[str, Any], arrays: Mapping[str, np.ndarray], states: Any, modes: AbstractHistory
+) -> FeedbackHistory:
+    """Reads the history of a run under feedback from a file with the attributes ``about``, the arrays, the ``states``
+    and the history of the body's ``modes``.
     """
 
     def of(prefix: str) -> Any:
         return type(states)(**{name: to_array(arrays[f"{prefix}_{name}"]) for name in arrays_of(states)})
 
     u, inputs = to_array(arrays["inputs"]), names_in(about, INPUTS)
-    history = FeedbackHistory(NO_HISTORY.switches, of("nominal"), u, None, inputs)
+    history = FeedbackHistory(modes, of("nominal"), u, None, inputs)
     if BIASES not in about:
         return history
     times, biases = to_array(arrays["time"]), names_in(about, BIASES)

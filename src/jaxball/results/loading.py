@@ -28,7 +28,7 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
 
     Its system is that of the scenario in the file, and its observables, or laws, are recomputed from the states. Its
     status is that of the run, so a failed run is not ``ok``. Dense output and the states at events are not saved:
-    ``at`` raises, and ``events`` is empty. ``contact`` of a run with a law of contact is restored, with its switches.
+    ``at`` raises, and ``events`` is empty. The ``history`` of a run with modes is restored, with its switches.
     ``scenario`` is the one that was run, if the file has its settings too.
 
     **Arguments:**
@@ -82,6 +82,7 @@ def _run_in(
     attribute = functools.partial(attribute_of, path, about)
     law = None if scenario is None else scenario.contact
     try:
+        modes = read_history(about, arrays, attribute, state, system, law)
         run = Trajectory(
             system=system,
             times=arrays["time"],
@@ -91,9 +92,7 @@ def _run_in(
             steps=jnp.asarray(attribute("steps", int)),
             rejected=jnp.asarray(attribute("rejected", int)),
             start=None if scenario is None or under_feedback else scenario.state,
-            history=read_feedback(about, arrays, state)
-            if under_feedback
-            else read_history(about, arrays, attribute, state, law),
+            history=read_feedback(about, arrays, state, modes) if under_feedback else modes,
         )
     except KeyError as error:
         raise no_run(path, f"it has no {error}") from None
@@ -108,7 +107,8 @@ def _require_rows(path: Path, run: Trajectory[Any, Any]) -> None:
     """Raises a :class:`RunError` unless everything over time has as many rows as there are times."""
     if jnp.ndim(run.times) != 1:
         raise no_run(path, f"its times have the shape {jnp.shape(run.times)}")
-    recorded = {name: value for name, value in vars(run.history).items() if name not in ("switches", "law")}
+    fields = vars(run.history) | vars(run.history.of_body)
+    recorded = {name: value for name, value in fields.items() if name not in ("modes", "switches", "law")}
     for place, leaf in jax.tree_util.tree_leaves_with_path({"state": run.state, **recorded}):
         if isinstance(leaf, str):  # the name of an input
             continue

@@ -11,7 +11,6 @@ import numpy as np
 
 from ..interface.output import replacing
 from ..interface.status import Status
-from ..physics.contact.history import ContactHistory
 from ..physics.contact.released import ReleasedState
 from ..physics.state import ReducedState, RotationState
 from ..scenario import Scenario, ScenarioError, read_scenario, write_scenario
@@ -124,11 +123,11 @@ def _scenario_of(trajectory: Trajectory[Any, Any], sensors: Mapping[str, Abstrac
     state = state.in_space() if isinstance(state, RotationState) else state
     if isinstance(state, ReducedState):
         return None
-    history, law = trajectory.history, None
-    if isinstance(history, ContactHistory):
-        law = history.law
+    contact, law = trajectory.contact, None
+    if contact is not None:
+        law = contact.law
         rolls = not isinstance(trajectory.start, ReleasedState)
-        state = state if rolls else ReleasedState(state, history.V[0], history.height[0])
+        state = state if rolls else ReleasedState(state, contact.V[0], contact.height[0])
     return Scenario("", trajectory.system, state, np.asarray(trajectory.times), contact=law, sensors=sensors)
 
 
@@ -143,9 +142,10 @@ def to_dataset(
     whose angles belong to the state, by their numbers, or by name where joints are among them; ``own_state``, the
     states of one's own, by name, with the coordinate ``own_unit`` where they state units; and of vectors ``axis``,
     ``direction`` in the plane and ``component`` of a versor. All are counted from 0. Attributes say how the
-    solve ended, and hold the scenario's file. A run with a law of contact has its modes too, and its switches between
-    them along ``switch``. The times of an event are ``event_…_times``, with its name. One under feedback has the motion
-    that it holds (``nominal_…``), its ``inputs`` and ``deviation``, and what was estimated (``estimate_…``).
+    solve ended, and hold the scenario's file. A run with a law of contact, exact dry resistance, or joints that stick
+    or have stops, has its modes too, and its switches between them along ``switch``. The times of an event are
+    ``event_…_times``, with its name. One under feedback has the motion that it holds (``nominal_…``), its ``inputs``
+    and ``deviation``, and what was estimated (``estimate_…``).
 
     **Arguments:**
 
@@ -200,7 +200,7 @@ def save(
       - ``.csv``: one row for each time and one column for each number, named like ``Omega[1]`` or
         ``mass_positions_body[0][2]`` (mass 0, the third axis); the column ``status`` is 0 for a solve
         that reached its end, and the number of its :class:`~jaxball.Status` for one that failed. The switches of a run
-        with a law of contact and the times of events are left out.
+        and the times of events are left out.
       - ``.mcap``: a recording with messages in JSON, in Foxglove's schemas where there are any: the frames of the body
         and of its masses, their shapes, the contact force, the joints, and the variables over time, at the times that
         the solve reached. Its clock starts at 0, and a unit of time is a second. It needs jaxball's extra ``mcap``.

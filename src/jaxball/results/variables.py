@@ -11,13 +11,14 @@ from jaxtyping import Array
 from ..classical import LagrangianState
 from ..numerics.arrays import arrays_of, to_array
 from ..physics.body import AbstractBody
-from ..physics.contact.history import NOWHERE, ContactHistory, ContactSwitches
+from ..physics.contact.history import NOWHERE, ContactHistory, ContactSwitches, HeldHistory, HeldSwitches
 from ..physics.contact.law import COEFFICIENTS, AbstractFriction, Contact
 from ..physics.contact.modes import Mode, SwitchCause
 from ..physics.contact.released import ReleasedState
 from ..physics.grounds import AbstractSurface
 from ..physics.hybrid import NO_HISTORY, AbstractHistory, History, Switches
 from ..physics.state import AbstractBodyState, DiskState, ReducedState
+from ..physics.system import AbstractSystem
 from ..scenario.body import CONTACT
 from ..sensors import AbstractSensor
 from ..simulation.arguments import require_one_run
@@ -33,6 +34,7 @@ from ..simulation.variables import (
     LAWS,
     OBSERVABLES,
     OF_SLIDE,
+    SIDES_OF_HELD,
     STATE,
     SWITCHES,
     Variable,
@@ -222,16 +224,22 @@ def _of_events(history: History, of_state: Mapping[str, Variable]) -> Variables:
 
 
 @switch_values.register
-def _of_changes(history: ContactHistory, of_state: Mapping[str, Variable]) -> Variables:
-    switches = history.switches
-    variables = {f"switch_{name}": (variable, getattr(switches, name)) for name, variable in SWITCHES.items()}
+def _of_changes(history: HeldHistory, of_state: Mapping[str, Variable]) -> Variables:
+    switches, described = history.switches, {**of_state, **RELEASED, **SIDES_OF_HELD}
+    variables = {f"switch_{name}": (variable, getattr(switches, name, None)) for name, variable in SWITCHES.items()}
     for side in SIDES:
-        released = getattr(switches, side)
-        leaves = arrays_of(released.body) | {name: getattr(released, name) for name in RELEASED}
-        for name, leaf in leaves.items():
-            if leaf.size:
-                variables[f"switch_{side}_{name}"] = _beside(RELEASED.get(name) or of_state[name], side), leaf
-    return _keep(switches, variables)
+        leaves = _leaves_of(getattr(switches, side))
+        leaves |= {name: getattr(switches, f"{name}_{side}") for name in SIDES_OF_HELD}
+        variables |= {f"switch_{side}_{name}": (_beside(described[name], side), leaf) for name, leaf in leaves.items()}
+    there = {name: (variable, leaf) for name, (variable, leaf) in variables.items() if leaf is not None and leaf.size}
+    return _keep(switches, there)
+
+
+def _leaves_of(states: Any) -> dict[str, Array]:
+    """Returns the arrays of states of a body, which may be released, by name."""
+    if not isinstance(states, ReleasedState):
+        return arrays_of(states)
+    return arrays_of(states.body) | {name: getattr(states, name) for name in RELEASED}
 
 
 def _beside(variable: Variable, side: str) -> Variable:
@@ -253,24 +261,36 @@ def history_summary(history: AbstractHistory) -> dict[str, Any]:
 
 
 @history_summary.register
+def _of_run_with_modes(history: HeldHistory) -> dict[str, Any]:
+    end = {name: np.asarray(leaf)[-1] for name, leaf in history.over_time.items()}
+    return {"held": {"end": end, "count": int(history.switches.count), "switches": _list_switches(history.switches)}}
+
+
+@history_summary.register
 def _of_run_with_law(history: ContactHistory) -> dict[str, Any]:
     names = ("V", "height", "slip", "friction_loss", "impact_loss")
     end = {name: np.asarray(getattr(history, name))[-1] for name in names}
     switches = history.switches
-    listed = [
+    listed = _list_switches(switches)
+    for k, switch in enumerate(listed):
+        modes = {"from": _mode_name(switches.source[k]), "to": _mode_name(switches.target[k])}
+        switch |= modes | {"lost": float(switches.lost[k])}
+    modes = [_mode_name(mode) for mode in np.asarray(history.mode)]
+    law, count = CONTACT.write(history.law, "contact"), int(switches.count)
+    return {"contact": {"law": law, "modes": modes, "end": end, "count": count, "switches": listed}}
+
+
+def _list_switches(switches: HeldSwitches) -> list[dict[str, Any]]:
+    """Returns the time and the cause of each switch that was kept, and what changed in words."""
+    return [
         {
             "time": float(switches.times[k]),
-            "from": _mode_name(switches.source[k]),
-            "to": _mode_name(switches.target[k]),
             "cause": SwitchCause(int(switches.cause[k])).sentence,
-            "lost": float(switches.lost[k]),
+            "changed": switches.words(k),
             "grazing": bool(switches.grazing[k]),
         }
         for k in range(min(int(switches.count), switches.times.shape[-1]))
     ]
-    modes = [_mode_name(mode) for mode in np.asarray(history.mode)]
-    law, count = CONTACT.write(history.law, "contact"), int(switches.count)
-    return {"contact": {"law": law, "modes": modes, "end": end, "count": count, "switches": listed}}
 
 
 def _mode_name(mode: Any) -> str | None:
@@ -286,8 +306,9 @@ def history_attributes(history: AbstractHistory) -> dict[str, Any]:
     return {}
 
 
-@history_attributes.register
-def _of_all_events(history: History) -> dict[str, int | float]:
+@history_attributes.register(History)
+@history_attributes.register(HeldHistory)
+def _of_all_events(history: History | HeldHistory) -> dict[str, int | float]:
     return {"switches": int(history.switches.count), "max_switches": history.switches.times.shape[-1]}
 
 
@@ -302,17 +323,21 @@ def read_history(
     arrays: Mapping[str, np.ndarray],
     attribute: Callable[[str, Callable[[Any], Any]], Any],
     states: Any,
+    system: AbstractSystem,
     law: Contact | None = None,
 ) -> AbstractHistory:
     """Reads the history from a file with the attributes ``about``, which ``attribute`` reads by name, and with its
-    ``states``.
+    ``states`` of the ``system``.
 
     ``law`` is that of the scenario in the file, whose friction may be a function instead of one coefficient.
     """
     if "contact_friction" in about:
-        return _read_contact(arrays, attribute, states, getattr(law, "friction_law", None))
+        return _read_contact(arrays, attribute, states, system, getattr(law, "friction_law", None))
     if "switches" not in about:
         return NO_HISTORY
+    if isinstance(system, AbstractBody):
+        kept = attribute("switches", int), attribute("max_switches", int)
+        return HeldHistory(**_read_held(arrays), switches=HeldSwitches(**_read_switches(arrays, kept, states, system)))
     filled = _pad_arrays(arrays, attribute("switches", int), attribute("max_switches", int))
 
     def side(name: str) -> Any:
@@ -335,6 +360,7 @@ def _read_contact(
     arrays: Mapping[str, np.ndarray],
     attribute: Callable[[str, Callable[[Any], Any]], Any],
     states: Any,
+    system: Any,
     friction_law: AbstractFriction | None,
 ) -> ContactHistory:
     friction, *others = (attribute(f"contact_{name}", float) for name in COEFFICIENTS)
@@ -345,38 +371,44 @@ def _read_contact(
         name: to_array(arrays[name]) if variable.flags is None else jnp.asarray(arrays[name], dtype=int)
         for name, variable in HISTORY.items()
     }
-    switches = _read_switches(arrays, attribute("contact_switches", int), law.capacity, arrays_of(states), type(states))
+    kept = attribute("contact_switches", int), law.capacity
+    switches, filled = _read_switches(arrays, kept, states, system), _pad_arrays(arrays, *kept)
+    for side in SIDES:
+        switches[side] = ReleasedState(switches[side], filled(f"{side}_V", (3,)), filled(f"{side}_height"))
+    switches |= {name: filled(name, nothing=NOWHERE) for name in ("source", "target")} | {"lost": filled("lost")}
+    return ContactHistory(law=law, **over_time, **_read_held(arrays), switches=ContactSwitches(**switches))
+
+
+def _read_held(arrays: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """Reads what dry friction and hard stops hold over time, by the names of the fields of a history."""
     held: dict[str, Any] = dict.fromkeys(HISTORY_OF_REST | HISTORY_OF_JOINTS)
     held |= {name: to_array(arrays[name]) for name in held if name in arrays}
     if held["rests"] is not None:
         held["rests"] = held["rests"] != 0
-    return ContactHistory(law=law, **over_time, **held, switches=switches)
+    return held
 
 
-def _read_switches(
-    arrays: Mapping[str, np.ndarray], count: int, capacity: int, fields: Mapping[str, Array], state_type: Any
-) -> ContactSwitches:
-    filled = _pad_arrays(arrays, count, capacity)
+def _read_switches(arrays: Mapping[str, np.ndarray], kept: tuple[int, int], states: Any, system: Any) -> dict[str, Any]:
+    """Reads the switches of a body that has the ``states``, by the names of the fields of ``HeldSwitches``.
 
-    def state_on(side: str) -> ReleasedState:
-        body = {name: filled(f"{side}_{name}", leaf.shape[1:]) for name, leaf in fields.items()}
-        return ReleasedState(state_type(**body), filled(f"{side}_V", (3,)), filled(f"{side}_height"))
-
-    before, after = map(state_on, SIDES)
-    return ContactSwitches(
-        count=jnp.asarray(count),
-        times=filled("times"),
-        event=filled("cause", nothing=NOWHERE),
-        source=filled("source", nothing=NOWHERE),
-        target=filled("target", nothing=NOWHERE),
-        before=before,
-        after=after,
-        lost=filled("lost"),
-        **dict.fromkeys(("rolls_before", "rolls_after", "spin_before", "spin_after")),
-        **dict.fromkeys(("directions_before", "directions_after", "stops_before", "stops_after", "struck")),
-        joints=(),
-        grazing=filled("grazing", nothing=False),
-    )
+    ``kept``: how many there were, and how many there is room for.
+    """
+    filled, joints = _pad_arrays(arrays, *kept), (len(system.sticking),)
+    read: dict[str, Any] = {"struck": filled("struck", joints, 0.0) if "stops" in arrays else None}
+    for side in SIDES:
+        body = {name: filled(f"{side}_{name}", leaf.shape[1:]) for name, leaf in arrays_of(states).items()}
+        read[side] = type(states)(**body)
+        for name, variable in SIDES_OF_HELD.items():
+            there = {"rolls": "rests"}.get(name, name) in arrays
+            shape, nothing = joints if variable.dimensions else (), 0.0 if name == "stops" else np.nan
+            read[f"{name}_{side}"] = filled(f"{side}_{name}", shape, nothing) if there else None
+    return read | {
+        "count": jnp.asarray(kept[0]),
+        "times": filled("times"),
+        "event": filled("cause", nothing=NOWHERE),
+        "grazing": filled("grazing", nothing=False),
+        "joints": tuple(system.sticking),
+    }
 
 
 def _pad_arrays(arrays: Mapping[str, np.ndarray], count: int, capacity: int) -> Callable[..., Array]:

@@ -24,6 +24,7 @@ from ..estimation import ErrorStateFilter, OutputFeedback
 from ..estimation.filter import samples_late, wanders
 from ..numerics.arrays import to_array
 from ..physics.body import System
+from ..physics.contact.law import Contact
 from ..physics.forces.force import Push, Wrenches
 from ..physics.state import PlacedState
 from ..sensors import AbstractSensor
@@ -54,7 +55,8 @@ def model_of(scenario: Scenario) -> Scenario:
     """
     settings = settings_of(scenario)
     # Sensors and feedback of the file belong to the real robot, and its model is simulated without them.
-    alone = dataclasses.replace(scenario, feedback=None, estimator=None, sensors={})
+    # It rolls, as the motion that it holds does.
+    alone = dataclasses.replace(scenario, feedback=None, estimator=None, sensors={}, contact=None)
     if not settings.model:
         return alone
     document = document_with_defaults(alone)
@@ -150,6 +152,7 @@ def loop_along(scenario: Scenario, feedback: AbstractFeedback) -> ClosedLoop:
             system=robot_of(scenario),
             limits=settings.limits,
             delay=settings.delay,
+            contact=scenario.contact,
         )
 
 
@@ -201,6 +204,7 @@ class LoopNumbers(eqx.Module):
     """The numbers that determine a closed loop, besides its times.
 
     - ``robot``: the robot that is simulated, with the pushes on it.
+    - ``contact``: the law by which it may slip and fly, or None.
     - ``model``, ``state``: the robot that feedback knows, and the start of its motion.
     - ``rtol``, ``atol``: tolerances.
     - ``limits``: the largest magnitudes of inputs; None for those of the motors.
@@ -216,6 +220,7 @@ class LoopNumbers(eqx.Module):
     """
 
     robot: System
+    contact: Contact | None
     model: System
     state: Any
     rtol: Any
@@ -254,7 +259,7 @@ class LoopNumbers(eqx.Module):
     def around(self, feedback: AbstractFeedback) -> tuple[AbstractFeedback, SampledSystem, PlacedState]:
         """Returns the feedback, from sensors if there is an estimator, the robot and its start; traceable."""
         first = feedback.sampled.displace(feedback.nominal.state(0), self.start)
-        plant = plant_of(feedback, self.robot, self.limits, None)
+        plant = plant_of(feedback, self.robot, self.limits, contact=self.contact)
         if self.estimator is None:
             return feedback, plant, first
         return self.estimator.around(feedback, plant), plant, first
@@ -278,6 +283,7 @@ def loop_numbers(contents: Contents, document: Mapping[str, Any], sample: float)
     predictive_control = isinstance(feedback, PredictiveSettings)
     return LoopNumbers(
         robot=with_pushes(system, feedback.pushes),
+        contact=contents.contact,
         model=model,
         state=model_contents.state,
         rtol=jnp.asarray(solve["rtol"]),

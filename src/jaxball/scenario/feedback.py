@@ -30,6 +30,7 @@ Number = float | Array  # an array where it is traced
 Named = Mapping[str, Number]
 SOLVER = "dopri8"  # of the samples of a closed loop
 DEFAULT_PENALTY = 1e3
+RELEASED = ("velocity", "height")  # keys of [initial] of a body that starts otherwise than it rolls
 OF_MODEL = ("body", "force", "ground", "resistance", "masses", "mechanisms", "actuation")
 
 
@@ -286,10 +287,11 @@ def _check_solve(document: Mapping[str, Any], solve: Mapping[str, Any]) -> None:
             "Key `events` must be left out with `feedback`, whose samples are solved one by one; the saved states say "
             "where the body was at each of them."
         )
-    if "contact" in document:
+    released = next((name for name in RELEASED if name in document.get("initial", {})), None)
+    if released is not None:
         raise ScenarioError(
-            "Key `contact` must be left out with `feedback`, which is for bodies that always roll; the friction that "
-            "is needed is among the observables of the run."
+            f"Key `initial.{released}` must be left out with `feedback`, because the motion that it holds rolls from "
+            "the start."
         )
     check_solver(solve["solver"])
     for name in ("dae", "project"):
@@ -339,8 +341,8 @@ def check_model(model: Named, document: Mapping[str, Any], read: Callable[[dict[
 
 def document_of_model(model: Named, document: Mapping[str, Any]) -> dict[str, Any]:
     """Returns the document of the robot that feedback knows, with the numbers of the model and without feedback."""
-    # Without feedback, or the model would have a model.
-    others = {name: table for name, table in document.items() if name not in KEYS}
+    # Without feedback, or the model would have a model; and it rolls.
+    others = {name: table for name, table in document.items() if name not in (*KEYS, "contact")}
     return with_numbers(others, model)
 
 

@@ -100,8 +100,8 @@ class Measurement(Printed):
         moves = movement(prepared, t, state.in_space() if isinstance(state, RotationState) else state)
         return {name: sensor.reading(prepared.shown, t, moves) for name, sensor in self.sensors.items()}
 
-    def __call__(self, system: System, t: Float[Array, ""], state: PlacedState) -> Float[Array, " m"]:
-        """Computes all exact readings."""
+    def __call__(self, system: Any, t: Float[Array, ""], state: Any) -> Float[Array, " m"]:
+        """Computes all exact readings; arguments as for :meth:`parts`."""
         return jnp.concatenate([jnp.ravel(part) for part in self.parts(system, t, state).values()])
 
     def sizes(self, system: System, state: PlacedState) -> dict[str, int]:

@@ -1,6 +1,6 @@
 """The extreme values of the contact force over a whole run, with the times at which they occur."""
 
-from typing import Any
+from typing import Any, cast
 
 import equinox as eqx
 import jax
@@ -12,6 +12,7 @@ from .. import programs
 from ..interface.arguments import require
 from ..interface.printing import Printed, format_value, is_single
 from ..interface.status import Status
+from ..physics.contact.law import Contact
 from ..physics.packing import Packing
 from ..physics.rolling import AbstractRollingSystem
 from ..programs.derivatives.differentiation import differentiate_where, without_derivatives
@@ -25,6 +26,7 @@ from .trajectory import Interpolant, Trajectory
 # Of the weight, or of 1: anything smaller counts as zero, and leaves a constant value constant.
 ROUNDING = 1e-12
 MOST_STEPS_OF_SAMPLE = 256  # of a run under feedback
+STEPS_OF_BOUNCES = 16  # times these, with a law of contact
 SAME_VALUE = 1e-8  # the relative change that a constant value may have
 # Relative to values, and in units of rounding: what forces vary by less is no peak.
 NEGLIGIBLE_FORCE, ROUNDINGS = 1e-9, 64
@@ -129,7 +131,10 @@ def contact_extremes(trajectory: Trajectory[Any, Any]) -> ContactExtremes:
         )
     if not trajectory.history.restarts:
         times = jnp.asarray(trajectory.times)
-        return _extremes_of_samples(trajectory.system, times, trajectory.state, trajectory.reached)
+        system, states, law = trajectory.system, trajectory.state, None
+        if (contact := trajectory.contact) is not None:
+            law, states = contact.law, contact.states_of(cast(Any, system), states).released
+        return _extremes_of_samples(system, law, times, states, trajectory.reached)
     if trajectory.interpolant is None:
         raise ValueError(
             "Argument `trajectory` must have dense output; call simulate(..., dense=True). The forces at the saved "
@@ -183,6 +188,11 @@ def _observe(steps: Steps, packing: Packing) -> tuple[Float[Array, "3"], Float[A
     return *observers_of(packing).extremes(seen.best, again), seen.best
 
 
+def most_steps_of_sample(contact: Contact | None) -> int:
+    """Returns how many steps the solve of a sample may take; with a law of contact more, because bounces pile up."""
+    return MOST_STEPS_OF_SAMPLE * (1 if contact is None else STEPS_OF_BOUNCES)
+
+
 def _are_same(largest: Float[Array, "3"], least: Float[Array, "3"], weight: Float[Array, ""]) -> Bool[Array, "3"]:
     """Returns whether N, |f| / N and |f| are constant to within rounding."""
     sizes = jax.lax.stop_gradient(jnp.stack([weight, jnp.ones_like(weight), weight]))
@@ -191,13 +201,18 @@ def _are_same(largest: Float[Array, "3"], least: Float[Array, "3"], weight: Floa
 
 @programs.filter_jit
 def _extremes_of_samples(
-    system: AbstractRollingSystem, times: Float[Array, " T"], states: Any, reached: Float[Array, ""]
+    system: AbstractRollingSystem,
+    contact: Contact | None,
+    times: Float[Array, " T"],
+    states: Any,
+    reached: Float[Array, ""],
 ) -> ContactExtremes:
     """Finds the extremes of a run whose inputs change at its saved times, ``times``: of all solves between these."""
 
     def extremes_from(k: Int[Array, ""]) -> ContactExtremes:
         ends, start = times[k + jnp.arange(2)], jax.tree.map(lambda leaf: leaf[k], states)
-        run = simulate(system, ends, start, dense=True, max_steps=MOST_STEPS_OF_SAMPLE, inside=False)
+        most = most_steps_of_sample(contact)
+        run = simulate(system, ends, start, contact=contact, dense=True, max_steps=most, inside=False)
         assert run.interpolant is not None
         return _extremes(run.interpolant, run.reached, run.status)
 

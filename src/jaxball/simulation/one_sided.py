@@ -48,7 +48,7 @@ def _with_one_sided_limits(history: AbstractHistory, trajectory: Trajectory[Any,
 @_with_one_sided_limits.register
 def _of_contact(history: ContactHistory, trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
     if history.holds_more:
-        return trajectory  # the switches of a file do not tell what else dry friction holds on either side
+        return trajectory  # switches do not tell in which direction rolling begins
     times, state = np.asarray(trajectory.times), trajectory.state
     sides = _sides(trajectory, history)
     size = len(times) + 2 * history.law.capacity

@@ -157,7 +157,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
     @property
     def contact(self) -> ContactHistory | None:
         """The history of a run with a law of contact, with its modes and switches; None without such a law."""
-        return self.history if isinstance(self.history, ContactHistory) else None
+        return modes if isinstance(modes := self.history.of_body, ContactHistory) else None
 
     def _as_solved(self, system: Any) -> tuple[Any, Any]:
         """Returns the system that was solved, and its states: with a law of contact, this shows a part of them."""

@@ -140,7 +140,8 @@ HISTORY_OF_JOINTS = {
     "stop_loss": Variable((), "energy", "energy dissipated where joints strike their stops"),
 }
 
-# By the names of the fields of ContactSwitches. Those of the states before and after come with the kind of the state.
+# By the names of the fields of the switches of a body. Those of the states before and after come with the kind of the
+# state.
 SWITCHES = {
     "times": Variable((), "time", "time of a change of mode"),
     "cause": Variable((), "1", "why the mode ended", flags=SwitchCause),
@@ -148,6 +149,14 @@ SWITCHES = {
     "target": Variable((), "1", "mode after the switch", flags=Mode),
     "lost": Variable((), "energy", "energy dissipated by the impact"),
     "grazing": Variable((), "1", "1 if the function that ended the mode touched zero without crossing it"),
+    "struck": Variable(("sticking",), "1", "1 or -1 where a joint strikes its upper or lower stop, else 0"),
+}
+# The same before and after, of what dry friction or hard stops may hold.
+SIDES_OF_HELD = {
+    "rolls": Variable((), "1", "1 where the body rolls, 0 where dry resistance holds it"),
+    "spin": HISTORY_OF_REST["spin"],
+    "directions": HISTORY_OF_JOINTS["directions"],
+    "stops": HISTORY_OF_JOINTS["stops"],
 }
 
 # Of a hybrid system of another kind, by the names of the fields of its Switches.

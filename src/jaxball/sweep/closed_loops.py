@@ -20,7 +20,6 @@ from ..control.loop import ClosedLoop, run_loop
 from ..control.weights import weight_matrix
 from ..ensemble import AbstractReduction
 from ..ensemble.reductions import Observed
-from ..interface.status import Status
 from ..numerics.arrays import arrays_of
 from ..programs.operation import in_threads
 from ..scenario import RegulatorSettings, Scenario
@@ -28,6 +27,7 @@ from ..scenario.closed_loop import LoopNumbers, build_sampled_system
 from ..scenario.feedback import sample_of
 from ..simulation.contact_force import values
 from ..simulation.variables import Variable
+from .outputs import history_results
 
 LOOP = {
     "largest_deviation": Variable((), "", "largest weighted deviation from the motion, at the samples"),
@@ -134,23 +134,23 @@ def _row(sought: Sought, common: Common, shared: Any, row: Any) -> dict[str, Arr
         numbers.feedback(common.sample, common.t0, sought.samples) if common.feedback is None else common.feedback
     )
     feedback, plant, first = numbers.around(controller)
-    outcome = run_loop(feedback, plant, first, sought.samples, numbers.delay, None, sought.longest)
-    times, states, u, du, xi, memory = outcome
-    loop = ClosedLoop(times, states, u, du, xi, feedback, plant, memory)
-    # After a failure all deviations are NaN.
-    reached = jnp.sum(jnp.all(jnp.isfinite(loop.xi), axis=1)) - 1
+    loop = run_loop(feedback, plant, first, sought.samples, numbers.delay, None, sought.longest)
+    # A body whose modes are saved, or whose sensors are read, is simulated once more in one piece.
+    run = loop.run if plant.contact is not None or sought.readings else None
     results = {
-        "status": jnp.where(reached == sought.samples, int(Status.SUCCESS), int(Status.SOLVER_FAILED)),
+        "status": loop.status,
         "steps": jnp.asarray(sought.samples),
         "rejected": jnp.asarray(0),
-        "reached": loop.times[reached],
+        "reached": loop.reached,
         **arrays_of(loop.states),
         **_of_loop(loop, common),
         **_of_estimate(loop, common),
         **_reduce(loop, sought.reductions),
     }
-    if sought.readings:
-        results |= {f"measured_{name}": read for name, read in loop.run.measured(sensors).items()}
+    if run is not None:
+        results |= history_results(run.history.of_body)
+    if run is not None and sought.readings:
+        results |= {f"measured_{name}": read for name, read in run.measured(sensors).items()}
     return results
 
 
@@ -196,10 +196,10 @@ def _reduce(loop: ClosedLoop, reductions: tuple[tuple[str, AbstractReduction], .
     u = jnp.concatenate([loop.u, loop.u[-1:]])
 
     def quantities_at(sample: Any) -> Array:
-        t, state, u = sample
-        return values(quantities, loop.plant.hold(u).prepare(), t, state)
+        t, moving, u = sample
+        return values(quantities, loop.plant.as_solved(loop.plant.hold(u)).prepare(), t, moving)
 
-    every, reports = jax.lax.map(quantities_at, (loop.times, loop.states, u)), {}
+    every, reports = jax.lax.map(quantities_at, (loop.times, loop.moving, u)), {}
     for name, item in reductions:
         series = every[:, quantities.index(item.quantity)]
         places = [jnp.argmax(sign * series) for sign in item.signs]

@@ -224,6 +224,7 @@ def _basins(
                 system=robot_of(scenario),
                 limits=settings.limits,
                 delay=settings.delay,
+                contact=scenario.contact,
             )
     return basins
 
@@ -342,7 +343,7 @@ def _draw(
     }
     for kind, basin in basins.items():
         drawings[BASINS[kind]] = functools.partial(plot.basin_map, basin)
-    estimate = last.history.estimate
+    estimate = last.feedback.estimates(last.times, last.memory)
     if estimate is not None:
         drawings["estimate"] = lambda: plot.estimate(estimate, last.states)
     begin = figure_name(options.scenario, scenario)

@@ -47,8 +47,8 @@ class HeldSwitches(Switches):
       for none, shape (max_switches, joints). ``struck``: which one it strikes.
     - ``joints``: what these joints are called.
 
-    All but the first of these are None where friction cannot hold the body, or nothing has a joint to hold, and in a
-    run that was loaded; those of stops also without HardStops.
+    All but the first of these are None where friction cannot hold the body, or nothing has a joint to hold; those of
+    stops also without HardStops.
     """
 
     rolls_before: Float[Array, "*batch switches"] | None
@@ -154,10 +154,10 @@ class HeldHistory(AbstractHistory):
         return "" if self.rests is None else SLOW_ROLLING
 
     def at_rows(self, rows: slice) -> Any:
-        return dataclasses.replace(self, **{name: value[rows] for name, value in self._held.items()})
+        return dataclasses.replace(self, **{name: array[rows] for name, array in self.over_time.items()})
 
     @property
-    def _held(self) -> dict[str, Array]:
+    def over_time(self) -> dict[str, Array]:
         names = ("rests", "spin", "rolling", "directions", "stops", "stop_loss")
         values = {name: getattr(self, name) for name in names}
         return {name: value for name, value in values.items() if value is not None}
@@ -262,14 +262,11 @@ class ContactHistory(HeldHistory):
     @property
     def over_time(self) -> dict[str, Array]:
         names = ("mode", "V", "height", "slip", "sigma", "friction_loss", "impact_loss")
-        return {name: getattr(self, name) for name in names} | self._held
+        return {name: getattr(self, name) for name in names} | super().over_time
 
     @property
     def coefficients(self) -> dict[str, Array]:
         return {"friction": self.law.friction, "static_friction": self.law.static_friction}
-
-    def at_rows(self, rows: slice) -> "ContactHistory":
-        return dataclasses.replace(self, **{name: array[rows] for name, array in self.over_time.items()})
 
     def states_of(self, system: AbstractBody, states: Any) -> ContactState:
         """Returns the states that were solved for, where the body itself had the ``states``."""
