@@ -243,7 +243,7 @@ def test_a_class_of_a_script_is_not_written():
         write_scenario(dataclasses.replace(scenario, sensors={"scales": Local()}))
 
 
-WITH_PARTS = '''
+WITH_PARTS = """
 import jax.numpy as jnp
 from jaxball import AbstractFrame, AbstractJointForce, AbstractRail, AbstractSchedule, AbstractSignal
 
@@ -263,7 +263,7 @@ class Pulled(AbstractJointForce):
 
     def __call__(self, t, theta, thetadot, state):
         return self.by(t) * (self.towards(t) - theta)
-'''
+"""
 
 
 def test_classes_of_users_have_parts_as_those_of_jaxball(tmp_path):
