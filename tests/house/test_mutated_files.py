@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from jaxball.design.files import PLANE, constraints_of, objectives_of
+from jaxball.design.kinds import PLANE, constraints_of, objectives_of
 from jaxball.scenario import ScenarioError
 from jaxball.scenario.body import FRICTIONS, SENSORS
 from jaxball.scenario.feedback import FEEDBACK

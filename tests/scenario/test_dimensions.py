@@ -102,6 +102,20 @@ def test_a_tube_has_lengths_where_a_circle_has_angles():
     assert {word for path, word in words.items() if path.endswith((".theta", ".amplitude"))} <= {"length"}
 
 
+def test_a_belt_travels_lengths():
+    text = (
+        builtin_text("disk")
+        + '[ground.belt]\nheading = 0.0\ntravel = { kind = "constant-rate", theta = 0.5, rate = 2.0 }\n'
+    )
+    document = document_of(text, "scenario", ScenarioError)
+    with kinds_of_numbers() as kinds:
+        read_document(document)
+    words = [
+        dimension_of(f"ground.belt.{name}", kinds, document) for name in ("travel.theta", "travel.rate", "heading")
+    ]
+    assert words == ["length", "length/time", "rad"]
+
+
 @pytest.mark.parametrize(
     ("text", "powers"),
     [

@@ -15,7 +15,7 @@ from .paths import key_of, steps, value_at
 from .units import Units, parse_unit
 from .values import Numbers
 
-_PLACE = re.compile(r"mechanisms\[\d+\]\.joints\[\d+\]|masses\[\d+\]|ground\.(?:motion|displacement)")
+_PLACE = re.compile(r"mechanisms\[\d+\]\.joints\[\d+\]|masses\[\d+\]|ground\.(?:motion|displacement|belt\.travel)")
 # Angles of frames and of sinusoids, in joints of any kind.
 _ALWAYS_ANGLES = ("phase", "frequency", "azimuth", "elevation", "angle")
 # Lists of polynomials in time, with the place of the degree among the indices of a number.
@@ -122,7 +122,9 @@ def _dimensions_of_log(path: str, document: Mapping[str, Any]) -> tuple[str, ...
 
 
 def _coordinates_of(place: str, document: Mapping[str, Any]) -> tuple[str, ...]:
-    """Returns the dimensions that the coordinate of a joint, or of a mass on its rail, may have."""
+    """Returns the dimensions that the coordinate of a joint, a belt, or a mass on its rail, may have."""
+    if place == "ground.belt.travel":
+        return ("length",)
     try:
         item = value_at(document, place)
     except LookupError:
