@@ -76,6 +76,7 @@ def test_a_ball_on_a_belt_that_speeds_up(plane):
     np.testing.assert_allclose(run.state.z, expected, atol=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("carrier", ["turntable", "belt"])
 def test_two_planes_carry_alike(carrier):
     """A plane in axes of its own, and one that is a surface in space, with all that a ball may have."""
@@ -125,6 +126,7 @@ def _scaled(turns, by):
     return by * turns.theta, turns.times, by * turns.accelerations, by * turns.rate
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("ground", TURNING.values(), ids=TURNING.keys())
 @pytest.mark.parametrize("contact", [None, Contact(0.1)], ids=["rolling", "with contact"])
 def test_what_turns_in_a_ground_of_revolution(ground, contact):
@@ -161,6 +163,7 @@ def test_belt_has_one_speed_along_waves():
     np.testing.assert_allclose(under.acceleration, difference, atol=1e-8)
 
 
+@pytest.mark.long
 def test_energy_on_a_belt_over_waves():
     """All balances hold of an unbalanced ball on waves along which a belt runs, and which go up and down."""
 
@@ -174,6 +177,7 @@ def test_energy_on_a_belt_over_waves():
     assert {row.law for row in report.rows if row.applies} >= {"energy", "momentum", "rolling", "error"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "contact", [None, Contact(0.15), Contact(LimitSurface(0.5, 0.3))], ids=["rolls", "slips", "spins"]
 )
@@ -199,6 +203,7 @@ def test_a_steady_belt_is_a_plane_seen_in_passing(contact):
     np.testing.assert_allclose(carried.history.switches.times[:count], still.history.switches.times[:count], atol=1e-8)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("shape", [jaxball.Ellipsoid((1.0, 1.1, 1.5))])
 def test_a_convex_body_on_a_steady_belt(shape):
     """Galileo's principle for an ellipsoid, whose contact point is not under its centre."""
@@ -239,6 +244,7 @@ def test_a_disk_rests_beside_the_lowest_line_of_a_drum_that_speeds_up():
         assert (moved < 1e-9) == (sign > 0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("plane", [Ground, TiltingPlane])
 def test_friction_against_the_spin_is_relative_to_the_table(plane):
     """A ball over the axis of a turntable gets its rate W after D W/(c N r), and keeps it if |Ẇ| D is below c N r."""
@@ -255,6 +261,7 @@ def test_friction_against_the_spin_is_relative_to_the_table(plane):
     np.testing.assert_allclose(run.history.switches.times[:2], [W / most, 3.0], atol=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("plane", [Ground, TiltingPlane])
 def test_a_limit_surface_on_a_turntable(plane):
     """A ball over the axis is spun up by μ N ρ, and so has the rate of the table after D W/(μ N ρ)."""
@@ -268,6 +275,7 @@ def test_a_limit_surface_on_a_turntable(plane):
     np.testing.assert_allclose(run.state.z, 0.0, atol=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mode", [jax.jacfwd, jax.jacrev])
 def test_derivatives_by_the_speed_of_a_belt(mode):
     """On waves, by the speed and the heading, against differences."""
