@@ -46,7 +46,7 @@ TIMES = np.linspace(0.0, 0.4, 3)
 
 def disk(*forces: Any, **others: Any) -> tuple[Any, Any]:
     """A disk with a pendulum that has these forces, beside a motor, and its state."""
-    pendulum = planar_pendulum(0.4, 0.5, drive=JointForces([Motor(0.05, limit=1.0), *forces]))
+    pendulum = planar_pendulum(0.4, 0.5, drive=JointForces((Motor(0.05, limit=1.0), *forces)))
     start = DiskState(phidot=0.4, theta=(0.1,), thetadot=(0.3,))
     return Disk(mass=1.0, inertia=0.5, mechanisms=[pendulum], **others), start
 
