@@ -4,9 +4,11 @@ none that a reader accepts.
 
 import copy
 import json
+import tomllib
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 
@@ -15,6 +17,7 @@ from jaxball.cli.commands.schema import KINDS, schema
 from jaxball.scenario import ScenarioError, builtin_scenarios, builtin_text
 from jaxball.scenario.sources import document_of
 from tests.support import corpus
+from tests.support.mutations import mutated
 
 VALIDATORS = {kind: Draft202012Validator(schema(kind)) for kind in KINDS}
 
@@ -51,6 +54,29 @@ def test_files_of_the_corpus_are_valid(corpora):
 
 def test_files_with_everything_are_valid():
     assert [problems for document in corpus.with_everything() if (problems := problems_of(document))] == []
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("corpora", [corpus.scenarios, corpus.studies, corpus.problems])
+def test_a_mutated_file_that_is_read_is_valid(corpora):
+    """And of those that are not read more than half are refused, though many rules involve several keys."""
+    documents, refused, unread = corpora(), 0, 0
+    for seed in range(150):
+        name = list(documents)[seed % len(documents)]
+        text = mutated(documents[name], np.random.default_rng([2, seed]))
+        try:
+            document = tomllib.loads(text)
+        except tomllib.TOMLDecodeError:
+            continue
+        validator, read = validator_of(documents[name]), True
+        problems = [f"{error.json_path}: {error.message}"[:200] for error in validator.iter_errors(document)]
+        try:
+            corpus.reader_of(documents[name])(text)
+        except ScenarioError:
+            read = False
+        assert not (read and problems), (name, seed, problems)
+        unread, refused = unread + (not read), refused + bool(problems)
+    assert 2 * refused > unread > 40
 
 
 BALL = {

@@ -31,6 +31,7 @@ kink_times = [1.0]
 angle = 0.1
 heading = 0.5
 turntable = { turning = { kind = "constant-rate", theta = 0.0, rate = 0.3 }, centre = [1.0, 0.5] }
+belt = { travel = { kind = "constant-rate", theta = 0.0, rate = 0.2 }, heading = 0.1 }
 
 [ground.motion]
 rail = { kind = "circle", radius = 3.0, frame = { azimuth = 0.1, elevation = 0.2 } }
