@@ -64,7 +64,7 @@ def test_disturbed_starts_are_held_and_saved(folder, capsys):
         (["disk.toml", "--disturb", "y=1"], "Argument `--disturb` must have names as keys, but one is 'y'"),
         (["disk.toml", "--set", "feedback.kind=feedforward"], 'Key `feedback.kind` must be "tvlqr" or "mpc"'),
         (["heavy-top"], "Key `feedback` is not known"),
-        (["bowling-ball"], "Key `contact` must be left out with `feedback`"),
+        (["bowling-ball"], "Key `initial.velocity` must be left out with `feedback`"),
     ],
 )
 def test_bad_input_gets_a_sentence(arguments, sentence, capsys):
