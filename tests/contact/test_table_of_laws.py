@@ -184,7 +184,7 @@ SLOW = "all of these", "`LimitSurface`", "`ConvexBody`, `Contact`"
 @pytest.mark.parametrize(
     "column", [pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in COLUMNS]
 )
-def test_each_cell(column, tmp_path):
+def test_each_cell(column, tmp_path, no_type_checks):
     asked, wrong = Asked(column), {}
     for row, ask in ROWS.items():
         try:

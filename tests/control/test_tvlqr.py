@@ -158,5 +158,5 @@ def test_bad_input_gets_a_sentence(hanging, changes, sentence):
 
 def test_a_motion_without_inputs_is_refused():
     still = jaxball.simulate(jaxball.Disk(mass=1.0, inertia=0.5), [0.0, 1.0])
-    with pytest.raises(ValueError, match="The robot must have inputs, masses or joints that schedules"):
+    with pytest.raises(ValueError, match="`system` must have inputs, masses or joints that schedules"):
         tvlqr(still, Q=1.0, R=1.0)

@@ -233,7 +233,7 @@ def test_what_is_refused():
         SignedDistance(lambda t, x, y: x)
     for ground, says in [
         (SignedDistance(inside_sphere, 1.0, centre=(0.0, 0.0, 1.0)), "`ground.guess` must be a positive number"),
-        (SignedDistance(inside_sphere, 1.0, centre=(0, 0, np.inf), guess=1.0), "`ground.centre` must be a list of 3 finite"),
+        (SignedDistance(inside_sphere, 1.0, centre=(0, 0, np.inf), guess=1.0), "`ground.centre` must be a list of 3"),
         # Beside a sphere there is none below, and a function with the wrong sign falls through zero.
         (SignedDistance(inside_sphere, 0.05), "`ground.function` must rise through zero along e3"),
         (SignedDistance(lambda t, x, y, z, _: -z), "`ground.function` must rise through zero along e3"),

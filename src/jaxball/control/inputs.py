@@ -75,7 +75,7 @@ def places_of(system: System, names: Sequence[str] | None) -> tuple[Place, ...]:
                 f"name some of {', '.join(places)} in `inputs`" if places else "it has no joints or masses on rails"
             )
             raise ValueError(
-                "The robot must have inputs, masses or joints that schedules, laws or motors move, "
+                "Argument `system` must have inputs, masses or joints that schedules, laws or motors move, "
                 f"but nothing moves any; {remedy}."
             )
         return chosen

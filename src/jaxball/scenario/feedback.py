@@ -400,5 +400,5 @@ def _in_keys(function: Any, *arguments: Any) -> Any:
 def _sentence(text: str, path: str) -> str:
     text = re.sub(r"Argument `sensors\['(\w+)'\](\.?[\w.]*)`", r"Key `sensors.\1\2`", text)
     text = text.replace("Argument `sensors`", "Key `sensors`")
-    text = text.replace("The robot must have inputs", "Key `feedback` is for a robot with inputs")
+    text = text.replace("Argument `system` must have inputs", "Key `feedback` is for a robot with inputs")
     return re.sub(r"Argument `([^`]+)`", rf"Key `{path}.\1`", text)
