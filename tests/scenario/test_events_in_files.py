@@ -165,7 +165,6 @@ def test_functions_and_classes_of_ones_own_are_named(own):
     assert again["beyond"] == {
         "kind": "own_events:Beyond",
         "place": 2.4,
-        "terminal": False,
         "capacity": 4,
         "direction": 1,
     }

@@ -10,8 +10,7 @@ from ..numerics.declare import INCREASING, POSITIVE, TIME
 from ..physics.body import Disk
 from ..physics.contact.law import Contact
 from ..physics.system import AbstractSystem
-from ..simulation import DEFAULT_TOLERANCE
-from ..simulation.arguments import MOST_STEPS
+from ..simulation import DEFAULT_TOLERANCE, MOST_STEPS
 from .errors import ScenarioError, key_error
 from .imports import is_python_name
 from .solvers import KNOW_MASS_MATRICES, SOLVERS, own_solver

@@ -31,7 +31,7 @@ from ..physics.system import AbstractState, AbstractSystem, require_one, require
 from ..programs import traces
 from ..programs.derivatives.differentiation import is_differentiated_forward
 from ..solvers import NDF, TRBDF2, RadauIIA, Trapezoidal
-from . import DEFAULT_TOLERANCE as DEFAULT_TOLERANCE
+from . import DEFAULT_TOLERANCE as DEFAULT_TOLERANCE, MOST_STEPS
 
 DEFAULT_SOLVER = diffrax.Dopri8()
 DEFAULT_ADJOINT = diffrax.RecursiveCheckpointAdjoint()
@@ -139,9 +139,6 @@ def check_solver(solver: diffrax.AbstractAdaptiveSolver | None) -> diffrax.Abstr
     else:
         remedy = ""
     raise refusal("solver", "an adaptive solver, such as diffrax.Dopri8()", solver, remedy)
-
-
-MOST_STEPS = 10**9  # which take days, and which a counter of 32 bits holds
 
 
 def check_steps(max_steps: int) -> int:

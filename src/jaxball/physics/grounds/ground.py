@@ -120,10 +120,10 @@ class AbstractGround(Printed):
 
     def prepare(self: Kind) -> Kind:
         """Returns the same ground, ready to be evaluated many times."""
-        parts = (self.motion, self.turntable, self.belt)
-        prepared = tuple(None if part is None else part.prepare() for part in parts)
-        return eqx.tree_at(
-            lambda ground: (ground.motion, ground.turntable, ground.belt), self, prepared, is_leaf=_is_none
+        names = [name for name in ("motion", "turntable", "belt") if getattr(self, name) is not None]
+        parts = tuple(getattr(self, name).prepare() for name in names)
+        return (
+            eqx.tree_at(lambda ground: tuple(getattr(ground, name) for name in names), self, parts) if names else self
         )
 
 
