@@ -299,3 +299,18 @@ def test_what_a_disk_may_have(no_type_checks):
         Ground(belt=3.0)
     with pytest.raises(TypeError, match="Argument `travel` must be a schedule of the length"):
         Belt(1.0)
+
+
+def test_belts_side_by_side_one_of_which_stands():
+    """Rows are the runs alone, and a belt that does not move is none."""
+
+    def end(ground):
+        return simulate(solid(ground=ground), [0.0, 1.5], BallState(Omega=(0.4, -0.8, 1.3)), **TIGHT).state.z[-1]
+
+    def on_belt(speed):
+        return end(HeightField(waves, 0.3, belt=Belt(ConstantRate(0.0, rate=speed), 0.3)))
+
+    speeds = jnp.array([0.0, 0.7, -1.2])
+    rows = jax.vmap(on_belt)(speeds)
+    np.testing.assert_allclose(rows, jnp.stack([on_belt(speed) for speed in speeds]), atol=1e-11)
+    np.testing.assert_allclose(rows[0], end(HeightField(waves, 0.3)), atol=1e-11)

@@ -194,10 +194,8 @@ class Environment(Printed):
         directions_by_name(self.starts, self.state.directions)
         self.parameters = _distributions("parameters", parameters)
         require_numbers_of(self.sampled.system, self.parameters)
-        self.penalty, self.friction = (
-            numbers("penalty")(penalty),
-            None if friction is None else numbers("friction")(friction),
-        )
+        self.penalty = numbers("penalty")(penalty)
+        self.friction = None if friction is None else numbers("friction")(friction)
         self.adjoint = adjoint
         self.samples, self.delay, self.shows_goal = whole_number("samples", samples, 1), _range(delay), shows_goal
 

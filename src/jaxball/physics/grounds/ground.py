@@ -121,14 +121,10 @@ class AbstractGround(Printed):
     def prepare(self: Kind) -> Kind:
         """Returns the same ground, ready to be evaluated many times."""
         names = [name for name in ("motion", "turntable", "belt") if getattr(self, name) is not None]
-        parts = tuple(getattr(self, name).prepare() for name in names)
-        return (
-            eqx.tree_at(lambda ground: tuple(getattr(ground, name) for name in names), self, parts) if names else self
-        )
-
-
-def _is_none(part: Any) -> bool:
-    return part is None
+        if not names:
+            return self
+        parts = [getattr(self, name).prepare() for name in names]
+        return eqx.tree_at(lambda ground: [getattr(ground, name) for name in names], self, parts)
 
 
 def require_plane(ground: AbstractGround | None, purpose: str, error: type[Exception] = ValueError) -> None:
@@ -193,11 +189,6 @@ class Ground(AbstractGround):
     def lift(self, t: Float[Array, ""], g: Float[Array, ""]) -> Float[Array, "3"]:
         return add(g * self.up(), None if self.motion is None else self.motion.kinematics(t).chiddot)
 
-    def velocity(self, t: Float[Array, ""], u: Float[Array, "*two"]) -> Float[Array, "2"] | None:
-        """Computes the velocity with which its matter carries the body's centre; None where nothing carries it."""
-        z = u if u.ndim else jnp.stack([u, jnp.zeros_like(u)])
-        return add(*(carrier.coordinate_rates(t, z, None) for carrier in self.carriers))
-
     def footing(
         self,
         t: Float[Array, ""],
@@ -209,10 +200,13 @@ class Ground(AbstractGround):
     ) -> Footing:
         if not self.carriers:
             return AT_REST
-        z = u if u.ndim else jnp.stack([u, jnp.zeros_like(u)])
+        first, *others = self.carriers
 
         def carried(t: Float[Array, ""], z: Float[Array, "2"]) -> Float[Array, "2"]:
-            return cast(Array, self.velocity(t, z))
+            rates = (carrier.coordinate_rates(t, z, None) for carrier in others)
+            return add(first.coordinate_rates(t, z, None), *rates)
+
+        z = u if u.ndim else jnp.stack([u, jnp.zeros_like(u)])
 
         w = carried(t, z)
         along = w + r * jnp.stack([omega[1], -omega[0]]) if V is None else V[:2]
