@@ -123,7 +123,7 @@ def _many(scenario: Any, rows: int, tolerance: float) -> tuple[float, int, float
     import jax
     import numpy as np
 
-    from jaxball.ensemble import simulate_ensemble
+    from jaxball.simulation.ensemble import simulate_ensemble
 
     states = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (rows, *np.shape(leaf))), scenario.state)
     accurate = {"rtol": tolerance, "atol": tolerance, "contact": scenario.contact, "in_axes": (None, 0)}

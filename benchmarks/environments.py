@@ -15,7 +15,7 @@ arguments = harness.parser(__doc__ or "", rounds=20)
 def environment():
     """The robot of the tutorial on training."""
     import jaxball
-    from jaxball.environments import Environment, Factor, ObservedState, ReachPoint, Uniform
+    from jaxball.control.environments import Environment, Factor, ObservedState, ReachPoint, Uniform
 
     ahead = jaxball.Motor(0.0, limit=3.0) + jaxball.Damper(0.3)
     stops = jaxball.EndStops(-0.8, 0.8, stiffness=30.0, damping=0.2)
@@ -48,7 +48,7 @@ def steps(lanes: int, rounds: int) -> dict[str, float]:
     import numpy as np
 
     import jaxball
-    from jaxball.environments import in_lanes
+    from jaxball.control.environments import in_lanes
 
     here = environment()
     reset, step = jaxball.jit(in_lanes(here.reset)), jaxball.jit(in_lanes(here.step_or_reset))
@@ -91,7 +91,7 @@ def gradient(lanes: int, rounds: int) -> dict[str, float]:
     import numpy as np
 
     import jaxball
-    from jaxball.environments import in_lanes
+    from jaxball.control.environments import in_lanes
 
     here = environment()
     shapes = {"V": (here.n_actions, 16), "W": (16, here.n_observations)}

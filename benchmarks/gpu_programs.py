@@ -16,10 +16,12 @@ import perturbed
 from peers import parameters
 
 import jaxball
-from jaxball import BallState, Contact, DiskState, Event, ReleasedState, paper, simulate
-from jaxball.solvers import NDF, Adams, Gauss, RadauIIA
+from jaxball import BallState, Contact, DiskState, Event, paper, simulate
+from jaxball.paper.systems import PAPER_END, PAPER_START
+from jaxball.physics import ReleasedState
+from jaxball.simulation.solvers import NDF, Adams, Gauss, RadauIIA
 
-TIMES = np.linspace(paper.PAPER_START, paper.PAPER_END, 5)
+TIMES = np.linspace(PAPER_START, PAPER_END, 5)
 SHELL: dict[str, Any] = {"mass": 1.0, "inertia": (0.4, 0.5, 0.6)}
 BOUNCES = np.linspace(0.0, 8.0, 5)
 SEED = 7

@@ -15,7 +15,9 @@ import numpy as np
 import perturbed
 from jaxtyping import Array, Float
 
-from jaxball import AbstractState, AbstractSystem, simulate
+from jaxball import AbstractSystem, simulate
+from jaxball.paper.systems import PAPER_END, PAPER_START
+from jaxball.physics import AbstractState
 
 REPEATS, FEW_REPEATS = 5, 3
 ENOUGH = 6.0  # seconds of timed calls
@@ -159,10 +161,9 @@ def _radau(rows: int) -> tuple[Callable, np.ndarray]:
     import gpu_programs
     import jaxball_gradient
 
-    from jaxball import paper
-    from jaxball.solvers import RadauIIA
+    from jaxball.simulation.solvers import RadauIIA
 
-    times = (paper.PAPER_START, paper.PAPER_END)
+    times = (PAPER_START, PAPER_END)
 
     def place(p):
         ball = jaxball_gradient.with_parameters(p)

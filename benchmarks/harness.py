@@ -31,7 +31,7 @@ def set_up_jax(cpu_settings: bool, gpu: bool = False) -> None:
     else:
         os.environ["JAX_PLATFORMS"] = "cpu"
     if cpu_settings:
-        from jaxball import cpu
+        from jaxball.programs import cpu
 
         cpu.prepare()
 

@@ -12,8 +12,9 @@ from jax.flatten_util import ravel_pytree
 import jaxball
 from jaxball import BallState, paper, simulate
 from jaxball.paper.reproduce.experiments import Counter, CountingSolver
+from jaxball.paper.systems import PAPER_END, PAPER_START
 
-TIMES = (paper.PAPER_START, paper.PAPER_END)
+TIMES = (PAPER_START, PAPER_END)
 TOLERANCES = (1e-8, 1e-9, 1e-10, 1e-11)
 
 

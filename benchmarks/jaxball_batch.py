@@ -6,9 +6,10 @@ import numpy as np
 from turns import Compiled
 
 from jaxball import BallState, paper, simulate
-from jaxball.ensemble import simulate_ensemble
+from jaxball.paper.systems import PAPER_END, PAPER_START
+from jaxball.simulation.ensemble import simulate_ensemble
 
-TIMES = (paper.PAPER_START, paper.PAPER_END)
+TIMES = (PAPER_START, PAPER_END)
 
 
 class Ensemble(Compiled):

@@ -11,9 +11,10 @@ from peers import parameters
 
 import jaxball
 from jaxball import Ball, BallState, paper, simulate
-from jaxball.ensemble import simulate_ensemble
+from jaxball.paper.systems import PAPER_END, PAPER_START
+from jaxball.simulation.ensemble import simulate_ensemble
 
-TIMES = (paper.PAPER_START, paper.PAPER_END)
+TIMES = (PAPER_START, PAPER_END)
 
 
 def plain(tolerances: tuple[float, ...]) -> dict[float, Callable[[], np.ndarray]]:

@@ -96,7 +96,7 @@ def solver_named(name: str):
     """A new solver of that name."""
     import diffrax
 
-    from jaxball.solvers import Adams
+    from jaxball.simulation.solvers import Adams
 
     return {"Dopri8": diffrax.Dopri8, "Adams": Adams}[name]()
 

@@ -43,8 +43,9 @@ def measured(body, rows: int, rounds: int) -> list[dict]:
     import equinox as eqx
     import jax
 
-    from jaxball import BallState, Contact, ReleasedState
-    from jaxball.ensemble import simulate_ensemble
+    from jaxball import BallState, Contact
+    from jaxball.physics import ReleasedState
+    from jaxball.simulation.ensemble import simulate_ensemble
 
     def ball(offset):
         return eqx.tree_at(lambda one: one.offset, body, offset)

@@ -93,8 +93,7 @@ def sums_loop(ball, state):
     """The same of the sums over masses in it: moments, and the joints' inertia and its rate."""
     import jax.numpy as jnp
 
-    from jaxball.physics.dynamics.coupling import inertia, inertia_rate
-    from jaxball.physics.dynamics.linkage import linkages
+    from jaxball.physics.dynamics.coupling import inertia, inertia_rate, linkages
     from jaxball.physics.dynamics.moments import velocity_moments
 
     def sums(ball, t, state):

@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 
-from jaxball import Ball, Circle, ConstantRate, OnRail, PointMass, plot, simulate
+from jaxball import Ball, Circle, ConstantRate, OnRail, PointMass, simulate
 
 jax.config.update("jax_enable_x64", True)
 
@@ -18,6 +18,6 @@ print(f"least normal force     {observables.normal_force.min():.6f}")
 print(f"friction needed, mu    {trajectory.friction_needed:.6f}")
 print(f"energy supplied        {observables.energy[-1] - observables.energy[0]:.6f}")
 
-plot.snapshot(trajectory).savefig("first_ball.png", dpi=150)
+trajectory.snapshot().savefig("first_ball.png", dpi=150)
 trajectory.view("first_ball.html", title="A first ball")
 print("written: first_ball.png, first_ball.html")

@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 
-from jaxball import Ball, BallState, Driven, FunctionLaw, FunctionRail, PointMass, plot, simulate
+from jaxball import Ball, BallState, Driven, FunctionLaw, FunctionRail, PointMass, simulate
 
 jax.config.update("jax_enable_x64", True)
 
@@ -36,6 +36,6 @@ print(trajectory)
 print(f"theta at the end       {trajectory.state.theta[-1, 0]:.8f}")
 print(f"limit 0.3 + 2.0 / 0.8  {0.3 + 2.0 / 0.8 * (1 - jnp.exp(-0.8 * 8.0)):.8f}")
 
-plot.snapshot(trajectory).savefig("trefoil.png", dpi=150)
+trajectory.snapshot().savefig("trefoil.png", dpi=150)
 trajectory.view("trefoil.html", title="A mass on a trefoil knot")
 print("written: trefoil.png, trefoil.html")

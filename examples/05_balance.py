@@ -3,8 +3,9 @@
 import jax
 import jax.numpy as jnp
 
-from jaxball import balance, plot, simulate, with_angles
+from jaxball import balance, simulate
 from jaxball.paper.systems import ball as paper_ball
+from jaxball.simulation import with_angles
 
 jax.config.update("jax_enable_x64", True)
 
@@ -19,5 +20,5 @@ exact = simulate(with_angles(ball, [1, 2], balanced.theta), jnp.array([0.0, 20.0
 moved = jnp.linalg.norm(exact.state.z[-1] - rounded.state.z[-1])
 print(f"rounding theta to four digits moves the final position by {moved:.1e}")
 
-plot.snapshot(exact, 0.0).savefig("balanced.png", dpi=150)
+exact.snapshot(0.0).savefig("balanced.png", dpi=150)
 print("written: balanced.png")

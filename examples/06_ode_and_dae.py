@@ -4,14 +4,14 @@ import diffrax
 import jax
 import numpy as np
 
-import jaxball.cpu
+import jaxball.programs.cpu
 
-jaxball.cpu.prepare()  # before the first array is created: faster solves and faster compilation
+jaxball.programs.cpu.prepare()  # before the first array is created: faster solves and faster compilation
 jax.config.update("jax_enable_x64", True)
 
 from jaxball import paper, simulate  # noqa: E402
 from jaxball.paper import reference  # noqa: E402
-from jaxball.solvers import Gauss, RadauIIA, Trapezoidal  # noqa: E402
+from jaxball.simulation.solvers import Gauss, RadauIIA, Trapezoidal  # noqa: E402
 
 RUNS = [
     ("Dopri8", diffrax.Dopri8(), "ODE"),

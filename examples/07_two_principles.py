@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from matplotlib.figure import Figure
 
 from jaxball import plot, simulate
-from jaxball.classical import NonholonomicParticle, ParticleState, VakonomicParticle, VakonomicState
+from jaxball.physics.classical import NonholonomicParticle, ParticleState, VakonomicParticle, VakonomicState
 
 jax.config.update("jax_enable_x64", True)
 

@@ -9,8 +9,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 from matplotlib.figure import Figure
 
-from jaxball import AbstractState, AbstractSystem, Event, simulate
-from jaxball.chaos import lyapunov_spectrum
+from jaxball import AbstractSystem, Event, simulate
+from jaxball.analysis.chaos import lyapunov_spectrum
+from jaxball.physics import AbstractState
 
 jax.config.update("jax_enable_x64", True)
 

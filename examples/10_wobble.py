@@ -13,17 +13,11 @@ import numpy as np
 from jax.typing import ArrayLike
 from matplotlib.figure import Figure
 
-from jaxball import (
-    Ball,
-    BallState,
-    Resistance,
-    SpeedLimitedMotor,
-    cpu,
-    planar_pendulum,
-    plot,
-)
-from jaxball.ensemble import simulate_ensemble
-from jaxball.stability import floquet_chart
+from jaxball import Ball, BallState, Resistance, planar_pendulum, plot
+from jaxball.analysis.stability import floquet_chart
+from jaxball.physics import SpeedLimitedMotor
+from jaxball.programs import cpu
+from jaxball.simulation.ensemble import simulate_ensemble
 
 cpu.prepare()
 jax.config.update("jax_enable_x64", True)
@@ -120,7 +114,7 @@ for ax, (name, (make, values, resistances)) in zip(figure.subplots(1, 2), STUDIE
     assert np.all((seen * expected > 0)[clear])
     assert np.median(apart) < 1e-2
 
-    plot.stability_chart(chart, ax, largest=0.2)
+    plot.chart(chart, ax, largest=0.2)
     for label, grew in zip(MARKS, (seen > 0, seen <= 0), strict=True):
         ax.plot(speeds[grew], of_some[grew], color="black", ms=3.5, mew=0.7, ls="none", label=label, **MARKS[label])
     ax.set(xlabel="angular velocity of rolling", ylabel=f"resistance to {name}")

@@ -17,9 +17,10 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxball import Wrench, cpu
-from jaxball.design import DesignSpace, Variable, identify
-from jaxball.scenario import read_document
+from jaxball import Wrench
+from jaxball.files.scenario import read_document
+from jaxball.programs import cpu
+from jaxball.studies.design import DesignSpace, Variable
 
 cpu.prepare()
 jax.config.update("jax_enable_x64", True)
@@ -136,7 +137,7 @@ def compare(kind, label, changes):
 def identified(kind, variables, quantity):
     """The numbers of a run that fit it best, with what is uncertain of them."""
     index = FITTED[kind]
-    fit = identify(DesignSpace(document(kind, index, {}), variables), measured(kind, index)[1], quantity)
+    fit = DesignSpace(document(kind, index, {}), variables).identify(measured(kind, index)[1], quantity)
     print(fit, flush=True)
     known = dict(zip(fit.names, fit.estimates.tolist(), strict=True))
     changes = {name: value for name, value in known.items() if not name.startswith("initial")}

@@ -11,7 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxball.scenario import builtin_text, read_document
+from jaxball.files.scenario import read_document
+from jaxball.files.scenario.sources import builtin_text
 
 jax.config.update("jax_enable_x64", True)
 

@@ -11,21 +11,11 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from jaxball import (
-    ConstantRate,
-    OnRail,
-    PointMass,
-    balance,
-    cpu,
-    design,
-    paper,
-    plot,
-    simulate,
-    with_angles,
-    write_scenario,
-)
-from jaxball.design import optimal_control
-from jaxball.physics.body import with_masses
+from jaxball import ConstantRate, OnRail, PointMass, balance, paper, plot, simulate, write_scenario
+from jaxball.programs import cpu
+from jaxball.simulation import with_angles
+from jaxball.studies import design
+from jaxball.studies.design import optimal_control
 
 cpu.prepare()
 jax.config.update("jax_enable_x64", True)
@@ -36,7 +26,7 @@ WEIGHTS = (1e-4, 3e-2)
 
 ball = paper.ball()
 resting = [PointMass(mass.mass, OnRail(mass.motion.rail, ConstantRate(0.0))) for mass in ball.point_masses]
-ball = with_masses(ball, resting)
+ball = ball.with_masses(resting)
 # Of the solutions with the centre of mass below the centre, the one in which it is lowest.
 angles = balance(ball, (0, 1, 2), above=False).solutions
 heights = sum(jax.vmap(mass.motion.rail)(angles[:, i])[:, 2] for i, mass in enumerate(ball.point_masses))
@@ -65,39 +55,39 @@ def clearance(path):
 
 def visit(solution):
     """Records a point of the branch."""
-    means, weight = optimal_control.means(solution), float(solution.problem.objectives["post"].weight)
-    rows.append((weight, means["post"], means["effort"], clearance(optimal_control.places(solution, times))))
+    means, weight = solution.means(), float(solution.problem.objectives["post"].weight)
+    rows.append((weight, means["post"], means["effort"], clearance(solution.places(times))))
     print("weight of the post {:8.3g}   penalty {:.3e}   effort {:.4f}   clearance {:+.4f} r".format(*rows[-1]))
 
 
 mesh = np.linspace(START, END, 17)
-solution = optimal_control.solve_from_guess(problem((0.0, 0.0), 0.0, 0.0, 1e-2), mesh)
+solution = problem((0.0, 0.0), 0.0, 0.0, 1e-2).solve(mesh)
 print("at rest")
 for step in (problem(PLACE, 0.0, 0.0, 1e-2), problem(PLACE, 0.0, 0.0, 0.0), problem(PLACE, 0.01, WEIGHTS[0], 0.0)):
-    branch, solution = optimal_control.continue_to(solution, step, tolerance=1e-4)
-    effort = optimal_control.means(solution)["effort"]
+    branch, solution = solution.continue_to(step, tolerance=1e-4)
+    effort = solution.means()["effort"]
     print(f"{len(branch.parameter)} points, {len(branch.folds)} folds, effort {effort:.4f}")
 straight = solution
-branch, past = optimal_control.continue_to(straight, problem(PLACE, 0.01, WEIGHTS[1], 0.0), tolerance=1e-6, visit=visit)
-curvature = optimal_control.least_curvature(past)
+branch, past = straight.continue_to(problem(PLACE, 0.01, WEIGHTS[1], 0.0), tolerance=1e-6, visit=visit)
+curvature = past.least_curvature()
 print(f"the least curvature of the cost is {curvature:.3g}")
 
-Path("ball_past_a_post.toml").write_text(write_scenario(optimal_control.scenario_of(past, "The ball past a post")))
-check = optimal_control.resimulate(past)
+Path("ball_past_a_post.toml").write_text(write_scenario(past.scenario("The ball past a post")))
+check = past.resimulate()
 print(f"simulated again, the path is {check.apart:.1e} r away; at the end the ball moves at {check.speed:.1e}, and the")
 print(f"centre of mass is {check.below:.4f} r below the geometric centre and {check.away:.1e} r beside it")
 print(f"least normal force {check.margin:.3f} M g, friction needed {check.friction:.3f}")
 assert max(check.speed, check.away, check.missed) < 1e-6
 assert check.below > 0
 assert curvature > 0
-assert clearance(optimal_control.places(past, times)) > 0
+assert clearance(past.places(times)) > 0
 
 weights, penalties, efforts, clearances = np.transpose(rows)
 figures = {
     "branch": plot.branch(weights, {"penalty": penalties, "effort": efforts}, "weight of the post"),
     "path": plot.designed_path(
-        optimal_control.places(straight, times),
-        optimal_control.places(past, times),
+        straight.places(times),
+        past.places(times),
         np.array([[0.0, 0.0], PLACE]),
         [(POST, RADIUS)],
     ),

@@ -9,7 +9,8 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from jaxball import cpu, design
+from jaxball.programs import cpu
+from jaxball.studies import design
 
 cpu.prepare()
 jax.config.update("jax_enable_x64", True)
@@ -27,7 +28,7 @@ for name in ("designed_rails", "designed_robust_rails"):
     # The unchanged scenario: a design needs a variable, which keeps its value here.
     space = design.DesignSpace(document, [design.Variable(("masses[0].mass",))])
     problem = design.Problem(space, largest, file.problem.constraints)
-    results = design.perturbed(problem, space.start, perturbations)
+    results = problem.perturbed(space.start, perturbations)
     middle, most, worst = np.quantile(results.terms[:, 0], [0.5, 0.95, 1.0])
     violation = np.max(results.violations)
     print(f"{name:24} median {middle:.3f}   95 % {most:.3f}   worst {worst:.3f}   largest violation {violation:.1e}")

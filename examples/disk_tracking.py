@@ -9,8 +9,10 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from jaxball import Circle, ConstantRate, Disk, OnRail, PointMass, cpu, design, plot, write_scenario
-from jaxball.design import optimal_control
+from jaxball import Circle, ConstantRate, Disk, OnRail, PointMass, plot, write_scenario
+from jaxball.programs import cpu
+from jaxball.studies import design
+from jaxball.studies.design import optimal_control
 
 cpu.prepare()
 jax.config.update("jax_enable_x64", True)
@@ -33,21 +35,21 @@ rows = []
 
 def visit(solution):
     """Records a point of the branch."""
-    means, weight = optimal_control.means(solution), float(solution.problem.objectives["tracking"].weight)
+    means, weight = solution.means(), float(solution.problem.objectives["tracking"].weight)
     rows.append((weight, np.sqrt(means["tracking"]), means["effort"]))
     print("weight {:8.3g}   root mean square error {:.3e} r   effort {:.4f}".format(*rows[-1]))
 
 
-easy = optimal_control.solve_from_guess(problem(1e-2), np.linspace(START, END, 21))
-branch, hard = optimal_control.continue_to(easy, problem(1e2), visit=visit)
+easy = problem(1e-2).solve(np.linspace(START, END, 21))
+branch, hard = easy.continue_to(problem(1e2), visit=visit)
 weights, errors, efforts = np.transpose(rows)
 print(f"the tracking error falls by a factor of {errors[0] / errors[-1]:.0f} along the branch")
-curvature = optimal_control.least_curvature(hard)
+curvature = hard.least_curvature()
 print(f"the least curvature of the cost is {curvature:.3g}")
 
 # The schedules are written as a scenario for `jaxball simulate`, and simulated again by a solver of another family.
-Path("disk_tracking.toml").write_text(write_scenario(optimal_control.scenario_of(hard, "The disk there and back")))
-check = optimal_control.resimulate(hard)
+Path("disk_tracking.toml").write_text(write_scenario(hard.scenario("The disk there and back")))
+check = hard.resimulate()
 print(f"simulated again, the path is {check.apart:.1e} r away; at the end the disk moves at {check.speed:.1e}, and the")
 print(f"centre of mass is {check.below:.4f} r below the geometric centre and {check.away:.1e} r beside it")
 print(f"least normal force {check.margin:.3f} M g, friction needed {check.friction:.3f}")
@@ -58,9 +60,7 @@ assert curvature > 0
 
 times = np.linspace(START, END, 401)
 targets = hard.problem.objectives["tracking"].targets(times)[:, 0]
-paths = {
-    f"weight {weight:g}": (times, optimal_control.places(run, times)) for weight, run in ((1e-2, easy), (1e2, hard))
-}
+paths = {f"weight {weight:g}": (times, run.places(times)) for weight, run in ((1e-2, easy), (1e2, hard))}
 figures = {
     "branch": plot.branch(weights, {"root mean square error": errors, "effort": efforts}, "weight of the tracking"),
     "path": plot.place_in_time(paths, (times, targets)),

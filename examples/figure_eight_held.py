@@ -11,12 +11,14 @@ import dataclasses
 import jax
 import numpy as np
 
-from jaxball import Ball, ConstantRate, OnRail, PointMass, Tube, cpu, design, plot, save
-from jaxball.control import Feedforward, Push
-from jaxball.design import optimal_control
-from jaxball.scenario import EstimatorSettings, RegulatorSettings
-from jaxball.scenario.closed_loop import feedback_along, loop_along, nominal_run, with_estimator
-from jaxball.sensors import Encoder, Gyroscope, Position, SensorErrors
+from jaxball import Ball, ConstantRate, OnRail, PointMass, Tube, plot, save
+from jaxball.control import Push
+from jaxball.files.scenario import EstimatorSettings, RegulatorSettings
+from jaxball.files.scenario.closed_loop import feedback_along, loop_along, nominal_run, with_estimator
+from jaxball.physics.sensors import Encoder, Gyroscope, Position, SensorErrors
+from jaxball.programs import cpu
+from jaxball.studies import design
+from jaxball.studies.design import optimal_control
 
 cpu.prepare()
 jax.config.update("jax_enable_x64", True)
@@ -36,8 +38,9 @@ objectives = {
 }
 depth = -sum(places) / float(ball.total_mass)
 problem = optimal_control.Rolling(ball, (0.0, END), objectives, place=(0.0, 0.0), depth=depth)
-found = optimal_control.solve_from_guess(problem, np.linspace(0.0, END, 61), guess=optimal_control.rolling_along)
-designed = optimal_control.scenario_of(found, "Six magnets in tubes, a figure eight that is held")
+mesh = np.linspace(0.0, END, 61)
+found = problem.solve(mesh, guess=problem.rolling_along(mesh))
+designed = found.scenario("Six magnets in tubes, a figure eight that is held")
 
 # Its feedback, pushes and sensors, as they could stand in a scenario file.
 pushes = (Push((0.15, 0.1, 0.0), start=12.0, duration=1.0), Push((0.0, -0.2, 0.0), start=35.0, duration=1.0))
@@ -56,7 +59,7 @@ held = dataclasses.replace(
 )
 feedback = feedback_along(held, nominal_run(held).raise_if_failed())
 loops = {
-    "without feedback": loop_along(held, Feedforward(feedback.sampled, feedback.nominal)),
+    "without feedback": loop_along(held, feedback.feedforward()),
     "with feedback": loop_along(held, feedback),
     "from sensors": loop_along(held, with_estimator(held, feedback)),
 }

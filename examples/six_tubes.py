@@ -10,8 +10,10 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from jaxball import Ball, ConstantRate, OnRail, PointMass, Tube, cpu, design, plot, write_scenario
-from jaxball.design import optimal_control
+from jaxball import Ball, ConstantRate, OnRail, PointMass, Tube, plot, write_scenario
+from jaxball.programs import cpu
+from jaxball.studies import design
+from jaxball.studies.design import optimal_control
 
 cpu.prepare()
 jax.config.update("jax_enable_x64", True)
@@ -44,30 +46,27 @@ rows = []
 
 def visit(solution):
     """Records a point of the branch."""
-    means, weight = optimal_control.means(solution), float(solution.problem.objectives["tracking"].weight)
+    means, weight = solution.means(), float(solution.problem.objectives["tracking"].weight)
     rows.append((weight, np.sqrt(means["tracking"]), means["effort"]))
     print("weight {:8.3g}   root mean square error {:.3e} r   effort {:.5f}".format(*rows[-1]), flush=True)
 
 
-tight = optimal_control.solve_from_guess(
-    problem(WEIGHTS[0]), np.linspace(START, END, 61), guess=optimal_control.rolling_along
-)
-_, loose = optimal_control.continue_to(tight, problem(WEIGHTS[1]), tolerance=1e-4, visit=visit)
+first, mesh = problem(WEIGHTS[0]), np.linspace(START, END, 61)
+tight = first.solve(mesh, guess=first.rolling_along(mesh))
+_, loose = tight.continue_to(problem(WEIGHTS[1]), tolerance=1e-4, visit=visit)
 weights, errors, efforts = np.transpose(rows)
-curvature = optimal_control.least_curvature(tight)
+curvature = tight.least_curvature()
 print(f"the least curvature of the cost is {curvature:.3g}")
 
 # The schedules are written as a scenario for `jaxball simulate`, and simulated again by a solver of another family.
-Path("six_tubes.toml").write_text(
-    write_scenario(optimal_control.scenario_of(tight, "Six masses in tubes, a figure eight"))
-)
-check = optimal_control.resimulate(tight)
+Path("six_tubes.toml").write_text(write_scenario(tight.scenario("Six masses in tubes, a figure eight")))
+check = tight.resimulate()
 print(f"simulated again, the path is {check.apart:.1e} r away; at the end the ball moves at {check.speed:.1e}, and the")
 print(f"centre of mass is {check.below:.4f} r below the geometric centre and {check.away:.1e} r beside it")
 print(f"least normal force {check.margin:.3f} M g, friction needed {check.friction:.3f}")
 
 times = np.linspace(START, END, 601)
-theta = np.stack([jax.vmap(schedule)(times) for schedule in optimal_control.schedules_of(tight)], axis=1)
+theta = np.stack([jax.vmap(schedule)(times) for schedule in tight.schedules()], axis=1)
 room = np.sqrt(1 - BESIDE**2)
 print(f"the masses move up to {np.max(np.abs(theta)):.3f} r from the middle of their tubes, which end at {room:.3f} r")
 assert errors[0] < 1e-3
@@ -79,9 +78,7 @@ assert np.max(np.abs(theta)) < room
 
 figures = {
     "branch": plot.branch(weights, {"root mean square error": errors, "effort": efforts}, "weight of the tracking"),
-    "path": plot.designed_path(
-        optimal_control.places(loose, times), optimal_control.places(tight, times), np.asarray(eight.points(201))
-    ),
+    "path": plot.designed_path(loose.places(times), tight.places(times), np.asarray(eight.points(201))),
     "tubes": plot.rail_angles(times, theta),
     "accelerations": plot.rail_accelerations(times, tight.path.inputs(times)),
 }

@@ -16,7 +16,7 @@ from skrl.models.jax import DeterministicMixin, GaussianMixin, Model
 from skrl.trainers.jax import SequentialTrainer, SequentialTrainerCfg
 
 import jaxball
-from jaxball.environments import Environment, ObservedState, QuadraticReward, ReachPoint, Uniform, gymnasium_vector_env
+from jaxball.control.environments import Environment, ObservedState, QuadraticReward, ReachPoint, Uniform
 
 jax.config.update("jax_enable_x64", True)
 LANES, SAMPLES, STEPS = 64, 50, 4000
@@ -92,7 +92,7 @@ def away(env, act):
     return np.abs(infos["misses"][:, 0])
 
 
-agent = trained(wrap_env(gymnasium_vector_env(environment, LANES), wrapper="gymnasium"))
+agent = trained(wrap_env(environment.gymnasium_vector(LANES), wrapper="gymnasium"))
 policy = agent.models["policy"]
 
 
@@ -100,6 +100,6 @@ def mean_action(seen):
     return np.asarray(policy.apply(policy.state_dict.params, {"observations": jnp.asarray(seen)}, "policy")[0])
 
 
-many = gymnasium_vector_env(environment, LANES)
+many = environment.gymnasium_vector(LANES)
 still, learned = away(many, lambda seen: np.zeros((LANES, 1), np.float32)), away(many, mean_action)
 print(f"Median distance from the point at the end: {np.median(learned):.2f}; with motors off, {np.median(still):.2f}")

@@ -11,7 +11,7 @@ import jaxtyping
 import numpy as np
 import pytest
 
-from tests.support import checked
+from tests.support import checked, sentences
 
 X64 = os.environ.get("JAXBALL_TESTS_X64", "1") != "0"  # with 0, the tests marked any_precision run, in float32
 os.environ["JAXBALL_NO_CACHE"] = "1"  # where pytest has no folder for programs; the user's is left alone
@@ -73,7 +73,18 @@ def pytest_runtest_teardown(item, nextitem):
     programs.forget_if_many(module_ends=nextitem is None or nextitem.path != item.path)
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item):
+    with sentences.listened(item.nodeid):
+        return (yield)
+
+
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
+    collected = {item.nodeid for item in items}
+    config.stash[sentences.COLLECTED] = collected
+    named = {argument.partition("::")[0] for argument in config.args if "::" in argument}
+    sentences.forget_others({test for test in collected if sentences.module_of(test) not in named})
     if not X64:
         _choose(config, items, lambda item: item.get_closest_marker("any_precision"))
     if config.option.part:
@@ -115,6 +126,15 @@ def command_folder(command_line, monkeypatch, tmp_path):
     """The folder in which commands are called."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Chromium, which draws WebGL in software."""
+    from tests.support.browser import SOFTWARE, chromium
+
+    with chromium(*SOFTWARE) as driver:
+        yield driver
 
 
 @pytest.fixture(scope="session")

@@ -133,7 +133,7 @@ def compare(
     interruption with Ctrl-C, after which this returns, loses at most one problem. ``echo`` is called with each line of
     progress.
 
-    **Raises:** :class:`~jaxball.results.OutputError` when a file cannot be written.
+    **Raises:** :class:`~jaxball.files.results.OutputError` when a file cannot be written.
     """
     out.mkdir(parents=True, exist_ok=True)
     present, missing = _present(contenders)

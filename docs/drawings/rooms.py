@@ -11,11 +11,11 @@ ROOT = Path(__file__).parents[2]
 # Who asks for what, from the top; a package that is not here stands in the last group.
 GROUPS = [
     ("what a user types", "#DDE6F0", ("cli",)),
-    ("studies", "#E6EEDF", ("design", "sweep", "verify", "paper")),
-    ("files and figures", "#F3E9D8", ("methods", "plot", "results", "mjcf", "urdf", "scenario")),
-    ("many runs, and feedback", "#EFE2EA", ("chaos", "stability", "ensemble", "control", "estimation", "environments")),
-    ("a run", "#E2EEEE", ("simulation", "solvers")),
-    ("mechanics", "#F4E0DA", ("classical", "sensors", "physics")),
+    ("studies", "#E6EEDF", ("studies", "paper")),
+    ("files and figures", "#F3E9D8", ("plot", "files")),
+    ("what is asked of runs", "#EFE2EA", ("analysis", "control")),
+    ("a run", "#E2EEEE", ("simulation",)),
+    ("mechanics", "#F4E0DA", ("physics",)),
     ("tools", PAPER, ()),
 ]
 WIDTH, HEIGHT, GAP = 9.0, 0.62, 0.14

@@ -18,7 +18,8 @@ from sphinx.application import Sphinx
 from sphinx.util import logging
 
 import jaxball
-from jaxball.scenario import builtin_scenarios, builtin_text, builtin_title
+from jaxball.files.scenario import builtin_scenarios
+from jaxball.files.scenario.sources import builtin_text, builtin_title
 
 from .cards import CARDS, GROUPS, read_words
 from .examples import EXAMPLES, Example

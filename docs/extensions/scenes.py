@@ -16,7 +16,7 @@ def draw_scenario(text: str, folder: Path) -> None:
     """Its overview, and its view where there is one of such systems."""
     scenario = _finer(text)
 
-    from jaxball.plot.view.document import kind_of
+    from jaxball.plot.view.page import kind_of
 
     from .thumbnails import write_overview
 
@@ -39,9 +39,9 @@ def _finer(text: str) -> "Scenario":
     """A scenario that saves often enough for a view."""
     import jax
 
-    import jaxball.cpu
+    import jaxball.programs.cpu
 
-    jaxball.cpu.prepare()
+    jaxball.programs.cpu.prepare()
     jax.config.update("jax_enable_x64", True)
     import dataclasses
 

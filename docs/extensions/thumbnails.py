@@ -9,9 +9,11 @@ from matplotlib.figure import Figure
 from PIL import Image, ImageOps
 from scipy.spatial.transform import Rotation
 
-from jaxball import AbstractSurface, Disk, Scenario, System, Trajectory, plot
-from jaxball.classical import HeavyTop, LagrangianState, RollingEllipsoid
-from jaxball.classical.state import OrientedState
+from jaxball import Disk, Scenario, Trajectory, plot
+from jaxball.physics import AbstractSurface
+from jaxball.physics.body import System
+from jaxball.physics.classical import HeavyTop, LagrangianState, RollingEllipsoid
+from jaxball.physics.classical.state import OrientedState
 from jaxball.plot.palette import FAINT, INK, SHELL, TRAIL
 from jaxball.plot.shapes import split, view, wireframe
 from jaxball.plot.style import describe
@@ -22,20 +24,18 @@ SHARE = 0.3  # of the run of a rigid body, after which its path covers it
 SMALLER = 0.4  # than a snapshot, with lines as wide
 SIZE, DPI = 2.6, 300
 BLADES, BLADE = 13, 0.05  # how many lines show a heading, and their length relative to the path's extent
-# What a panel shows, by the label of its vertical axis.
+# What a panel shows, by the label of its vertical axis without a unit or a direction.
 SEEN = {
     r"$\mathbf{E}_2$": "the configuration in the body",
     r"$\mathbf{E}_3$": "the configuration in the body",
     r"$\mathbf{e}_2$": "the paths of the masses and of the centre of mass beside the centre",
     r"$\mathbf{e}_3$": "the paths of the masses and of the centre of mass beside the centre",
     r"$\Gamma_i$": "the vertical in body axes",
-    r"$\phi$ (rad)": "the angle of rolling",
+    r"$\phi$": "the angle of rolling",
     "$V_i$": "the velocity of the centre",
     r"$\dot{z}$": "the velocity of the centre",
     "$z_2$": "the path on the plane",
     "$z$": "the place over time",
-    "$z$ (downhill)": "the place over time",
-    "$z$ (uphill)": "the place over time",
     r"$\Omega_i$": "the angular velocity",
     r"$\dot{\phi}$": "the angular velocity",
     "energy": "the energies",
@@ -44,6 +44,11 @@ SEEN = {
     r"$|\,\mathbf{v}_s|$": "the slip speed",
     "contact force": "the contact force",
     "state": "the coordinates and their rates",
+    "positions": "the positions",
+    "angles": "the angles",
+    "rates": "the rates of the positions",
+    "angular rates": "the rates of the angles",
+    "constraint forces": "the constraint forces",
 }
 
 
@@ -52,7 +57,7 @@ def write_overview(run: Trajectory[Any, Any], title: str, folder: Path) -> None:
     figure = run.plot()
     plot.caption(figure, run.system, title)
     figure.savefig(folder / "overview.png", dpi=110)
-    shown = [SEEN[ax.get_ylabel()] for ax in figure.axes]
+    shown = [SEEN[ax.get_ylabel().partition(" (")[0]] for ax in figure.axes]
     listed = f"{', '.join(shown[:-1])} and {shown[-1]}" if len(shown) > 1 else f"{shown[0]} over time"
     (folder / "overview.txt").write_text(f"{'Panels' if len(shown) > 1 else 'A graph'} of the run: {listed}")
 
@@ -81,7 +86,7 @@ def rolling(scenario: Scenario, run: Trajectory[Any, Any]) -> tuple[Figure, str]
     far = np.linalg.norm(path - path[0], axis=1) > FAR * float(scenario.system.radius)
     until = int(np.argmax(far)) if far.any() else int(0.7 * len(far))
     times = np.linspace(run.times[0], run.times[until], 101)
-    figure = plot.snapshot(dataclasses.replace(scenario, times=times).simulate(throw=True))
+    figure = dataclasses.replace(scenario, times=times).simulate(throw=True).snapshot()
     for one in [*figure.legends, *figure.texts, *(text for ax in figure.axes for text in ax.texts)]:
         one.remove()
     figure.set_size_inches(SMALLER * figure.get_size_inches())

@@ -16,8 +16,9 @@ from comparison.engines.inside import angles_by_schedule, in_space, masses_on_hi
 from comparison.engines.run import Row, listing, measure, plan
 from comparison.run import SelectionError
 
+from jaxball.files.mjcf import to_mjcf
 from jaxball.interface.wording import pip_install
-from jaxball.mjcf import to_mjcf
+from tests.support.sentences import refuses
 
 ROOT = Path(__file__).parents[2]
 SAVED, SAVED_GRADIENTS = (ROOT / "benchmarks" / f"{name}.json" for name in ("engines", "engine_gradients"))
@@ -179,7 +180,7 @@ def test_names_select_robots_and_engines():
     assert [case.name for case in chosen.cases] == ["slope"]
     assert chosen.engines == [MUJOCO]
     assert len(plan().cases) == len(CASES)
-    with pytest.raises(SelectionError, match=r"must contain slope, slide, .* after `engines`, but it contains 'slop'"):
+    with refuses(SelectionError, "engines"):
         plan(["slop"])
 
 

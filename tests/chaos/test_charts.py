@@ -8,10 +8,12 @@ import xarray
 from matplotlib.colors import to_rgba
 
 import jaxball
-from jaxball.chaos import LyapunovSpectrum, chaplygin_top, chart, rolling_robot
-from jaxball.plot import chaos_chart, lyapunov_convergence
+from jaxball import plot
+from jaxball.analysis.chaos import chaplygin_top, chart, rolling_robot
+from jaxball.analysis.chaos.result import LyapunovSpectrum
 from jaxball.plot.chaos import FAILED, LIFTED
 from jaxball.programs import operation
+from tests.support.sentences import refuses
 
 D = np.array([0.5, 3.0, 3.1])
 SPINS, HEIGHTS = np.array([0.0, 5.0]), np.array([0.05, 0.1, 1.5])
@@ -78,7 +80,7 @@ def test_cells_lie_over_both_parameters_and_progress_is_told(charted):
 @pytest.mark.thorough
 def test_the_figure_marks_what_left_the_plane_and_what_failed(charted):
     dataset, _ = charted
-    ax = chaos_chart(dataset)
+    ax = plot.chart(dataset)
     values, lifted, failed = (mesh.get_array() for mesh in ax.collections[:3])
     np.testing.assert_array_equal(np.ma.getmaskarray(values), np.isnan(dataset["exponent"]))
     np.testing.assert_array_equal(~np.ma.getmaskarray(lifted), [[False, False, False], [True, True, False]])
@@ -103,7 +105,7 @@ def test_the_figure_of_a_chart_where_nothing_is_known():
         },
         {"a": [0.0, 1.0], "b": [0.0, 1.0]},
     )
-    assert chaos_chart(dataset, largest=0.1).collections[0].get_clim() == (0.0, 0.1)
+    assert plot.chart(dataset, largest=0.1).collections[0].get_clim() == (0.0, 0.1)
 
 
 def test_the_figure_of_the_convergence():
@@ -124,7 +126,7 @@ def test_the_figure_of_the_convergence():
         jnp.asarray(0.0),
         jnp.asarray(0.0),
     )
-    lines = lyapunov_convergence(spectrum).get_lines()
+    lines = spectrum.plot().get_lines()
     np.testing.assert_array_equal([line.get_ydata() for line in lines[:2]], running.T)
     np.testing.assert_array_equal(lines[0].get_xdata(), times)
 
@@ -142,14 +144,14 @@ def test_the_rolling_robot_is_a_shell_with_a_mass_that_goes_round():
 
 
 @pytest.mark.parametrize(
-    ("parameters", "sentence"),
+    ("parameters", "named"),
     [
-        ({"a": [1.0]}, r"must name two parameters, but it names 1: \['a'\]"),
-        ({"a": [1.0], "b": 2.0}, r"each parameter a row of values, but `b` has the shape \(\)"),
+        ({"a": [1.0]}, "parameters"),
+        ({"a": [1.0], "b": 2.0}, "b"),
     ],
 )
-def test_wrong_arguments(parameters, sentence):
-    with pytest.raises(ValueError, match=sentence):
+def test_wrong_arguments(parameters, named):
+    with refuses(ValueError, named):
         chart(top_heavy, parameters, (0.0, 1.0))
 
 
@@ -159,7 +161,7 @@ def test_the_rolling_robot_is_chaotic_where_its_orbit_is_wide():
 
     def make(orbit, spin):
         zero = jnp.zeros_like(spin)
-        return rolling_robot(orbit), jaxball.ReducedState(Omega=jnp.stack([spin, zero, zero]))
+        return rolling_robot(orbit), jaxball.physics.ReducedState(Omega=jnp.stack([spin, zero, zero]))
 
     dataset = chart(make, {"orbit": [0.1, 0.85], "spin": [0.5, 0.6, 3.0]}, (0.0, 600.0), transient=100.0)
     exponent = dataset["exponent"].values
@@ -182,13 +184,13 @@ def test_cells_are_rows_of_a_native_program(monkeypatch):
 @pytest.mark.parametrize(
     ("named", "error", "sentence"),
     [
-        ({"chunk": 0}, ValueError, "Argument `chunk` must be 1 or more, but it is 0"),
-        ({"chunk": 2.5}, TypeError, "Argument `chunk` must be a whole number"),
-        ({"workers": 0}, ValueError, "Argument `workers` must be 1 or more, but it is 0"),
+        ({"chunk": 0}, ValueError, "chunk"),
+        ({"chunk": 2.5}, TypeError, "chunk"),
+        ({"workers": 0}, ValueError, "workers"),
     ],
 )
 def test_counts_that_cannot_be(named, error, sentence):
-    with pytest.raises(error, match=sentence):
+    with refuses(error, sentence):
         chart(top_heavy, {"spin": SPINS, "height": HEIGHTS}, (0.0, 1.0), **named)
 
 

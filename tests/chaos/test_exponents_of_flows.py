@@ -5,9 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball.chaos import lyapunov_spectrum_of
-from jaxball.chaos.result import limits_of, sentences
+from jaxball.analysis.chaos import lyapunov_spectrum_of
+from jaxball.analysis.chaos.result import limits_of, sentences
 from jaxball.numerics.vectors import cross
+from tests.support.sentences import refuses
 
 SIGMA, RHO, BETA = 10.0, 28.0, 8 / 3
 
@@ -207,17 +208,17 @@ def test_a_state_that_is_not_finite_is_a_status():
 
 
 @pytest.mark.parametrize(
-    ("changes", "sentence"),
+    ("changes", "named"),
     [
-        ({"times": (1.0, 1.0)}, "must be the start and a later end, but it is"),
-        ({"times": (0.0, 1.0, 2.0)}, "must be the start and a later end, but it is"),
-        ({"exponents": 3}, "must be from 1 to 2, the dimension of the phase space, but it is 3"),
-        ({"exponents": 0}, "must be from 1 to 2"),
-        ({"interval": 0.0}, "must be a positive time, but it is 0"),
-        ({"transient": 1.0}, "from 0 to less than the length of the run, 1, but it is 1"),
+        ({"times": (1.0, 1.0)}, "times"),
+        ({"times": (0.0, 1.0, 2.0)}, "times"),
+        ({"exponents": 3}, "exponents"),
+        ({"exponents": 0}, "exponents"),
+        ({"interval": 0.0}, "interval"),
+        ({"transient": 1.0}, "transient"),
     ],
 )
-def test_wrong_arguments(changes, sentence):
+def test_wrong_arguments(changes, named):
     arguments = {"times": (0.0, 1.0), "x": [1.0, 1.0]} | changes
-    with pytest.raises(ValueError, match=sentence):
+    with refuses(ValueError, named):
         lyapunov_spectrum_of(pole, **arguments)

@@ -4,8 +4,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball.chaos import lyapunov_spectrum
-from jaxball.classical import LagrangianState, LagrangianSystem
+from jaxball.analysis.chaos import lyapunov_spectrum
+from jaxball.physics.classical import LagrangianState, LagrangianSystem
+from tests.support.sentences import refuses
 
 M, I, AHEAD, SPEED = 1.3, 0.4, 0.5, 0.8
 G, L = 9.81, 1.7
@@ -38,7 +39,7 @@ def test_chaplygins_sleigh_that_goes_straight():
     np.testing.assert_allclose(spectrum.exponents[-1], -kappa, atol=2e-4)
     np.testing.assert_allclose(jnp.sum(spectrum.exponents), -kappa, atol=2e-4)
     np.testing.assert_allclose(spectrum.exponents[:4], 0.0, atol=0.05)
-    with pytest.raises(ValueError, match="from 1 to 5, the dimension of the phase space"):
+    with refuses(ValueError, "exponents"):
         lyapunov_spectrum(sleigh(), (0.0, 1.0), state, exponents=6)
 
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.chaos import lyapunov_spectrum
+from jaxball.analysis.chaos import lyapunov_spectrum
+from tests.chaos.test_exponents_of_rolling_bodies import spectrum
 
 M0, D, M, L = 1.0, 0.5, 0.5, 0.6
 I = D + (M0 + M)  # of the disk about the contact point, with the pendulum at its centre
@@ -18,10 +19,6 @@ def disk(direction, damping, torque):
     drive = jaxball.Motor(jaxball.Sinusoids(0.0, [torque], [1.3])) + jaxball.Damper(damping)
     pendulum = jaxball.planar_pendulum(M, L, direction=direction, drive=drive)
     return jaxball.Disk(mass=M0, inertia=D, mechanisms=[pendulum])
-
-
-def spectrum(system, length, state):
-    return lyapunov_spectrum(system, (0.0, length), state, transient=length / 2, interval=length / 80).raise_if_failed()
 
 
 @pytest.mark.long
@@ -56,7 +53,7 @@ def test_the_exponents_add_up_to_the_divergence_of_the_flow():
 @pytest.mark.slow
 def test_a_disk_with_a_double_pendulum_is_chaotic_and_its_exponents_come_in_pairs():
     """Rolling disks are holonomic, so that the flow is Hamiltonian in φ and two joints; z adds a zero of its own."""
-    double = jaxball.double_pendulum((0.5, 0.4), (0.4, 0.4))
+    double = jaxball.physics.double_pendulum((0.5, 0.4), (0.4, 0.4))
     start = jaxball.DiskState(theta=[2.5, 1.0], thetadot=[0.0, 0.0])
     system = jaxball.Disk(mass=4.0, inertia=2.0, mechanisms=[double])
     found = lyapunov_spectrum(system, (0.0, 300.0), start, transient=20.0).raise_if_failed()

@@ -10,7 +10,7 @@ import pytest
 import scipy.special
 
 import jaxball
-from jaxball import classical
+from jaxball.physics import classical
 
 TIMES = np.linspace(0.0, 10.0, 41)
 TOLERANCES = {"rtol": 1e-12, "atol": 1e-12}

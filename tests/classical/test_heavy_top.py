@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import classical
+from jaxball.physics import classical
 from tests.classical.mechanics import turn
 
 TIMES = np.linspace(0.0, 10.0, 41)

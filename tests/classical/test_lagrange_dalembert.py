@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import classical
 from jaxball.numerics import versor
+from jaxball.physics import classical
 from tests.classical.mechanics import (
     body_rates,
     constrained_accelerations,
@@ -57,7 +57,7 @@ def heavy_tops(inertia, chi, angles, rates, t):
 
     accelerations = free_accelerations(lagrangian, t, angles, rates)
     expected = acceleration_of(angles, rates, accelerations)
-    return jaxball.vector_field(top, t, state_of(angles, rates)).Omega, expected
+    return jaxball.physics.vector_field(top, t, state_of(angles, rates)).Omega, expected
 
 
 @pytest.mark.thorough
@@ -84,7 +84,7 @@ def suslov_problems(inertia, xi, angles, rates, t):
     accelerations, multiplier = constrained_accelerations(lagrangian, constraint, t, angles, rates)
     state = state_of(angles, rates)
     return (
-        (jaxball.vector_field(problem, t, state).Omega, acceleration_of(angles, rates, accelerations)),
+        (jaxball.physics.vector_field(problem, t, state).Omega, acceleration_of(angles, rates, accelerations)),
         (problem.multiplier(t, state), multiplier),
         problem.laws(t, state).constraint,
     )

@@ -1,18 +1,17 @@
 """Systems from a Lagrangian and constraints, compared with equations written by hand and with minimal coordinates."""
 
-import re
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxball
-from jaxball import classical
-from jaxball.classical import LagrangianState, LagrangianSystem
-from jaxball.ensemble import simulate_ensemble
-from jaxball.solvers import RadauIIA
-from jaxball.verify import verify
+from jaxball.analysis.verify import check_laws
+from jaxball.physics import classical
+from jaxball.physics.classical import LagrangianState, LagrangianSystem
+from jaxball.simulation.ensemble import simulate_ensemble
+from jaxball.simulation.solvers import RadauIIA
+from tests.support.sentences import refuses, said
 
 TIGHT = {"rtol": 1e-12, "atol": 1e-12, "throw": True}
 TOP = classical.HeavyTop(mass=0.5, inertia=(1.3, 1.1, 0.8), chi=(0.1, -0.2, 0.7), gravity=3.0)
@@ -267,7 +266,7 @@ def test_a_rod_on_a_pivot_that_moves():
 
 @pytest.mark.long
 def test_the_laws_hold_along_a_run():
-    report = verify(pendulum(RODS), np.linspace(0.0, 2.0, 21), HANGING, quick=True)
+    report = check_laws(pendulum(RODS), np.linspace(0.0, 2.0, 21), HANGING, quick=True)
     assert report.ok
     assert report["position_constraints"].ok
     assert report["energy"].residual < 1e-9
@@ -276,12 +275,12 @@ def test_the_laws_hold_along_a_run():
 @pytest.mark.thorough
 def test_saved_and_read_back_by_the_names_of_coordinates(tmp_path):
     run = jaxball.simulate(PARTICLE, [0.0, 1.0, 2.0], LagrangianState([0.0, 0.0, 0.0], [1.0, 1.0, 0.0]), throw=True)
-    dataset = jaxball.to_dataset(run)
+    dataset = run.to_dataset()
     assert list(dataset["coordinate"].values) == ["x", "y", "z"]
     np.testing.assert_allclose(dataset["qdot"].sel(coordinate="x"), 1 / np.sqrt(1 + run.times**2), rtol=1e-8)
     back = jaxball.load_run(jaxball.save(run, str(tmp_path / "run.nc")), PARTICLE)
     np.testing.assert_array_equal(back.state.q, run.state.q)
-    assert [line.get_label() for line in jaxball.plot.classical_motion(run).lines[:2]] != ["", ""]
+    assert [line.get_label() for line in run.plot().axes[0].lines[:2]] != ["", ""]
 
 
 SLEIGH = """
@@ -289,7 +288,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxball.classical import AbstractLagrangianSystem
+from jaxball.physics.classical import AbstractLagrangianSystem
 
 
 class Sleigh(AbstractLagrangianSystem):
@@ -322,11 +321,11 @@ def test_a_class_in_a_scenario_file(tmp_path, monkeypatch):
     run = scenario.simulate()
     np.testing.assert_allclose(run.state.qdot[:, 2], 1 / np.cosh(0.625 * run.times), rtol=0, atol=1e-8)
     assert jaxball.read_scenario(jaxball.write_scenario(scenario)).state.qdot[2] == 1.0
-    for wrong, sentence in {
-        "qdot = [0.0, 1.0, 1.0]": r"Key `initial.qdot` must keep constraints\[0\] at the start, but that is -1 there",
-        "qdot = [0.0, 1.0]": "Key `initial.qdot` must have 3 numbers, of x, y, theta",
+    for wrong, named in {
+        "qdot = [0.0, 1.0, 1.0]": "initial.qdot",
+        "qdot = [0.0, 1.0]": "initial.qdot",
     }.items():
-        with pytest.raises(jaxball.ScenarioError, match=sentence):
+        with refuses(jaxball.ScenarioError, named):
             jaxball.read_scenario(SCENARIO.replace("qdot = [0.0, 0.0, 1.0]", wrong))
 
 
@@ -343,56 +342,21 @@ def spun(*constraints, **given):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("system", "state", "sentences"),
+    ("system", "state", "names"),
     [
         (
             spun(lambda v: v[0], lambda v: v[1] + v[2], lambda v: 2 * v[0] - v[1] - v[2]),
             ([0.0, 0.0, 0.0],),
-            [r"`constraints\[2\]` must be independent .* 2 times that of constraints\[0\] − that of constraints\[1\]"],
+            ["constraints[2] 2"],
         ),
-        (
-            spun(lambda v: v[0], lambda v: v[0] - 1.0),
-            ([0.0, 0.0, 0.0],),
-            [r"`constraints\[1\]` .* its row of A is that of constraints\[0\], and its other terms are not"],
-        ),
-        (
-            spun(lambda v: 0.0 * v[0]),
-            ([0.0, 0.0, 0.0],),
-            [r"its row of A is 0 there, so that it restricts no velocity"],
-        ),
-        (
-            spun(lambda v: v[0] - v[1]),
-            ([0.0, 0.0, 0.0], [1.0, 0.0, 0.0]),
-            [r"`state.qdot` must keep constraints\[0\] at the start, but that is 1 there and not 0; .*consistent"],
-        ),
-        (
-            spun(lambda v: v[0] * v[1]),
-            ([0.0, 0.0, 0.0],),
-            [
-                r"`constraints\[0\]` must be affine in qdot.* a second derivative of it by qdot is 1 at",
-                "restricts no velocity",
-            ],
-        ),
-        (
-            spun(lambda v: v[0] - v[1] ** 2),
-            ([0.0, 0.0, 0.0],),
-            [r"`constraints\[0\]` must be affine in qdot.* a second derivative of it by qdot is -2 at the start"],
-        ),
-        (
-            FOUR_BAR,
-            ([0.0, 0.0, 0.0],),
-            [r"`holonomic\[0\]` must be independent .* row of A is 0 there, although not beside it, .*stretched out"],
-        ),
-        (
-            pendulum(RODS),
-            ([1.1, 0.0, 1.8, 0.0],),
-            [r"`state.q` must keep holonomic\[0\] at the start, but that is 0.105 there"],
-        ),
-        (
-            LagrangianSystem(lambda t, q, qdot: qdot[0] ** 2 - q[1], ("x", "y")),
-            ([0.0, 0.0],),
-            [r"`lagrangian` must give an inertia to every motion .* ∂²L/∂q̇² is \[\[2., 0.\], \[0., 0.\]\]"],
-        ),
+        (spun(lambda v: v[0], lambda v: v[0] - 1.0), ([0.0, 0.0, 0.0],), ["constraints[1]"]),
+        (spun(lambda v: 0.0 * v[0]), ([0.0, 0.0, 0.0],), ["constraints[0]"]),
+        (spun(lambda v: v[0] - v[1]), ([0.0, 0.0, 0.0], [1.0, 0.0, 0.0]), ["state.qdot 1"]),
+        (spun(lambda v: v[0] * v[1]), ([0.0, 0.0, 0.0],), ["constraints[0] 1", "constraints[0]"]),
+        (spun(lambda v: v[0] - v[1] ** 2), ([0.0, 0.0, 0.0],), ["constraints[0] -2"]),
+        (FOUR_BAR, ([0.0, 0.0, 0.0],), ["holonomic[0]"]),
+        (pendulum(RODS), ([1.1, 0.0, 1.8, 0.0],), ["state.q 0.105"]),
+        (LagrangianSystem(lambda t, q, qdot: qdot[0] ** 2 - q[1], ("x", "y")), ([0.0, 0.0],), ["lagrangian"]),
     ],
     ids=[
         "redundant",
@@ -406,11 +370,9 @@ def spun(*constraints, **given):
         "no mass",
     ],
 )
-def test_what_does_not_fit_is_named(system, state, sentences):
-    found = jaxball.problems(system, LagrangianState(*state))
-    assert len(found) == len(sentences), found
-    for sentence, line in zip(sentences, found, strict=True):
-        assert re.search(sentence, line), found
+def test_what_does_not_fit_is_named(system, state, names):
+    for sentence, name in zip(jaxball.problems(system, LagrangianState(*state)), names, strict=True):
+        said(sentence, *name.split())
 
 
 @pytest.mark.thorough
@@ -429,31 +391,27 @@ def test_the_nearest_state_that_keeps_constraints_moves_the_light_mass():
 
 @pytest.mark.usefixtures("no_type_checks")
 @pytest.mark.parametrize(
-    ("make", "error", "sentence"),
+    ("make", "error", "named"),
     [
-        (lambda: LagrangianSystem(free, "xyz"), TypeError, "`coordinates` must be the names of the coordinates"),
-        (lambda: LagrangianSystem(free, ("x", "x")), ValueError, "`coordinates` must be one or more different names"),
-        (lambda: LagrangianSystem(free, ("x",), parameters=1.0), TypeError, r"\(t, q, qdot, parameters\)"),
-        (lambda: LagrangianSystem(1.0, ("x",)), TypeError, "`lagrangian` must be a function"),
+        (lambda: LagrangianSystem(free, "xyz"), TypeError, "coordinates"),
+        (lambda: LagrangianSystem(free, ("x", "x")), ValueError, "coordinates"),
+        (lambda: LagrangianSystem(free, ("x",), parameters=1.0), TypeError, "lagrangian"),
+        (lambda: LagrangianSystem(1.0, ("x",)), TypeError, "lagrangian"),
         (
             lambda: LagrangianSystem(lambda t, q, qdot: qdot, ("x",)).laws(0.0, LagrangianState([0.0])),
             TypeError,
-            r"`lagrangian` must give a single number, but it gives an array of shape \(1,\)",
+            "lagrangian",
         ),
         (
             lambda: spun(forces=lambda t, q, qdot: [1.0]).accelerations(0.0, LagrangianState([0.0, 0.0, 0.0])),
             TypeError,
-            r"`forces` must give an array of shape \(3,\)",
+            "forces",
         ),
-        (
-            lambda: jaxball.problems(PARTICLE, LagrangianState([0.0])),
-            ValueError,
-            "`state.q` must have 3 numbers, of x, y, z, but its shape is",
-        ),
+        (lambda: jaxball.problems(PARTICLE, LagrangianState([0.0])), ValueError, "state.q"),
     ],
 )
-def test_sentences(make, error, sentence):
-    with pytest.raises(error, match=sentence):
+def test_sentences(make, error, named):
+    with refuses(error, named):
         make()
 
 

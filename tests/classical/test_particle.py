@@ -7,7 +7,7 @@ import pytest
 import scipy.integrate
 
 import jaxball
-from jaxball import classical
+from jaxball.physics import classical
 
 TIMES = np.linspace(0.0, 5.0, 21)
 TOLERANCES = {"rtol": 1e-12, "atol": 1e-12}

@@ -10,11 +10,13 @@ import pytest
 
 import jaxball
 from jaxball import Detachment, Slip, Status, contact_extremes, load_scenario
-from jaxball.classical import EllipsoidState, HeavyTop, RigidBodyState, RollingEllipsoid
+from jaxball.analysis.verify import check_laws
 from jaxball.cli import main
 from jaxball.cli.options import FAILED_SOLVE
-from jaxball.ensemble import REDUCTIONS, simulate_ensemble
-from jaxball.verify import verify
+from jaxball.physics.classical import EllipsoidState, HeavyTop, RigidBodyState, RollingEllipsoid
+from jaxball.simulation.ensemble import REDUCTIONS, simulate_ensemble
+from tests.support.differences import slope
+from tests.support.sentences import refuses, said
 
 NOW = jnp.array(0.0)
 STONE = load_scenario("rattleback").system
@@ -149,14 +151,14 @@ def test_the_derivative_of_the_least_normal_force():
     at = jnp.array(1.0), jnp.array(9.81)
     value, slopes = jaxball.jit(jax.value_and_grad(least, argnums=(0, 1)))(*at)
     np.testing.assert_allclose(slopes[0], value, rtol=1e-4, atol=1e-5)
-    single, h = jaxball.jit(least), 1e-4
-    expected = (single(at[0], at[1] + h) - single(at[0], at[1] - h)) / (2 * h)
+    single = jaxball.jit(least)
+    expected = slope(lambda gravity: single(at[0], gravity), at[1], 1e-4, points=2)
     np.testing.assert_allclose(slopes[1], expected, rtol=1e-3)
 
 
 @pytest.mark.thorough
 def test_a_saved_run_has_the_forces(run, tmp_path):
-    data = jaxball.to_dataset(run)
+    data = run.to_dataset()
     np.testing.assert_array_equal(data["normal_force"], run.plane_reaction.normal)
     np.testing.assert_array_equal(data["friction_ratio"], run.plane_reaction.ratio)
     assert data.attrs["least_normal_force"] == float(contact_extremes(run).least_normal_force)
@@ -175,27 +177,25 @@ def test_the_command_line_tells_of_the_plane_under_a_rattleback(capsys, tmp_path
     assert "change of conserved quantities: energy" in printed
     assert json.loads(summary.read_text())["least_normal_force"] < 0
     assert main([*stone, "--detachment"]) == FAILED_SOLVE
-    assert "the normal force was zero there" in capsys.readouterr().err
+    said(capsys.readouterr().err, "The run")
     assert main([*stone, "--friction", "0.5"]) == FAILED_SOLVE
-    assert "rolling needed all the friction available" in capsys.readouterr().err
+    said(capsys.readouterr().err, "The run")
 
 
 @pytest.mark.long
 def test_verify_has_a_row_of_the_contact():
     scenario = dataclasses.replace(load_scenario("rattleback"), state=thrown(), times=FINE[[0, -1]])
-    row = verify(scenario, laws=["contact"])["contact"]
+    row = check_laws(scenario, laws=["contact"])["contact"]
     assert row.applies
     assert not row.ok
     assert row.residual < 0
     held = dataclasses.replace(scenario, state=EllipsoidState())
-    np.testing.assert_allclose(verify(held, laws=["contact"])["contact"].residual, 1.0, rtol=1e-12)
+    np.testing.assert_allclose(check_laws(held, laws=["contact"])["contact"].residual, 1.0, rtol=1e-12)
 
 
 def test_what_does_not_roll_has_no_reaction():
     top = jaxball.simulate(HeavyTop(inertia=(1.0, 1.0, 0.5), chi=(0.0, 0.0, 1.0)), [0.0, 0.1], RigidBodyState())
-    with pytest.raises(ValueError, match="of a HeavyTop, which does not roll on a plane"):
+    with refuses(ValueError, "HeavyTop"):
         _ = top.plane_reaction
-    with pytest.raises(
-        TypeError, match="must be of a system that rolls on a plane, such as a Ball, but it is of a Hea"
-    ):
+    with refuses(TypeError, "trajectory"):
         contact_extremes(top)

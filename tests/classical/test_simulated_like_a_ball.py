@@ -1,6 +1,5 @@
 """What `simulate` gives for a ball it gives for a classical system: status, dense output, derivatives, errors."""
 
-import re
 from typing import NamedTuple
 
 import diffrax
@@ -12,8 +11,10 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import Status, classical
-from jaxball.solvers import RadauIIA
+from jaxball import Status
+from jaxball.physics import classical
+from jaxball.simulation.solvers import RadauIIA
+from tests.support.sentences import refuses, said
 
 TIMES = np.linspace(0.0, 2.0, 41)
 TOP = {"mass": 0.5, "inertia": (1.3, 1.3, 0.8), "chi": (0.0, 0.0, 0.7), "gravity": 3.0}
@@ -101,42 +102,28 @@ def test_a_system_of_ones_own():
     run = jaxball.simulate(Oscillator(4.0), TIMES).raise_if_failed()
     np.testing.assert_allclose(run.state.u, np.cos(2 * TIMES), rtol=0, atol=3e-8)
     np.testing.assert_allclose(run.laws.energy, 2.0, rtol=1e-7)
-    assert set(jaxball.to_dataset(run).data_vars) == {"u", "v", "energy"}
+    assert set(run.to_dataset().data_vars) == {"u", "v", "energy"}
 
 
 @pytest.mark.parametrize(
-    ("make", "state", "sentence"),
+    ("make", "state", "named"),
     [
-        (lambda: classical.HeavyTop(**{**TOP, "mass": -1.0}), None, "`mass` must be a positive number"),
-        (lambda: classical.HeavyTop(**{**TOP, "inertia": (1.0, 1.0, 2.5)}), None, "none exceeds the sum"),
-        (
-            lambda: classical.HeavyTop(**{**TOP, "inertia": (1.0, 1.0, 0.0)}),
-            None,
-            "`inertia` must be a list of 3 positive",
-        ),
-        (lambda: classical.HeavyTop(**{**TOP, "gravity": np.nan}), None, "`gravity` must be a finite number"),
-        (lambda: classical.HeavyTop(**{**TOP, "chi": (0.0, 0.0, 1.4)}), None, "`chi` must be a position.*smaller mass"),
-        (
-            lambda: classical.HeavyTop(**TOP),
-            classical.RigidBodyState([1.0, 1.0, 0.0, 0.0]),
-            "`state.q` must be a versor",
-        ),
-        (lambda: classical.HeavyTop(**TOP), classical.RigidBodyState(Omega=[np.nan, 0, 0]), "`state.Omega` .* finite"),
-        (
-            lambda: classical.SuslovProblem(**SUSLOV),
-            classical.RigidBodyState(Omega=[1.0, 0.0, 0.1]),
-            "`state.Omega` must be orthogonal to xi",
-        ),
-        (lambda: classical.SuslovProblem(**{**SUSLOV, "xi": (0.0, 0.0, 0.0)}), None, "`xi` must be .* not all zero"),
-        (lambda: classical.NonholonomicParticle(mass=0.0), None, "`mass` must be a positive number"),
+        (lambda: classical.HeavyTop(**{**TOP, "mass": -1.0}), None, "mass"),
+        (lambda: classical.HeavyTop(**{**TOP, "inertia": (1.0, 1.0, 2.5)}), None, "inertia"),
+        (lambda: classical.HeavyTop(**{**TOP, "inertia": (1.0, 1.0, 0.0)}), None, "inertia"),
+        (lambda: classical.HeavyTop(**{**TOP, "gravity": np.nan}), None, "gravity"),
+        (lambda: classical.HeavyTop(**{**TOP, "chi": (0.0, 0.0, 1.4)}), None, "chi"),
+        (lambda: classical.HeavyTop(**TOP), classical.RigidBodyState([1.0, 1.0, 0.0, 0.0]), "state.q"),
+        (lambda: classical.HeavyTop(**TOP), classical.RigidBodyState(Omega=[np.nan, 0, 0]), "state.Omega"),
+        (lambda: classical.SuslovProblem(**SUSLOV), classical.RigidBodyState(Omega=[1.0, 0.0, 0.1]), "state.Omega"),
+        (lambda: classical.SuslovProblem(**{**SUSLOV, "xi": (0.0, 0.0, 0.0)}), None, "xi"),
+        (lambda: classical.NonholonomicParticle(mass=0.0), None, "mass"),
     ],
 )
-def test_what_cannot_be_does_not_start(make, state, sentence):
+def test_what_cannot_be_does_not_start(make, state, named):
     system = make()
     state = system.state_type() if state is None else state
-    found = jaxball.problems(system, state)
-    assert len(found) >= 1
-    assert any(re.search(sentence, line) for line in found), found
+    said("\n".join(jaxball.problems(system, state)), named)
 
 
 def test_the_status_of_what_cannot_be():
@@ -166,41 +153,29 @@ def test_xi_is_looked_at_where_the_run_starts():
 
 @pytest.mark.usefixtures("no_type_checks")
 @pytest.mark.parametrize(
-    ("make", "error", "sentence"),
+    ("make", "error", "named"),
     [
-        (
-            lambda: classical.FreeRigidBody(inertia=1.0),
-            ValueError,
-            r"`inertia` must be 3 numbers, but its shape is \(\)",
-        ),
-        (lambda: classical.HeavyTop(**{**TOP, "chi": 1.0}), ValueError, "`chi` must be 3 numbers"),
-        (lambda: classical.HarmonicAxis([1.0, 0.0]), ValueError, "`constant` must be 3 numbers"),
-        (
-            lambda: jaxball.simulate(classical.HeavyTop(**TOP), TIMES, jaxball.BallState()),
-            TypeError,
-            "`state` must be a RigidBodyState for a HeavyTop, but it is a BallState",
-        ),
-        (
-            lambda: jaxball.simulate(jaxball.Ball(mass=1.0, inertia=(1.0, 1.0, 1.0)), TIMES, START),
-            TypeError,
-            "`state` must be a BallState, RotationState or ReducedState for a Ball, but it is a RigidBodyState",
-        ),
+        (lambda: classical.FreeRigidBody(inertia=1.0), ValueError, "inertia"),
+        (lambda: classical.HeavyTop(**{**TOP, "chi": 1.0}), ValueError, "chi"),
+        (lambda: classical.HarmonicAxis([1.0, 0.0]), ValueError, "constant"),
+        (lambda: jaxball.simulate(classical.HeavyTop(**TOP), TIMES, jaxball.BallState()), TypeError, "state"),
+        (lambda: jaxball.simulate(jaxball.Ball(mass=1.0, inertia=(1.0, 1.0, 1.0)), TIMES, START), TypeError, "state"),
         (
             lambda: jaxball.simulate(classical.NonholonomicParticle(), TIMES, solver=RadauIIA(stages=3), dae=True),
             TypeError,
-            "`state` must be a state with a unit vector.*RigidBodyState where `dae` is True",
+            "state",
         ),
     ],
 )
-def test_sentences(make, error, sentence):
-    with pytest.raises(error, match=sentence):
+def test_sentences(make, error, named):
+    with refuses(error, named):
         make()
 
 
 def test_laws_and_observables_are_of_different_systems(top):
     ball = jaxball.Ball(mass=1.0, inertia=(1.0, 1.0, 1.0))
     rolling = eqx.tree_at(lambda run: (run.system, run.state), top, (ball, jaxball.BallState()))
-    with pytest.raises(ValueError, match="this trajectory is of a HeavyTop; its `laws`"):
+    with refuses(ValueError, "laws"):
         _ = top.observables
-    with pytest.raises(ValueError, match="this trajectory is of a Ball"):
+    with refuses(ValueError, "laws"):
         _ = rolling.laws

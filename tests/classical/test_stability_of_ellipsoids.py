@@ -8,8 +8,8 @@ from scipy.integrate import cumulative_simpson, solve_ivp
 
 import jaxball
 from jaxball import Resistance
-from jaxball.classical import EllipsoidState, RollingEllipsoid
-from jaxball.verify import verify
+from jaxball.analysis.verify import check_laws
+from jaxball.physics.classical import EllipsoidState, RollingEllipsoid
 
 NOW = jnp.array(0.0)
 # The shell of RoboBall II, whose moment about its axle, E2, is the smallest.
@@ -184,6 +184,6 @@ def test_the_balance_of_energy_is_verified():
         semiaxes=(1.0, 0.8, 1.0), inertia=(0.3, 0.4, 0.3), resistance=Resistance(rolling=0.1, dry=0.02)
     )
     start = EllipsoidState((0.8, 0.6, 0.0, 0.0), (0.3, 1.0, 0.2))
-    report = verify(body, np.linspace(0.0, 1.0, 3), start, laws=["energy"], quick=True)
+    report = check_laws(body, np.linspace(0.0, 1.0, 3), start, laws=["energy"], quick=True)
     assert report.ok
     assert report["energy"].residual < 1e-8

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import classical
+from jaxball.physics import classical
 
 TIMES = np.linspace(0.0, 8.0, 33)
 TOLERANCES = {"rtol": 1e-12, "atol": 1e-12}

@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
-from jaxball.scenario import builtin_text
+from jaxball.files.scenario.sources import builtin_text
 from tests.support.scripts import BENCHMARKS
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -8,6 +8,8 @@ import pytest
 from jaxball import load_run
 from jaxball.cli import main
 from tests.scenario.documents import DISK
+from tests.support.commands import refuses_command
+from tests.support.sentences import refuses, said
 
 SHELL, TIMES = DISK[: DISK.index("[[masses]]")].replace("inertia = 1.0", "inertia = 0.5"), DISK[DISK.index("[time]") :]
 THROWN = SHELL + TIMES + "[initial]\nvelocity = [1.0, 0.0, 0.0]\n"
@@ -50,7 +52,7 @@ def test_a_run_that_slides(capsys):
 def test_a_run_ends_where_it_slips_by_its_law(capsys):
     """A disk that slips from the start, which a law with less friction than is asked for lets it do."""
     assert main(["simulate", "thrown.toml", "--contact", "0.25", "--friction", "0.25"]) == 3
-    assert "The run ended at t = 0 before t = 2, because rolling needed all the friction" in capsys.readouterr().err
+    said(capsys.readouterr().err, "The run")
     assert main(["simulate", "thrown.toml", "--contact", "0.25", "--friction", "0.26", "--detachment"]) == 0
 
 
@@ -64,33 +66,22 @@ def test_keys_of_the_law(monkeypatch):
 
     monkeypatch.setattr("jaxball.simulation.simulate.simulate", noted)
     for law in ("0.3", "friction=0.3, static_friction=0.4,restitution=0.5"):
-        with pytest.raises(ValueError, match="as far as it goes"):
+        with refuses(ValueError, "This"):
             main(["simulate", "bouncing-ball", "--contact", law])
     assert seen == [[0.3, 0.3, 0.0], [0.3, 0.4, 0.5]]
 
 
 REFUSED = {
-    "no law": (["thrown.toml"], "Key `initial.velocity` needs a table [contact]"),
-    "no number": (
-        ["thrown.toml", "--contact", "ice"],
-        'Key `contact.friction` must be a finite number, but it is "ice".',
-    ),
-    "no key": (
-        ["thrown.toml", "--contact", "fricton=0.3"],
-        "Key `contact.fricton` is not known; did you mean `friction`?",
-    ),
-    "no plane": (
-        ["heavy-top", "--contact", "0.3"],
-        "Argument `--contact` must be left out for a system that is no ball or disk, such as a scenario of the kind "
-        '"heavy-top".',
-    ),
+    "no law": (["thrown.toml"], "initial.velocity"),
+    "no number": (["thrown.toml", "--contact", "ice"], "contact.friction"),
+    "no key": (["thrown.toml", "--contact", "fricton=0.3"], "contact.fricton"),
+    "no plane": (["heavy-top", "--contact", "0.3"], "--contact"),
 }
 
 
-@pytest.mark.parametrize(("arguments", "sentence"), REFUSED.values(), ids=REFUSED.keys())
-def test_what_cannot_be_asked_for(arguments, sentence, capsys):
-    assert main(["simulate", *arguments]) == 2
-    assert sentence in capsys.readouterr().err
+@pytest.mark.parametrize(("arguments", "named"), REFUSED.values(), ids=REFUSED.keys())
+def test_what_cannot_be_asked_for(arguments, named, capsys):
+    refuses_command(capsys, ["simulate", *arguments], named)
 
 
 @pytest.mark.parametrize(
@@ -102,8 +93,7 @@ def test_what_cannot_be_asked_for(arguments, sentence, capsys):
     ids=" ".join,
 )
 def test_commands_of_bodies_that_roll(command, capsys):
-    assert main(command) == 2
-    assert "for bodies that always roll; `jaxball simulate` and studies accept it." in capsys.readouterr().err
+    refuses_command(capsys, command, "jaxball simulate")
 
 
 @pytest.mark.thorough

@@ -7,7 +7,7 @@ import sys
 import jaxlib.version
 import pytest
 
-from jaxball import cpu
+from jaxball.programs import cpu
 
 
 @pytest.fixture
@@ -18,35 +18,26 @@ def flags(monkeypatch):
     return monkeypatch
 
 
-def test_beside_other_flags(flags):
-    flags.setenv("XLA_FLAGS", "--xla_dump_to=/nowhere")
-    assert cpu.prepare()
-    assert os.environ["XLA_FLAGS"].split() == ["--xla_dump_to=/nowhere", *cpu.FLAGS]
-
-
-def test_multi_output_fusion_is_not_used(flags):
-    """With it, a wrong derivative was seen in reverse mode."""
-    assert cpu.prepare()
-    assert "multi_output" not in os.environ["XLA_FLAGS"]
-
-
 def test_twice_is_once(flags):
+    """And multi-output fusion is not used: with it, a wrong derivative was seen in reverse mode."""
     assert cpu.prepare()
     assert cpu.prepare()
     assert os.environ["XLA_FLAGS"].split() == list(cpu.FLAGS)
+    assert "multi_output" not in os.environ["XLA_FLAGS"]
 
 
-def test_extra_options_of_the_user_stay(flags):
-    own = "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion=false"
+@pytest.mark.parametrize(
+    ("own", "added"),
+    [
+        ("--xla_dump_to=/nowhere", cpu.FLAGS),
+        ("--xla_cpu_prefer_vector_width=256", cpu.FLAGS[:1]),
+        ("--xla_backend_extra_options=xla_cpu_use_multi_output_fusion=false", ()),
+    ],
+)
+def test_flags_of_the_user_stay(flags, own, added):
     flags.setenv("XLA_FLAGS", own)
-    assert not cpu.prepare()
-    assert os.environ["XLA_FLAGS"] == own
-
-
-def test_a_vector_width_of_the_user_stays(flags):
-    flags.setenv("XLA_FLAGS", "--xla_cpu_prefer_vector_width=256")
-    assert cpu.prepare()
-    assert os.environ["XLA_FLAGS"].split() == ["--xla_cpu_prefer_vector_width=256", cpu.FLAGS[0]]
+    assert cpu.prepare() == bool(added)
+    assert os.environ["XLA_FLAGS"].split() == [own, *added]
 
 
 @pytest.mark.parametrize(
@@ -80,7 +71,7 @@ def test_the_probe_finds_what_is_not_accepted():
 @pytest.mark.thorough
 def test_programs_run_in_the_thread_that_calls_them():
     program = """if True:
-        from jaxball import cpu
+        from jaxball.programs import cpu
         cpu.prepare()
         import jax
         print(jax.config.read("jax_cpu_enable_async_dispatch"))
@@ -90,12 +81,12 @@ def test_programs_run_in_the_thread_that_calls_them():
 
 
 FORWARD_MODE = """
-from jaxball import cpu
+from jaxball.programs import cpu
 assert cpu.prepare()
 import jax, numpy as np
 jax.config.update("jax_enable_x64", True)
 from jaxball import DiskState, paper
-from jaxball.ensemble import simulate_ensemble
+from jaxball.simulation.ensemble import simulate_ensemble
 rows = lambda tree: jax.tree.map(lambda leaf: np.stack([np.asarray(leaf)] * 2), tree)
 leaves, tree = jax.tree.flatten(rows(paper.disk()))
 def end(scale):
@@ -117,7 +108,7 @@ def test_derivatives_of_ensembles_in_forward_mode():
 
 
 def test_import_sets_nothing():
-    program = "import os, jaxball, jaxball.cpu; print(os.environ.get('XLA_FLAGS'))"
+    program = "import os, jaxball, jaxball.programs.cpu; print(os.environ.get('XLA_FLAGS'))"
     environment = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
     done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
     assert done.stdout == "None\n"

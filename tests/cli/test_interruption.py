@@ -131,7 +131,9 @@ sys.meta_path.insert(0, PressAt)
 """
 
 
-@pytest.mark.parametrize("module", ["jaxball.methods", "jaxball.cli", "jaxball.interface.interruption", "threading"])
+@pytest.mark.parametrize(
+    "module", ["jaxball.interface.names", "jaxball.cli", "jaxball.interface.interruption", "threading"]
+)
 @pytest.mark.parametrize("as_module", [True, False], ids=["python -m jaxball", "jaxball"])
 def test_ctrl_c_while_the_command_is_imported(tmp_path, monkeypatch, module, as_module):
     (tmp_path / "sitecustomize.py").write_text(PRESS_AT)

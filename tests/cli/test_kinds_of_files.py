@@ -6,11 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from jaxball.cli import main
 from tests.scenario.documents import DISK
+from tests.support.commands import refuses_command
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 STUDY = 'format = 1\nscenario = "disk.toml"\n[[axes]]\npath = "body.mass"\nvalues = [1.0, 2.0]\n'
+OF_RUNS = ("view {} --out run.html", "plot {} --out figures", "import {}")
+OF_STUDIES, OF_PROBLEMS = "sweep {} --out new.zarr", "design {} --out new"
 OF_SCENARIOS = (
     "simulate {}",
     "track {}",
@@ -20,8 +22,18 @@ OF_SCENARIOS = (
     "periodic {} --period 1",
     "export {} --to mjcf",
 )
-OF_RUNS = ("view {} --out run.html", "plot {} --out figures", "import {}")
-OF_STUDIES, OF_PROBLEMS = "sweep {} --out new.zarr", "design {} --out new"
+RIGHT = {
+    "a study.toml": "jaxball sweep 'a study.toml' --out STORE",
+    "disk.toml": "jaxball simulate disk.toml",
+    "problem_rail_shape_circles.toml": "jaxball design problem_rail_shape_circles.toml --out FOLDER",
+    "problem_disk_control.toml": "jaxball design problem_disk_control.toml --out FOLDER",
+}
+WRONG = {
+    "a study.toml": [*OF_SCENARIOS, *OF_RUNS, OF_PROBLEMS],
+    "disk.toml": [*OF_RUNS, OF_PROBLEMS, OF_STUDIES],
+    "problem_rail_shape_circles.toml": [*OF_SCENARIOS, *OF_RUNS, OF_STUDIES],
+    "problem_disk_control.toml": [*OF_SCENARIOS, *OF_RUNS, OF_STUDIES],
+}
 
 
 @pytest.fixture(autouse=True)
@@ -34,46 +46,21 @@ def folder(command_folder):
     return command_folder
 
 
-def _refusal(capsys, command, file):
-    assert main(shlex.split(command.format(shlex.quote(file)))) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    return captured.err
+def refuses_file(capsys, command, file, *names):
+    refuses_command(capsys, shlex.split(command.format(shlex.quote(file))), *names)
 
 
-@pytest.mark.parametrize("command", [*OF_SCENARIOS, *OF_RUNS, OF_PROBLEMS])
-def test_a_study_is_one_for_sweep(command, capsys):
-    sentence = "jaxball: a study.toml is a study; run it with `jaxball sweep 'a study.toml' --out STORE`.\n"
-    assert _refusal(capsys, command, "a study.toml") == sentence
-
-
-@pytest.mark.parametrize("command", [*OF_RUNS, OF_PROBLEMS, OF_STUDIES])
-def test_a_scenario_is_one_for_simulate(command, capsys):
-    sentence = "jaxball: disk.toml is a scenario; run it with `jaxball simulate disk.toml`.\n"
-    assert _refusal(capsys, command, "disk.toml") == sentence
-
-
-@pytest.mark.parametrize("command", [*OF_SCENARIOS, *OF_RUNS, OF_STUDIES])
-@pytest.mark.parametrize(
-    ("file", "what"),
-    [
-        ("problem_rail_shape_circles.toml", "a design problem"),
-        ("problem_disk_control.toml", "a problem of optimal control"),
-    ],
-)
-def test_a_problem_is_one_for_design(command, file, what, capsys):
-    sentence = f"jaxball: {file} is {what}; run it with `jaxball design {file} --out FOLDER`.\n"
-    assert _refusal(capsys, command, file) == sentence
+@pytest.mark.parametrize(("file", "command"), [(file, command) for file in WRONG for command in WRONG[file]])
+def test_a_command_for_other_files_names_the_one_for_this(file, command, capsys):
+    refuses_file(capsys, command, file, file, RIGHT[file])
 
 
 def test_standard_input_is_named_as_such(monkeypatch, capsys):
     monkeypatch.setattr("sys.stdin", io.StringIO(STUDY))
-    sentence = "jaxball: standard input is a study; run it with `jaxball sweep FILE --out STORE`.\n"
-    assert _refusal(capsys, "simulate {}", "-") == sentence
+    refuses_file(capsys, "simulate {}", "-", "standard input", "jaxball sweep FILE --out STORE")
 
 
 def test_a_study_whose_axes_are_misspelt_is_still_one(folder, capsys):
     (folder / "study.toml").write_text(STUDY.replace("axes", "axis"))
-    assert "study.toml is a study; run it with" in _refusal(capsys, "simulate {}", "study.toml")
-    assert "Key `axis` is not known; did you mean `axes`?" in _refusal(capsys, OF_STUDIES, "study.toml")
-    assert "Key `axis` is not known; did you mean `axes`?" in _refusal(capsys, "validate {}", "study.toml")
+    for command, name in (("simulate {}", "study.toml"), (OF_STUDIES, "axis"), ("validate {}", "axis")):
+        refuses_file(capsys, command, "study.toml", name)

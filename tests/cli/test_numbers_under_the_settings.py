@@ -10,13 +10,13 @@ import pytest
 # The times are few and early, because rounding moves step sizes, and those move the ends of long runs.
 COMPUTE = """
 import sys
-from jaxball import cpu
+from jaxball.programs import cpu
 assert sys.argv[2] == "without" or cpu.prepare()
 import diffrax, jax, jax.numpy as jnp, numpy as np
 jax.config.update("jax_enable_x64", True)
 from jaxball import BallState, contact_extremes, paper, simulate
-from jaxball.ensemble import simulate_ensemble
-from jaxball.ensemble.reductions import CONTACT
+from jaxball.simulation.ensemble import simulate_ensemble
+from jaxball.simulation.ensemble.reductions import CONTACT
 leaves, structure = jax.tree.flatten(paper.ball())
 p, times = jnp.array([1.0, 1.0, 1.0]), jnp.array([0.0, 0.3, 0.6])
 fine = dict(rtol=1e-12, atol=1e-12)

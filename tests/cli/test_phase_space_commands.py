@@ -9,6 +9,8 @@ import pytest
 import xarray
 
 from jaxball.cli import main
+from tests.support.commands import refuses_command
+from tests.support.sentences import said
 
 BODY = """
 format = 1
@@ -43,7 +45,7 @@ def test_a_chart_of_a_body_that_spins_about_its_middle_axis(folder, capsys):
     captured = capsys.readouterr()
     assert "1 IMPOSSIBLE" not in captured.out
     assert "3 IMPOSSIBLE" in captured.out
-    assert "6 of 6 cells" in captured.err
+    said(captured.err)
     with xarray.open_dataset(folder / "chart.nc") as data:
         np.testing.assert_array_equal(data["initial.Omega[1]"], [1.0, 1.25, 1.5])
         rates = np.array([1.0, 1.25, 1.5]) * np.sqrt((2.0 - 1.0) * (2.5 - 2.0) / (1.0 * 2.5))
@@ -93,42 +95,31 @@ def test_permanent_rotations_of_a_top(folder, capsys):
         spin = f"initial.Omega=[0, 0, {share * threshold}]"
         assert main(["stability", "top.toml", "--initial", "--set", spin, "--json", "-", "--quiet"]) == 0
         (motion,) = json.loads(capsys.readouterr().out)["motions"]
-        assert (motion["steady"], motion["stable"]) == (True, stable)
+        assert (motion["ok"], motion["stable"]) == (True, stable)
     assert main(["stability", "top.toml", "--rolling", "0.5", "0.8"]) == 0
     assert "Gamma = (0.479426, 0, 0.877583)" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
-    ("arguments", "sentence"),
+    ("arguments", "named"),
     [
-        (["stability", "body.toml"], "are searched for only for a ball or a disk, but the scenario is of a"),
-        (
-            ["stability", "top.toml", "--turning", "1"],
-            "`--turning` is for the scenario's initial state; give --initial with it",
-        ),
-        (["stability", "disk"], "the scenario is of a disk; give --initial"),
-        (["stability", "top.toml", "--rolling", "0.5", "0"], "PRECESSION must not be zero"),
-        (["stability", "top.toml", "--out", "rest.nc"], "must end in .csv"),
-        (["chaos", "body.toml", "--direction", "both"], "`--direction` is for a Poincaré map; give --poincare"),
-        (["chaos", "body.toml", "--poincare", "Omega[0]"], "must be COMPONENT=VALUE, such as 'Omega[0]=0'"),
-        (["chaos", "body.toml", "--poincare", "Omega[3]=0"], 'but it is "Omega[3]"'),
-        (["chaos", "body.toml", "--poincare", "Omega[0]=0", "--exponents", "2"], "leave it out with --poincare"),
-        ([*CHART, "a=1:2", "b=1:2:3"], "must be PATH=FROM:TO:COUNT, with two different numbers"),
-        ([*CHART, "body.inertia[0]=1:2:2", "body.inertia[0]=1:2:3"], "names `body.inertia[0]` twice"),
-        (
-            [*CHART, "body.inerta[0]=1:2:2", "body.inertia[0]=1:2:3"],
-            "did you mean `body.inertia[0]`, `body",
-        ),
-        (["chaos", "body.toml", "--plot", "means.txt"], "must end in one of .png, .pdf, .svg"),
+        (["stability", "body.toml"], "Steady motions"),
+        (["stability", "top.toml", "--turning", "1"], "--turning"),
+        (["stability", "disk"], "Steady motions"),
+        (["stability", "top.toml", "--rolling", "0.5", "0"], "PRECESSION"),
+        (["stability", "top.toml", "--out", "rest.nc"], "--out"),
+        (["chaos", "body.toml", "--direction", "both"], "--direction"),
+        (["chaos", "body.toml", "--poincare", "Omega[0]"], "--poincare"),
+        (["chaos", "body.toml", "--poincare", "Omega[3]=0"], "Omega[3]"),
+        (["chaos", "body.toml", "--poincare", "Omega[0]=0", "--exponents", "2"], "--exponents"),
+        ([*CHART, "a=1:2", "b=1:2:3"], "--chart"),
+        ([*CHART, "body.inertia[0]=1:2:2", "body.inertia[0]=1:2:3"], "body.inertia[0]"),
+        ([*CHART, "body.inerta[0]=1:2:2", "body.inertia[0]=1:2:3"], "body.inertia[0]"),
+        (["chaos", "body.toml", "--plot", "means.txt"], "--plot"),
     ],
 )
-def test_bad_arguments(folder, capsys, arguments, sentence):
-    before = sorted(folder.iterdir())
-    assert main(arguments) == 2
-    captured = capsys.readouterr()
-    assert sentence in captured.err
-    assert captured.out == ""
-    assert sorted(folder.iterdir()) == before
+def test_bad_arguments(folder, capsys, arguments, named):
+    refuses_command(capsys, arguments, named)
 
 
 def test_where_masses_move_another_time_is_to_be_chosen(capsys):

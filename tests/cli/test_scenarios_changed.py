@@ -6,11 +6,12 @@ import json
 import numpy as np
 import pytest
 
-from jaxball import load_run
+from jaxball import ScenarioError, load_run
 from jaxball.cli import main
-from jaxball.scenario import ScenarioError
-from jaxball.scenario.paths import with_values
+from jaxball.files.scenario.paths import with_values
 from tests.scenario.documents import DISK
+from tests.support.commands import refuses_command
+from tests.support.sentences import refuses, said
 
 
 @pytest.fixture(autouse=True)
@@ -27,7 +28,7 @@ def test_values_are_set_and_standard_input_is_read(folder, monkeypatch, capsys):
     assert main(["simulate", "-", *changes, "--end", "1", "--out", "run.nc", "--json", "-"]) == 0
     captured = capsys.readouterr()
     content = json.loads(captured.out)
-    assert "The solve reached t = 1." in captured.err
+    said(captured.err)
     assert (content["ok"], content["reached"], content["title"]) == (True, 1.0, "heavier")
     run = load_run(folder / "run.nc")
     assert float(run.system.mass) == 2.0
@@ -101,77 +102,54 @@ def test_one_key_takes_the_place_of_another(folder, capsys):
 
 
 @pytest.mark.parametrize(
-    ("change", "sentence"),
+    ("change", "named"),
     [
-        ("body.mass", "must be PATH=VALUE, such as body.mass=2"),
-        ("=2", "must be PATH=VALUE"),
-        ("body..mass=2", "must be PATH=VALUE"),
-        ("masses[7].mass=2", "Path `masses[7].mass` does not exist, because `masses` has 1 entry, counted from 0."),
-        ("body[0]=2", "because `body` is not a list"),
-        ("title.x=2", "because `title` is not a table"),
-        ("initial.Omega[1]=2", "because the list `initial.Omega` is not in the scenario; give all of it."),
-        (
-            "body.mas=",
-            "Path `body.mas` cannot be removed, because it is not in the scenario; did you mean `body.mass`?",
-        ),
-        ("masses[1]=", "is not in the scenario; did you mean `masses[0]`?"),
-        ("body.mass.x=", "Path `body.mass.x` cannot be removed"),
-        ("solve.rtol=", "because it is not in the scenario."),
-        ("body.mass=two words", "must be a number, a word, or another value of TOML"),
+        ("body.mass", "body.mass"),
+        ("=2", "A change"),
+        ("body..mass=2", "A change"),
+        ("masses[7].mass=2", "masses[7].mass"),
+        ("body[0]=2", "body"),
+        ("title.x=2", "title"),
+        ("initial.Omega[1]=2", "initial.Omega"),
+        ("body.mas=", "body.mas"),
+        ("masses[1]=", "masses[0]"),
+        ("body.mass.x=", "body.mass.x"),
+        ("solve.rtol=", "solve.rtol"),
+        ("body.mass=two words", "body.mass"),
     ],
 )
-def test_a_change_that_cannot_be(change, sentence):
-    with pytest.raises(ScenarioError) as caught:
+def test_a_change_that_cannot_be(change, named):
+    with refuses(ScenarioError, named):
         with_values({"title": "", "body": {"mass": 1}, "masses": [{}]}, [change])
-    assert sentence in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "sentence"),
+    ("arguments", "named"),
     [
-        (["--set", "body.mas=2"], "Key `body.mas` is not known; did you mean `mass`?"),
-        (["--set", "time.at=[0, 1]", "--end", "5"], "`--end` must be left out where the scenario lists its times"),
-        (["--json", "run.txt"], "must end in .json"),
-        (["--plot", "page.pdf"], "give --plot page --plot-format pdf."),
-        (["--plot-format", "pdf"], "`--plot-format` is for figures; give --plot FOLDER with it."),
-        (["--fps", "20"], "`--fps` is for an animation; give --animate FILE with it."),
-        (["--animate", "film.gif", "--fps", "60"], "`--fps` must be at most 50 for .gif, but it is 60."),
-        (["--animate", "film.gif", "--from", "1.5", "--to", "1"], "from 0 to 2, one after the other, but they are 1.5"),
-        (["--animate", "film.gif", "--to", "3"], "must be times of the run, from 0 to 2"),
+        (["--set", "body.mas=2"], "body.mas"),
+        (["--set", "time.at=[0, 1]", "--end", "5"], "--end"),
+        (["--plot", "page.pdf"], "--plot"),
+        (["--plot-format", "pdf"], "--plot-format"),
+        (["--animate", "film.gif", "--fps", "60"], "--fps"),
+        (["--animate", "film.gif", "--from", "1.5", "--to", "1"], "--from"),
+        (["--animate", "film.gif", "--to", "3"], "--from"),
     ],
 )
-def test_options_that_are_refused_before_a_run(folder, capsys, arguments, sentence):
-    before = sorted(folder.iterdir())
-    assert main(["simulate", "disk.toml", *arguments]) == 2
-    captured = capsys.readouterr()
-    assert sentence in captured.err
-    assert captured.out == ""
-    assert sorted(folder.iterdir()) == before
+def test_options_that_are_refused_before_a_run(folder, capsys, arguments, named):
+    refuses_command(capsys, ["simulate", "disk.toml", *arguments], named)
 
 
 @pytest.mark.parametrize(
-    "arguments",
-    [["--plot-format", "bmp"], ["--size", "big"], ["--size", "10x10"], ["--fps", "2.5"], ["--end", "soon"]],
-)
-def test_values_that_are_refused_by_the_options(capsys, arguments):
-    with pytest.raises(SystemExit) as caught:
-        main(["simulate", "disk.toml", *arguments])
-    assert caught.value.code == 2
-    assert "usage: jaxball simulate" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
+    ("arguments", "named"),
     [
-        (["none.nc", "--out", "figures"], '"none.nc" does not exist.'),
-        (["disk.toml", "--out", "figures"], "disk.toml is a scenario; run it with `jaxball simulate disk.toml`."),
-        (["disk.txt", "--out", "figures"], 'from a .nc or .npz file, but this is "disk.txt".'),
-        (["disk.toml", "--out", "disk.toml"], '`--out` must be a folder, but "disk.toml" is a file'),
+        (["none.nc", "--out", "figures"], "none.nc"),
+        (["disk.toml", "--out", "figures"], "jaxball simulate disk.toml"),
+        (["disk.txt", "--out", "figures"], "disk.txt"),
+        (["disk.toml", "--out", "disk.toml"], "--out"),
     ],
 )
-def test_a_run_that_cannot_be_drawn(capsys, arguments, sentence):
-    assert main(["plot", *arguments]) == 2
-    assert sentence in capsys.readouterr().err
+def test_a_run_that_cannot_be_drawn(capsys, arguments, named):
+    refuses_command(capsys, ["plot", *arguments], named)
 
 
 @pytest.mark.slow
@@ -197,9 +175,9 @@ def test_the_solver_of_an_option_is_known_when_changes_are_checked(capsys):
         ends.append(json.loads(capsys.readouterr().out)["state"]["z"])
     np.testing.assert_allclose(*ends, atol=1e-8)
     assert main(["simulate", "ball", "--set", "solve.dae=true", "--solver", "dopri5"]) == 2
-    assert capsys.readouterr().err.startswith('jaxball: Argument `--solver` must be one of "radau5", "radau9", ')
+    said(capsys.readouterr().err, "--solver")
     assert main(["simulate", "ball", "--set", "solve=3", "--solver", "radau9"]) == 2
-    assert capsys.readouterr().err.startswith("jaxball: ball: Key `solve` must be a table")
+    said(capsys.readouterr().err, "solve")
 
 
 @pytest.mark.parametrize("command", [["simulate"], ["verify"], ["export", "--to", "mjcf"], ["stability"]])

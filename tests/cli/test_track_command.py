@@ -7,7 +7,8 @@ import pytest
 
 import jaxball
 from jaxball.cli import main
-from jaxball.control import basin
+from tests.support.commands import refuses_command
+from tests.support.sentences import said
 from tests.support.under_feedback import UNDER_FEEDBACK
 
 
@@ -25,8 +26,7 @@ def test_disturbed_starts_are_held_and_saved(folder, capsys):
     assert main(["track", "disk.toml", "--basin", *grid, "--within", "0.3", *files]) == 0
     captured = capsys.readouterr()
     found = json.loads(captured.out)
-    assert "Track of a disk with 1 mechanism\n  20 samples of 0.05, from 0 to 1\n" in captured.err
-    assert "from phi = 0.2, z = -0.2 and a push" in captured.err
+    said(captured.err)
     scenario = jaxball.load_scenario("disk.toml")
     seeing = scenario.closed_loop()
     track = seeing.feedback.feedback
@@ -40,12 +40,12 @@ def test_disturbed_starts_are_held_and_saved(folder, capsys):
     assert loops["without feedback"]["largest_input"] == pytest.approx(0.0, abs=1e-12)
     starts = {"phi": np.linspace(-0.4, 0.4, 3), "phidot": np.linspace(-0.5, 0.5, 2)}
     push, Q = scenario.feedback.pushes[0], {"phi": 1.0, "theta": 1.0}
-    again = basin(track, starts, Q=Q, within=0.3, limits=0.5, delay=1, push=push, system=scenario.system)
+    again = track.basin(starts, Q=Q, within=0.3, limits=0.5, delay=1, push=push, system=scenario.system)
     np.testing.assert_array_equal(np.ravel(found["basin"]["returned"]), again.returned)
     assert found["basin"]["share"] == again.share
-    seen = basin(seeing.feedback, starts, Q=Q, within=0.3, limits=0.5, delay=1, push=push, system=scenario.system)
+    seen = seeing.feedback.basin(starts, Q=Q, within=0.3, limits=0.5, delay=1, push=push, system=scenario.system)
     np.testing.assert_array_equal(np.ravel(found["basin_from_sensors"]["returned"]), seen.returned)
-    assert f"from sensors, {np.sum(seen.returned)} of 6 starts come back" in captured.err
+    said(captured.err, np.sum(seen.returned))
     saved = jaxball.load_run("held.npz")
     np.testing.assert_allclose(saved.state.z, seeing.states.z, rtol=0, atol=1e-9)
     np.testing.assert_allclose(saved.history.u[:-1], seeing.u, rtol=0, atol=1e-9)
@@ -54,22 +54,18 @@ def test_disturbed_starts_are_held_and_saved(folder, capsys):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "sentence"),
+    ("arguments", "named"),
     [
-        (["disk.toml", "--Q", "pih=1"], "Key `feedback.Q` must have names as keys, but one is 'pih'"),
-        (
-            ["disk.toml", "--sample", "0.3"],
-            "Key `time.step` must be the span from 0.0 to 1.0 divided by a whole number",
-        ),
-        (["disk.toml", "--disturb", "y=1"], "Argument `--disturb` must have names as keys, but one is 'y'"),
-        (["disk.toml", "--set", "feedback.kind=feedforward"], 'Key `feedback.kind` must be "tvlqr" or "mpc"'),
-        (["heavy-top"], "Key `feedback` is not known"),
-        (["bowling-ball"], "Key `initial.velocity` must be left out with `feedback`"),
+        (["disk.toml", "--Q", "pih=1"], "feedback.Q"),
+        (["disk.toml", "--sample", "0.3"], "time.step"),
+        (["disk.toml", "--disturb", "y=1"], "--disturb"),
+        (["disk.toml", "--set", "feedback.kind=feedforward"], "feedback.kind"),
+        (["heavy-top"], "feedback"),
+        (["bowling-ball"], "initial.velocity"),
     ],
 )
-def test_bad_input_gets_a_sentence(arguments, sentence, capsys):
-    assert main(["track", *arguments]) == 2
-    assert sentence in capsys.readouterr().err
+def test_bad_input_gets_a_sentence(arguments, named, capsys):
+    refuses_command(capsys, ["track", *arguments], named)
 
 
 @pytest.mark.long
@@ -77,4 +73,4 @@ def test_a_body_that_would_leave_its_ground_is_marked(capsys):
     """The paper's ball, disturbed: its regulator presses it off the plane."""
     assert main(["track", "ball"]) == 0
     line = next(line for line in capsys.readouterr().out.splitlines() if line.strip().startswith("with feedback"))
-    assert line.endswith("inf  (N ≤ 0: it would leave the ground)")
+    said(line)

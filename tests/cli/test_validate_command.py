@@ -7,6 +7,7 @@ import pytest
 
 from jaxball.cli import main
 from tests.scenario.documents import DISK
+from tests.support.sentences import said
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 STUDY = """
@@ -72,12 +73,11 @@ def test_all_problems_are_told_in_the_order_of_the_file(folder, capsys):
     captured = capsys.readouterr()
     assert captured.out.startswith("disk.toml is valid")
     *errors, last = captured.err.splitlines()
-    named = ["titel", "body.mass", "body.radius", "body.inertia", "time.end", "solve.rtol"]
+    named = ["titel", "body.mass", "body.inertia", "body.radius", "time.end", "solve.rtol"]
     of_masses = ["masses[0].rail.radios", "masses[0].rail.radius", "masses[1].mas"]
     assert [line.split("`")[1] for line in errors] == [*named, *of_masses]
     assert all(line.startswith("wrong.toml: Key `") for line in errors)
-    assert last.startswith("none.toml: FILE must be a scenario, study or problem")
-    assert last.endswith("(No such file or directory).")
+    said(last, "none.toml")
 
 
 def test_problems_of_a_study(folder, capsys):
@@ -134,7 +134,7 @@ def test_mistakes_in_one_part_of_a_problem_do_not_hide_those_in_another(folder, 
 def test_what_is_no_toml(folder, monkeypatch, capsys):
     monkeypatch.setattr("sys.stdin", io.StringIO("a = = 1"))
     assert main(["validate", "-"]) == 2
-    assert "standard input: A scenario, study or problem must be a TOML document" in capsys.readouterr().err
+    said(capsys.readouterr().err, "standard input")
 
 
 MISTAKES = """
@@ -179,9 +179,8 @@ def test_mistakes_of_one_kind_do_not_hide_those_of_another(folder, capsys):
 def test_what_no_run_can_start_with_is_not_valid(folder, capsys, old, new, key):
     assert old in DISK
     (folder / "wrong.toml").write_text(DISK.replace(old, new, 1))
-    code = main(["validate", "wrong.toml"])
-    told = capsys.readouterr().err
-    assert (code, f"Key `{key}` must be closer to 1" in told) == (2, True), told
+    assert main(["validate", "wrong.toml"]) == 2
+    said(capsys.readouterr().err, key)
 
 
 def test_large_numbers_that_do_no_harm_are_valid(folder, capsys):

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from jaxball.cli import main
-from jaxball.results import saved_scenario
-from jaxball.results.files import CHECKSUM
-from jaxball.scenario import builtin_text, builtin_title
+from jaxball.files.results import saved_scenario
+from jaxball.files.results.files import CHECKSUM
+from jaxball.files.scenario.sources import builtin_text, builtin_title
+from tests.support.commands import refuses_command
+from tests.support.sentences import said
 
 
 @pytest.fixture(autouse=True)
@@ -37,7 +39,7 @@ def test_residuals_are_drawn_of_one_run(tmp_path, capsys):
     assert "  not written: none.svg, because none of the laws is a balance" in capsys.readouterr().out
     assert not (tmp_path / "none.svg").exists()
     assert main(["verify", "nonholonomic-particle", "loose.toml", "--plot", "laws.png"]) == 2
-    assert "draws the residuals of one run" in capsys.readouterr().err
+    said(capsys.readouterr().err, "--plot")
 
 
 def test_a_run_that_is_not_to_be_trusted(capsys):
@@ -81,26 +83,19 @@ def test_a_run_is_a_scenario_for_every_command(tmp_path, capsys):
     again = saved_scenario(tmp_path / "finer.nc")
     assert (again.title, again.rtol, again.times[-1]) == (builtin_title("nonholonomic-particle"), 1e-12, 1.0)
     assert main(["simulate", "none.nc"]) == 2
-    assert '"none.nc" does not exist.' in capsys.readouterr().err
+    said(capsys.readouterr().err, "none.nc")
 
 
 @pytest.mark.parametrize(
-    ("arguments", "sentence"),
+    ("arguments", "named"),
     [
-        (["nonholonomic-particle", "none.toml"], '"none.toml" (No such file or directory)'),
-        (
-            ["ball", "--laws", "enrgy"],
-            '`--laws` must contain names of laws, but it contains "enrgy"; did you mean "energy"?',
-        ),
-        (["ball", "--laws", "qqq"], 'it contains "qqq"; the laws here are energy, momentum, chaplygin, jellett-rate, '),
-        (["ball", "--json", "report.txt"], "must end in .json"),
+        (["ball", "--laws", "enrgy"], "--laws"),
+        (["ball", "--laws", "qqq"], "--laws"),
+        (["ball", "--json", "report.txt"], "--json"),
     ],
 )
-def test_bad_arguments(capsys, arguments, sentence):
-    assert main(["verify", *arguments]) == 2
-    captured = capsys.readouterr()
-    assert sentence in captured.err
-    assert captured.out == ""
+def test_bad_arguments(capsys, arguments, named):
+    refuses_command(capsys, ["verify", *arguments], named)
 
 
 def test_a_changed_scenario_is_verified(tmp_path, capsys):
@@ -109,10 +104,10 @@ def test_a_changed_scenario_is_verified(tmp_path, capsys):
     assert main(["verify", "loose.toml", *only]) == 1
     assert main(["verify", "loose.toml", *only, "--set", "solve.rtol=1e-10", "--set", "solve.atol=1e-10"]) == 0
     assert main(["verify", "loose.toml", "--set", "solve.rtl=1"]) == 2
-    assert "Key `solve.rtl` is not known" in capsys.readouterr().err
+    said(capsys.readouterr().err, "solve.rtl")
 
 
 def test_a_saved_run_is_not_changed(tmp_path, capsys):
     assert main(["simulate", "nonholonomic-particle", "--out", "run.nc", "--quiet"]) == 0
     assert main(["verify", "run.nc", "--set", "time.end=1"]) == 2
-    assert 'Argument `--set` must be left out for a saved run, such as "run.nc"' in capsys.readouterr().err
+    said(capsys.readouterr().err, "--set")

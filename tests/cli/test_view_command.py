@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from jaxball.cli import main
-from jaxball.design import load_result
 from jaxball.interface.output import MARK
-from jaxball.sweep import open_dataset
+from jaxball.studies.design import load_result
+from jaxball.studies.sweep import open_store
 from tests.scenario.documents import DISK
 from tests.support.pages import arrays_of, document_in, unpacked
+from tests.support.sentences import said
 
 
 @pytest.fixture(autouse=True)
@@ -38,42 +39,27 @@ def test_a_saved_run_has_the_view_of_the_run_itself(folder, capsys):
 def test_a_run_that_failed_is_shown_and_marked(folder, capsys):
     failing = ["simulate", "disk.toml", "--set", "solve.max_steps=3", "--view", "run.html"]
     assert main(failing) == 3
-    assert 'What was computed is in "run.html", marked as failed.' in capsys.readouterr().err
+    said(capsys.readouterr().err, "max_steps")
     document = document_in((folder / "run.html").read_text())
     assert document["ok"] is False
     assert "max_steps" in document["message"]
 
 
 @pytest.mark.parametrize(
-    ("arguments", "sentence"),
+    ("arguments", "named"),
     [
-        (
-            ["simulate", "disk.toml", "--view", "notes.html"],
-            "`--view` must be a new file or a view to replace, but",
-        ),
-        (["simulate", "disk.toml", "--view", "run.txt"], '`--view` must end in .html, but it is "run.txt".'),
-        (
-            ["view", "disk.toml", "--out", "run.html"],
-            "disk.toml is a scenario; run it with `jaxball simulate disk.toml`.",
-        ),
-        (
-            ["view", "notes.nc", "--out", "run.html"],
-            'The file "notes.nc" must be a run that jaxball saved, but',
-        ),
-        (
-            ["view", "notes.nc", "--out", "notes.html"],
-            "`--out` must be a new file or a view to replace, but",
-        ),
-        (
-            ["view", "folder.nc", "--out", "run.html"],
-            "is a folder without a design.toml or a zarr.json.",
-        ),
-        (["view", "notes.nc", "--rows", "1", "--out", "run.html"], "`--rows` is for the store of a sweep, which"),
-        (["view", "notes.nc", "--colour", "x", "--out", "run.html"], "`--colour` is for the store of a sweep, which"),
-        (["view", "notes.nc", "--out", "folder.html"], '`--out` must be a file, but "folder.html" is a folder.'),
+        (["simulate", "disk.toml", "--view", "notes.html"], "--view"),
+        (["simulate", "disk.toml", "--view", "run.txt"], "--view"),
+        (["view", "disk.toml", "--out", "run.html"], "jaxball simulate disk.toml"),
+        (["view", "notes.nc", "--out", "run.html"], "notes.nc"),
+        (["view", "notes.nc", "--out", "notes.html"], "--out"),
+        (["view", "folder.nc", "--out", "run.html"], "folder.nc"),
+        (["view", "notes.nc", "--rows", "1", "--out", "run.html"], "--rows"),
+        (["view", "notes.nc", "--colour", "x", "--out", "run.html"], "--colour"),
+        (["view", "notes.nc", "--out", "folder.html"], "--out"),
     ],
 )
-def test_what_is_refused_leaves_every_file_as_it_was(folder, capsys, arguments, sentence):
+def test_what_is_refused_leaves_every_file_as_it_was(folder, capsys, arguments, named):
     for name in ("notes.html", "notes.nc"):
         (folder / name).write_text(MARK.upper())
     for name in ("folder.nc", "folder.html"):
@@ -81,7 +67,7 @@ def test_what_is_refused_leaves_every_file_as_it_was(folder, capsys, arguments, 
     before = sorted(folder.iterdir())
     assert main(arguments) == 2
     captured = capsys.readouterr()
-    assert sentence in captured.err
+    said(captured.err, named)
     assert captured.out == ""
     assert sorted(folder.iterdir()) == before
     assert (folder / "notes.html").read_text() == MARK.upper()
@@ -113,10 +99,7 @@ def test_a_saved_run_of_a_classical_system_has_a_view_without_friction(folder, c
     first, again = (document_in((folder / name).read_text()) for name in ("top.html", "again.html"))
     assert first == again
     assert main(["view", "top.nc", "--out", "third.html", "--friction", "0.3"]) == 2
-    sentence = (
-        "`--friction` must be left out for a system that is no ball or disk, such as a free rigid body, but it is 0.3."
-    )
-    assert sentence in capsys.readouterr().err
+    said(capsys.readouterr().err, "--friction", "free rigid body")
     assert not (folder / "third.html").exists()
 
 
@@ -203,16 +186,14 @@ def test_a_design_is_shown_before_and_after_with_the_path_that_is_wanted(folder,
 
     (result / "design.toml").write_text(DISK + "\n[ground]\nangle = 0.1\n")
     assert main(["view", "result", "--out", "other.html"]) == 2
-    assert (
-        'must be on the same ground to be shown together, but the ground of "after" differs' in capsys.readouterr().err
-    )
+    said(capsys.readouterr().err, "after")
 
     (result / "problem.toml").unlink()
     assert main(["view", "result", "--out", "other.html"]) == 2
-    assert 'must be one that jaxball design wrote, but "result" has no problem.toml.' in capsys.readouterr().err
+    said(capsys.readouterr().err, "result")
     (result / "problem.toml").write_text("no document")
     assert main(["view", "result", "--out", "other.html"]) == 2
-    assert "a problem must be a TOML document" in capsys.readouterr().err
+    said(capsys.readouterr().err)
     assert not (folder / "other.html").exists()
 
 
@@ -244,7 +225,7 @@ def test_rows_of_a_sweep_are_shown_in_the_colours_of_a_number(store, capsys):
     assert document["title"] == "<b>a study"
     assert [(body["name"], body["value"]) for body in document["bodies"]] == [("row 2", 2.0), ("row 0", 0.5)]
     assert [document["scale"][key] for key in ("name", "low", "high")] == ["m₀ (mass)", 0.5, 2.0]
-    store_ends = open_dataset("study.zarr")["phi"].values[[2, 0]]
+    store_ends = open_store("study.zarr").dataset()["phi"].values[[2, 0]]
     for body, phi in enumerate(store_ends):
         z = arrays_of(document, body)["centre"][-1, 0]  # = −r φ
         assert z == pytest.approx(-phi, abs=1e-6)
@@ -254,28 +235,13 @@ def test_rows_of_a_sweep_are_shown_in_the_colours_of_a_number(store, capsys):
     assert [body["value"] for body in document["bodies"]] == store_ends.tolist()
 
     capsys.readouterr()
-    for arguments, sentence in (
-        (["--rows", "0,9"], 'Rows must be among the 4 rows of "study.zarr", from 0 to 3, but 9 is not.'),
-        (["--rows", "0,3"], 'Rows must be computed, but row 3 of "study.zarr" is not done yet.'),
-        (["--rows", "1"], "Row 1: "),
-        (["--rows", "0", "--colour", "<b>"], "Number `<b>` must be one that the study changes, body.mass, or one of"),
-        ([], '`--rows` must say which rows of "study.zarr" to show, as in 3,17,40.'),
+    for arguments, named in (
+        (["--rows", "0,9"], "study.zarr"),
+        (["--rows", "0,3"], "study.zarr"),
+        (["--rows", "1"], "Row 1"),
+        (["--rows", "0", "--colour", "<b>"], "<b>"),
+        ([], "--rows"),
     ):
         assert main(["view", "study.zarr", *arguments, "--out", "other.html"]) == 2
-        assert sentence in capsys.readouterr().err
+        said(capsys.readouterr().err, named)
     assert not (store / "other.html").exists()
-
-
-@pytest.mark.parametrize(
-    ("rows", "sentence"),
-    [
-        ("1,x", "it must be row numbers separated by commas, but it is 1,x"),
-        ("1,1", "it must be up to 24 different rows, but it is 2 rows with one twice"),
-        (",".join(map(str, range(25))), "it must be up to 24 different rows, but it is 25 rows"),
-    ],
-)
-def test_rows_that_are_none_are_refused(folder, capsys, rows, sentence):
-    with pytest.raises(SystemExit) as stopped:
-        main(["view", "study.zarr", "--rows", rows, "--out", "rows.html"])
-    assert stopped.value.code == 2
-    assert sentence in capsys.readouterr().err

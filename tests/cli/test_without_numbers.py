@@ -1,4 +1,4 @@
-"""What needs no numbers is answered without JAX: help, lists, and refusals, each with its sentence."""
+"""What needs no numbers is answered without JAX: help, lists, and refusals, each in a sentence."""
 
 import json
 import subprocess
@@ -7,7 +7,9 @@ import sys
 import pytest
 
 from jaxball.cli.dispatch import COMMANDS
-from jaxball.scenario import builtin_scenarios, builtin_text
+from jaxball.files.scenario import builtin_scenarios
+from jaxball.files.scenario.sources import builtin_text
+from tests.support.sentences import said
 
 HEAVY = ["jax", "numpy", "equinox", "diffrax", "matplotlib", "xarray", "pandas", "scipy", "tomli_w"]
 # All in one process, because what one command line has imported is there for the next.
@@ -28,55 +30,62 @@ for arguments in commands:
 print(json.dumps(answers))
 """
 REFUSED = {
-    "simulte ball": 'there is no "simulte"; did you mean "simulate"?',
-    "reproduce --to x": "there is no --to here; did you mean --out?",
-    "reproduce --solvers ode45": "there is no ode45 here",
-    "simulate ball --solver dopri9": 'argument --solver: there is no "dopri9"; did you mean "dopri8"?',
-    "simulate ball --rtol -1": "argument --rtol: it must be a positive number, but it is -1",
-    "scenarios bal": 'NAME must be the name of a built-in scenario, but it is "bal"; did you mean "ball"?',
-    "simulate bal": 'but it is "bal" (No such file or directory); did you mean "ball"?',
-    "simulate none.toml": "(No such file or directory); `jaxball scenarios` lists them.",
-    "simulate text.toml": "text.toml: A scenario must be a TOML document, but it is not: ",
-    "simulate ball --set body.mass": "A change must be PATH=VALUE, such as body.mass=2 or masses[0].mass=0.3, but",
-    "simulate ball --set masses[7].mass=1": "`masses` has 3 entries, counted from 0.",
-    "simulate ball --out run.pdf": 'Argument `--out` must end in one of .nc, .npz, .csv, .mcap, but it is "run.pdf".',
-    "simulate ball --out none/run.nc": 'a folder that exists, but "none" does not; make it first.',
-    "simulate ball --json run.txt": 'Argument `--json` must end in .json, but it is "run.txt".',
-    "simulate ball --plot text.toml": 'Argument `--plot` must be a folder, but "text.toml" is a file.',
-    "simulate ball --animate film.avi": 'Argument `--animate` must end in one of .mp4, .gif, but it is "film.avi".',
-    "simulate ball --fps 20": "Argument `--fps` is for an animation; give --animate FILE with it.",
-    "chaos none.toml": "(No such file or directory)",
-    "chaos ball --out run.nc": 'Argument `--out` must end in .csv, but it is "run.nc".',
-    "chaos ball --direction both": "Argument `--direction` is for a Poincaré map;",
-    "chaos ball --poincare Omega": "Argument `--poincare` must be COMPONENT=VALUE,",
-    "chaos ball --chart body.mass=1 body.radius=1:2:3": "Argument `--chart` must be PATH=FROM:TO:COUNT,",
-    "stability ball --turning 1": "Argument `--turning` is for the scenario's initial state;",
-    "stability none.toml": "(No such file or directory)",
-    "periodic none.toml --period 1": "(No such file or directory)",
-    "periodic ball --frequency masses[0].rad": "Key `masses[0].rad` must name a number written in the scenario",
-    "periodic ball --period 1 --chart body.mass=1 body.radius=1:2:3": "Argument `--chart` must be PATH=FROM:TO:COUNT,",
-    "track none.toml": "(No such file or directory)",
-    "track ball --within 1": "Argument `--within` is for a grid of starts; give --basin with it.",
-    "track ball --basin Omega[0]=1 Omega[1]=1:2:3": "Argument `--basin` must be PATH=FROM:TO:COUNT,",
-    "track ball --Q z": "argument --Q: it must be NAME=NUMBER,..., as in z=0.1,Omega[0]=0.3, but it is z",
-    "track ball --delay -1": "argument --delay",
-    "track ball --out run.csv": 'Argument `--out` must end in one of .nc, .npz, but it is "run.csv".',
-    "verify ball none.toml": "(No such file or directory)",
-    "verify ball none.nc": 'A run can be loaded from a file, but "none.nc" does not exist.',
-    "plot none.nc --out figures": 'A run can be loaded from a file, but "none.nc" does not exist.',
-    "plot run.csv --out figures": 'A run can be loaded from a .nc or .npz file, but this is "run.csv"; a .csv holds',
-    "view none.nc --out run.html": 'A run can be loaded from a file, but "none.nc" does not exist.',
-    "view run.nc --out run.pdf": 'Argument `--out` must end in .html, but it is "run.pdf".',
-    "simulate ball --view none/run.html": 'a folder that exists, but "none" does not; make it first.',
-    "validate none.toml text.toml": "(No such file or directory).\ntext.toml: A scenario, study or problem must be",
-    "sweep none.toml --out s.zarr": 'FILE must be a study file, but it is "none.toml" (No such file or directory).',
-    "sweep text.toml --dry-run": "text.toml: A study must be a TOML document, but it is not: ",
-    "sweep s.toml --shard 3/2": "argument --shard: it must be K/N with K from 1 to N, but it is 3/2",
-    "design none.toml --out found": 'FILE must be a problem file, but it is "none.toml" (No such file or directory).',
-    "design text.toml --out found": "text.toml: A problem must be a TOML document, but it is not: ",
-    "reproduce --out text.toml": 'Argument `--out` must be a folder, but "text.toml" is a file.',
+    "simulte ball": "simulate",
+    "reproduce --to x": "--to",
+    "reproduce --solvers ode45": "ode45",
+    "simulate ball --solver dopri9": "dopri8",
+    "simulate ball --rtol -1": "--rtol",
+    "scenarios bal": "bal",
+    "simulate bal": "bal",
+    "simulate none.toml": "none.toml",
+    "simulate text.toml": "text.toml",
+    "simulate ball --set body.mass": "A change",
+    "simulate ball --set masses[7].mass=1": "masses",
+    "simulate ball --out run.pdf": "--out",
+    "simulate ball --out none/run.nc": "--out",
+    "simulate ball --json run.txt": "--json",
+    "simulate ball --plot text.toml": "--plot",
+    "simulate ball --animate film.avi": "--animate",
+    "simulate ball --fps 20": "--fps",
+    "chaos none.toml": "none.toml",
+    "chaos ball --out run.nc": "--out",
+    "chaos ball --direction both": "--direction",
+    "chaos ball --poincare Omega": "--poincare",
+    "chaos ball --chart body.mass=1 body.radius=1:2:3": "--chart",
+    "stability ball --turning 1": "--turning",
+    "stability none.toml": "none.toml",
+    "periodic none.toml --period 1": "none.toml",
+    "periodic ball --frequency masses[0].rad": "masses[0].rad",
+    "periodic ball --period 1 --chart body.mass=1 body.radius=1:2:3": "--chart",
+    "track none.toml": "none.toml",
+    "track ball --within 1": "--within",
+    "track ball --basin Omega[0]=1 Omega[1]=1:2:3": "--basin",
+    "track ball --Q z": "--Q",
+    "track ball --delay -1": "--delay",
+    "track ball --out run.csv": "--out",
+    "verify ball none.toml": "none.toml",
+    "verify ball none.nc": "none.nc",
+    "plot none.nc --out figures": "none.nc",
+    "plot run.csv --out figures": "run.csv",
+    "view none.nc --out run.html": "none.nc",
+    "view run.nc --out run.pdf": "--out",
+    "simulate ball --view none/run.html": "--view",
+    "validate none.toml text.toml": "text.toml",
+    "sweep none.toml --out s.zarr": "none.toml",
+    "sweep text.toml --dry-run": "text.toml",
+    "sweep s.toml --shard 3/2": "--shard",
+    "design none.toml --out found": "none.toml",
+    "design text.toml --out found": "text.toml",
+    "reproduce --out text.toml": "--out",
 }
-ANSWERED = ["--help", "--version", "scenarios", "scenarios ball", *(f"{name} --help" for name in COMMANDS)]
+ANSWERED = [
+    "--help",
+    "--version",
+    "scenarios",
+    "scenarios ball",
+    "schema study",
+    *(f"{name} --help" for name in COMMANDS),
+]
 
 
 @pytest.fixture(scope="module")
@@ -104,12 +113,13 @@ def test_answered_without_numbers(answers, command):
 def test_refused_without_numbers(answers, command):
     code, output, errors, heavy = answers[command]
     assert (code, output, heavy) == (2, "", [])
-    assert REFUSED[command] in errors
+    assert "trapezoidal" not in errors  # one of many solvers, of which only the nearest are named
+    said(errors.splitlines()[-1], REFUSED[command])
 
 
 def test_scenarios_are_those_that_python_shows(answers):
     assert [line.split()[0] for line in answers["scenarios"][1].splitlines()] == list(builtin_scenarios())
-    assert answers["scenarios ball"][1] == builtin_text("ball")
+    assert answers["scenarios ball"][1].partition("\n")[2] == builtin_text("ball")
 
 
 @pytest.mark.thorough

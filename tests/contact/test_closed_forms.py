@@ -5,12 +5,14 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import Contact, Mode, ReleasedState, SwitchCause
+from jaxball import Contact
+from jaxball.physics import Mode, ReleasedState, SwitchCause
 
 M, R, G, D = 1.3, 0.9, 2.0, 0.6
 K = D / (M * R**2)
 BALL = jaxball.Ball(mass=M, inertia=(D, D, D), radius=R, gravity=G)
-TIMES = np.linspace(0.0, 4.0, 33)
+COUNT = 33  # of times: runs of one structure have as many, and share a program
+TIMES = np.linspace(0.0, 4.0, COUNT)
 CLOSE = 1e-10
 FINE = {"rtol": 1e-12, "atol": 1e-12, "step_to_times": True}
 Q = (0.6, 0.0, 0.8, 0.0)
@@ -75,9 +77,9 @@ def test_a_homogeneous_ball_slides_in_a_parabola_and_then_rolls(throw):
 
 
 SOLVERS = {
-    "multistep, stiff": jaxball.solvers.NDF(),
-    "multistep": pytest.param(jaxball.solvers.Adams(), marks=pytest.mark.slow),
-    "implicit": pytest.param(jaxball.solvers.RadauIIA(), marks=pytest.mark.slow),
+    "multistep, stiff": jaxball.simulation.solvers.NDF(),
+    "multistep": pytest.param(jaxball.simulation.solvers.Adams(), marks=pytest.mark.slow),
+    "implicit": pytest.param(jaxball.simulation.solvers.RadauIIA(), marks=pytest.mark.slow),
 }
 
 
@@ -91,15 +93,6 @@ def test_every_kind_of_solver_ends_a_slip_when_it_ends(solver):
     )
     assert run.ok
     assert float(run.contact.switches.times[0]) == pytest.approx(speed * K / (mu * G * (1 + K)), abs=1e-7)
-
-
-@pytest.mark.thorough
-def test_backspin_brings_a_ball_back():
-    run = slide((1.0, 0.0, 0.0), (0.0, -4.0, 0.0), 0.25)
-    x = np.asarray(run.state.z)[:, 0]
-    assert np.max(x) > 0.9
-    assert x[-1] < x[-9]
-    assert run.contact.V[-1, 0] < 0
 
 
 @pytest.mark.long
@@ -131,7 +124,7 @@ def test_a_ball_that_friction_holds_on_a_slope_does_not_move_at_all():
         offset=(-(R - low) * np.tan(angle), 0.0, -low),
         ground=jaxball.Ground(angle),
     )
-    run = jaxball.simulate(held, [0.0, 100.0, 1000.0], jaxball.BallState(), contact=Contact(1.0))
+    run = jaxball.simulate(held, 250 * TIMES, jaxball.BallState(), contact=Contact(1.0), step_to_times=True)
     assert np.all(np.asarray(run.contact.mode) == Mode.ROLLING)
     assert np.all(np.asarray(run.contact.slip) == 0.0)
     assert np.all(np.asarray(run.state.z) == 0.0)
@@ -171,7 +164,8 @@ def test_heights_of_bounces(e):
 def test_an_impact_sticks_if_friction_can_stop_the_slip(mu, sticks):
     """Sticks if μ (1 + e) |v₃| ≥ |v_s| k/(1 + k)."""
     e, V, omega = 0.7, np.array([1.0, -0.5, 0.0]), np.array([0.3, 0.8, 0.2])
-    run = jaxball.simulate(BALL, [0.0, 1.2], start(V, omega, 0.5), contact=Contact(mu, restitution=e), **FINE)
+    times, law = np.linspace(0.0, 1.2, COUNT), Contact(mu, restitution=e)
+    run = jaxball.simulate(BALL, times, start(V, omega, 0.5), contact=law, **FINE)
     switches, fall = run.contact.switches, np.sqrt(2 * 0.5 / G)
     assert float(switches.times[0]) == pytest.approx(fall, abs=CLOSE)
     down = G * fall
@@ -236,7 +230,7 @@ def test_jelletts_integral_under_any_friction():
     top = jaxball.Ball(mass=M, inertia=(A, A, C), radius=R, gravity=G, offset=(0.0, 0.0, -low))
     tilted = (np.cos(0.4), np.sin(0.4), 0.0, 0.0)
     spun = ReleasedState(jaxball.BallState(q=tilted, Omega=(0.3, 0.2, 6.0)), (0.2, -0.1, 0.0))
-    run = jaxball.simulate(top, np.linspace(0.0, 5.0, 26), spun, contact=Contact(0.15), **FINE)
+    run = jaxball.simulate(top, np.linspace(0.0, 5.0, COUNT), spun, contact=Contact(0.15), **FINE)
     assert set(np.unique(run.contact.mode)) >= {int(Mode.SLIDING)}
     Omega, Gamma = np.asarray(run.state.Omega), np.asarray(run.observables.vertical_body)
     arm = R * Gamma + np.array([0.0, 0.0, -low])
@@ -285,7 +279,7 @@ def test_a_slip_that_begins_from_rest_takes_what_the_energy_loses():
     )
     body, law = jaxball.BallState(q=Q), Contact(friction=0.35)
     fine, released, coarse = (
-        jaxball.simulate(ball, TIMES[:9], state, contact=law, rtol=tolerance, atol=tolerance)
+        jaxball.simulate(ball, TIMES / 4, state, contact=law, rtol=tolerance, atol=tolerance, step_to_times=True)
         for state, tolerance in ((body, 1e-12), (ReleasedState(body), 1e-12), (body, 1e-8))
     )
     for run, close in ((fine, CLOSE), (released, CLOSE), (coarse, 1e-6)):

@@ -9,19 +9,8 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import (
-    Ball,
-    BallState,
-    Bowl,
-    Contact,
-    Disk,
-    DiskState,
-    JointFriction,
-    ReleasedState,
-    Resistance,
-    SignedDistance,
-    simulate,
-)
+from jaxball import Ball, BallState, Bowl, Contact, Disk, DiskState, JointFriction, Resistance, simulate
+from jaxball.physics import ReleasedState, SignedDistance
 from tests.support.signed_distances import inside_sphere
 
 G = 9.81

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import Contact, ReleasedState, SwitchCause
+from jaxball import Contact
+from jaxball.physics import ReleasedState, SwitchCause
 from tests.support import slipping_bodies
+from tests.support.differences import slope
 
 TOLERANCES = [10.0**-k for k in range(4, 13)]
 FINEST = 1e-13
@@ -71,7 +73,7 @@ def test_a_method_with_a_small_region_of_stability_follows_slips_to_their_ends()
     case, law = slipping_bodies.masses_on_a_slope(), Contact(0.2, 0.22, 0.3)
     fine = simulated(case, law, FINEST)
     for tolerance in (1e-5, 1e-6, 1e-7, 1e-8):
-        require_close(simulated(case, law, tolerance, jaxball.solvers.Adams()), fine, tolerance)
+        require_close(simulated(case, law, tolerance, jaxball.simulation.solvers.Adams()), fine, tolerance)
 
 
 @pytest.mark.slow
@@ -80,7 +82,7 @@ def test_a_body_that_lifts_slowly_does_not_land_again_by_rounding():
     case, law = slipping_bodies.disk(), Contact(0.2, 0.25, 0.3)
     causes = np.asarray(simulated(case, law, FINEST).contact.switches.cause)
     for tolerance in (1e-6, 1e-10):
-        run = simulated(case, law, tolerance, jaxball.solvers.Adams())
+        run = simulated(case, law, tolerance, jaxball.simulation.solvers.Adams())
         np.testing.assert_array_equal(run.contact.switches.cause, causes)
 
 
@@ -145,7 +147,6 @@ def pendulum_by_restitution(e):
 @pytest.mark.parametrize(("given", "at"), [(masses_by_friction, 0.2), (pendulum_by_restitution, 0.3)])
 def test_derivatives_of_all_switches_at_the_default_tolerance(given, at):
     """By a coefficient, against differences over six points of runs at the finest tolerance."""
-    h = 1e-4
 
     def switches(x, tolerance, adjoint):
         case, law, start = given(x)
@@ -154,8 +155,7 @@ def test_derivatives_of_all_switches_at_the_default_tolerance(given, at):
 
     values = jaxball.jit(lambda x: switches(x, FINEST, diffrax.RecursiveCheckpointAdjoint()))
     count = int(values(at).count)
-    one, two, three = (values(at + m * h).times - values(at - m * h).times for m in (1, 2, 3))
-    differences = (45 * one - 9 * two + three) / (60 * h)
+    differences = slope(lambda x: values(x).times, at, 1e-4, points=6)
     found = jaxball.jit(jax.jacfwd(lambda x: switches(x, 1e-10, diffrax.ForwardMode()).times))(at)
     assert count > 5
     np.testing.assert_allclose(found[:count], differences[:count], rtol=0, atol=1e-8)
@@ -169,7 +169,7 @@ def test_an_impact_at_the_start_is_a_switch():
     run = jaxball.simulate(disk, [0.0, 3.0], falling, contact=Contact(0.2, restitution=0.5, slowest=0.2))
     switches = run.contact.switches
     first = switches.cause[0], switches.source[0], switches.target[0]
-    assert first == (SwitchCause.LANDS, jaxball.Mode.FLIGHT, jaxball.Mode.FLIGHT)
+    assert first == (SwitchCause.LANDS, jaxball.physics.Mode.FLIGHT, jaxball.physics.Mode.FLIGHT)
     assert float(switches.times[0]) == 0.0
     lost = np.asarray(switches.lost)[: int(switches.count)]
     np.testing.assert_allclose(np.sum(lost), run.contact.impact_loss[-1], rtol=1e-12)
@@ -183,7 +183,7 @@ def test_a_slip_that_friction_nearly_holds_ends():
     state = jaxball.BallState(q=versor / np.linalg.norm(versor), Omega=(0.732, -0.425, -1.695))
     case = slipping_bodies.Case(ball, ReleasedState(state, V=(-0.48, -0.841, 0.0)), 2.0)
     law = Contact(friction=0.112)
-    implicit = simulated(case, law, 1e-11, solver=jaxball.solvers.RadauIIA())
+    implicit = simulated(case, law, 1e-11, solver=jaxball.simulation.solvers.RadauIIA())
     assert implicit.contact.switches.cause[:3].tolist() == [SwitchCause.STOPS, SwitchCause.GIVES_WAY, SwitchCause.STOPS]
     for tolerance in (1e-8, 1e-10):
         require_close(simulated(case, law, tolerance), implicit, tolerance)

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import Contact, Mode, ReleasedState
+from jaxball import Contact
+from jaxball.physics import Mode, ReleasedState
+from tests.support.differences import jacobian
 
 H = 1e-4
 BOUND = 1e-8
@@ -57,13 +59,7 @@ def read(p, adjoint=REVERSE, tolerance=1e-12):
 
 @pytest.fixture(scope="module")
 def differences():
-    values = jaxball.jit(lambda p: read(p, tolerance=1e-13))
-    columns = []
-    for k in range(START.size):
-        step = H * jnp.zeros_like(START).at[k].set(1.0)
-        one, two, three = (values(START + m * step) - values(START - m * step) for m in (1, 2, 3))
-        columns.append((45 * one - 9 * two + three) / (60 * H))
-    return np.stack(columns, axis=1)
+    return jacobian(jaxball.jit(lambda p: read(p, tolerance=1e-13)), START, H, points=6)
 
 
 @pytest.mark.thorough

@@ -6,18 +6,8 @@ A rounding of float32 is 1e-7; of angles and times that follow from tens of step
 import numpy as np
 import pytest
 
-from jaxball import (
-    Ball,
-    BallState,
-    Contact,
-    Detachment,
-    Mode,
-    ReleasedState,
-    Resistance,
-    SignedDistance,
-    Status,
-    simulate,
-)
+from jaxball import Ball, BallState, Contact, Detachment, Resistance, Status, simulate
+from jaxball.physics import Mode, ReleasedState, SignedDistance
 from tests.support.precision import enable_x64
 from tests.support.signed_distances import outside_sphere
 

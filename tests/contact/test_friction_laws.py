@@ -10,17 +10,10 @@ import numpy as np
 import pytest
 from jaxtyping import Array, Float
 
-from jaxball import (
-    AbstractFriction,
-    Ball,
-    BallState,
-    Contact,
-    Ground,
-    ReleasedState,
-    SmoothedCoulomb,
-    simulate,
-)
+from jaxball import Ball, BallState, Contact, Ground, simulate
+from jaxball.physics import AbstractFriction, ReleasedState, SmoothedCoulomb
 from jaxball.physics.conditions import Condition
+from tests.support.sentences import refuses
 
 M, D, R, G = 1.3, 0.6, 0.9, 2.0
 TIMES = np.linspace(0.0, 4.0, 41)
@@ -49,9 +42,10 @@ class Fading(AbstractFriction):
         return self.fast * speed / (speed + self.half)
 
 
-def slipping(start, law, **settings):
-    ball = Ball(mass=M, inertia=(D, D, D), radius=R, gravity=G)
-    return simulate(ball, TIMES, start, contact=law, rtol=1e-12, atol=1e-12, **settings)
+def slipping(start, law, times=TIMES, angle=0.0, **settings):
+    """A run on a slope or on a level plane, with as many times: one program for each law."""
+    ball = Ball(mass=M, inertia=(D, D, D), radius=R, gravity=G, ground=Ground(angle))
+    return simulate(ball, times, start, contact=law, rtol=1e-12, atol=1e-12, **settings)
 
 
 def slips_of(run):
@@ -118,9 +112,9 @@ def test_the_coefficients_of_a_law():
     """Static friction is μ(0) unless it is given, and must not be less."""
     assert float(Contact(Growing(0.1, 0.3)).static_friction) == float(Contact(Growing(0.1, 0.3)).friction) == 0.1
     assert float(Contact(Growing(0.1, 0.3)).coefficient(jnp.asarray(2.0))) == pytest.approx(0.7)
-    with pytest.raises(ValueError, match=r"`static_friction` must be no less than the coefficient `friction`"):
+    with refuses(ValueError, "static_friction"):
         Contact(Growing(0.1, 0.3), static_friction=0.05)
-    with pytest.raises(ValueError, match=r"`slope` must be 0 or positive, but it is -1"):
+    with refuses(ValueError, "slope"):
         Contact(Growing(0.1, -1.0))
 
 
@@ -152,9 +146,7 @@ def test_smoothed_friction_lets_a_slip_fade():
 
 def test_a_slip_that_has_faded_costs_few_steps():
     """Of the time 60 the slip lasts 5: what rounding leaves of it has no ends to be found."""
-    ball = Ball(mass=M, inertia=(D, D, D), radius=R, gravity=G)
-    law = Contact(SmoothedCoulomb(MU, SMOOTHING))
-    run = simulate(ball, np.array([0.0, 60.0]), ALONG_AND_ACROSS, contact=law, throw=True)
+    run = slipping(ALONG_AND_ACROSS, Contact(SmoothedCoulomb(MU, SMOOTHING)), 15 * TIMES, throw=True)
     assert int(run.steps) < 1000
     np.testing.assert_allclose(slips_of(run)[-1], 0.0, atol=1e-9)
 
@@ -163,8 +155,7 @@ def test_a_slip_that_has_faded_costs_few_steps():
 def test_smoothed_friction_lets_a_ball_creep_on_a_slope(start):
     """Rolling would need the share s = tan a / (μ (1 + m r²/d)) of μ N, which the slip ε s / (1 − s) has."""
     a = 0.03
-    ball = Ball(mass=M, inertia=(D, D, D), radius=R, gravity=G, ground=Ground(a, 0.0))
-    run = simulate(ball, TIMES, start, contact=Contact(SmoothedCoulomb(MU, SMOOTHING)), throw=True)
+    run = slipping(start, Contact(SmoothedCoulomb(MU, SMOOTHING)), angle=a, throw=True)
     share = np.tan(a) / (MU * (1 + M * R**2 / D))
     np.testing.assert_allclose(slips_of(run)[-1], [SMOOTHING * share / (1 - share), 0.0], rtol=0, atol=1e-9)
 
@@ -208,9 +199,7 @@ def test_the_coefficients_of_smoothed_friction():
     contact = Contact(SmoothedCoulomb(0.3, 0.02))
     assert float(contact.coefficient(jnp.asarray(0.02))) == 0.15
     assert float(contact.friction) == float(contact.static_friction) == 0.0
-    with pytest.raises(ValueError, match=r"^Argument `friction.kinetic` must be 0 or positive, but it is -0.3\.$"):
+    with refuses(ValueError, "friction.kinetic"):
         Contact(SmoothedCoulomb(-0.3, 0.02))
-    with pytest.raises(
-        ValueError, match=r"^Argument `friction.smoothing` must be a positive number, but it is 0\.0\.$"
-    ):
+    with refuses(ValueError, "friction.smoothing"):
         Contact(SmoothedCoulomb(0.3, 0.0))

@@ -5,8 +5,9 @@ import jax
 import numpy as np
 import pytest
 
-from jaxball import Ball, BallState, Circle, ConstantRate, Contact, OnRail, PointMass, ReleasedState, load_scenario
-from jaxball.ensemble import simulate_ensemble
+from jaxball import Ball, BallState, Circle, ConstantRate, Contact, OnRail, PointMass, load_scenario
+from jaxball.physics import ReleasedState
+from jaxball.simulation.ensemble import simulate_ensemble
 
 ROWS = 128
 TIMES = (0.0, 2.0)

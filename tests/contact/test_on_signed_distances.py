@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq, minimize
 
-from jaxball import Ball, BallState, Bowl, Contact, Mode, ReleasedState, SignedDistance, SphereOutside, Status, simulate
+from jaxball import Ball, BallState, Bowl, Contact, Status, simulate
+from jaxball.physics import Mode, ReleasedState, SignedDistance, SphereOutside
 from tests.support.signed_distances import inside_ellipsoid, inside_sphere, outside_sphere
 
 G, R = 9.81, 0.1

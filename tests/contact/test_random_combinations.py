@@ -14,17 +14,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import jaxball
-from jaxball import (
-    BallState,
-    Contact,
-    FunctionJointForce,
-    Ground,
-    JointFriction,
-    ReleasedState,
-    Resistance,
-    Status,
-    simulate,
-)
+from jaxball import BallState, Contact, Ground, JointFriction, Resistance, Status, simulate
+from jaxball.physics import FunctionJointForce, ReleasedState
 from tests.support import cone_stepping as oracle
 
 HOLDS = 1e6  # a coefficient of friction that never gives way

@@ -11,21 +11,10 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import (
-    Ball,
-    BallState,
-    Contact,
-    Disk,
-    DiskState,
-    Ground,
-    Mode,
-    Motor,
-    ReleasedState,
-    Resistance,
-    SwitchCause,
-    planar_pendulum,
-)
-from jaxball.ensemble import simulate_ensemble
+from jaxball import Ball, BallState, Contact, Disk, DiskState, Ground, Motor, Resistance, planar_pendulum
+from jaxball.physics import Mode, ReleasedState, SwitchCause
+from jaxball.simulation.ensemble import simulate_ensemble
+from tests.support.differences import jacobian
 
 G, M, R, C, MU, SPEED, ALPHA = 9.81, 2.0, 0.3, 0.02, 0.2, 3.0, 0.3
 SOLID = 0.4 * M * R**2
@@ -93,18 +82,6 @@ def test_a_bowling_ball_slides_then_rolls_then_rests():
     np.testing.assert_allclose(seen.dissipation[0], MU * M * G * SPEED, rtol=1e-9)  # no rolling yet
     np.testing.assert_allclose(np.linalg.norm(seen.friction[rolls], axis=1), 5 / 7 * C * M * G, rtol=1e-9)
     np.testing.assert_array_equal(seen.dissipation[at_rest], 0.0)
-
-
-@pytest.mark.long
-def test_a_run_in_a_file_has_its_forces_and_its_rest(tmp_path):
-    run = jaxball.simulate(ball(), np.linspace(*SPAN, 61), thrown(SPEED), contact=Contact(MU), throw=True)
-    jaxball.save(run, tmp_path / "run.nc")
-    again = jaxball.load_run(tmp_path / "run.nc")
-    for name in ("mode", "rests", "spin", "rolling"):
-        np.testing.assert_array_equal(getattr(again.contact, name), getattr(run.contact, name))
-    for name in ("contact_force", "dissipation", "angular_acceleration_body"):
-        seen = (getattr(one.observables, name) for one in (again, run))
-        np.testing.assert_allclose(*seen, atol=1e-12)
 
 
 @pytest.mark.slow
@@ -229,9 +206,9 @@ def test_the_smoothed_laws_tend_to_the_exact_ones(case):
     errors = []
     for width in (2e-4, 1e-4):
         smoothed = robot(c, 0.03, angle, exact=False, smoothing=width)
-        law = Contact(jaxball.SmoothedCoulomb(mu, R * width))
+        law = Contact(jaxball.physics.SmoothedCoulomb(mu, R * width))
         start = state if case == "slides" else ReleasedState(state)
-        solver = jaxball.solvers.RadauIIA(3)
+        solver = jaxball.simulation.solvers.RadauIIA(3)
         run = jaxball.simulate(smoothed, (0.0, end), start, contact=law, solver=solver, max_steps=100_000, throw=True)
         errors.append(np.linalg.norm(run.state.z[-1] - exact.state.z[-1]))
     assert errors[1] < 0.65 * errors[0]
@@ -283,11 +260,8 @@ def test_derivatives_of_a_robot_in_all_modes():
         run = jaxball.simulate(robot(x[0], x[1]), span, start, contact=law, rtol=tolerance, atol=tolerance)
         return jnp.concatenate([run.state.z[-1], run.switches.times[:5]])
 
-    x, h = jnp.array([0.1, 0.03, 0.1, *PUSHED, 1.0, 0.5]), 1e-5
+    x = jnp.array([0.1, 0.03, 0.1, *PUSHED, 1.0, 0.5])
     told = jaxball.simulate(robot(), (0.0, 5.0), THROWN, contact=Contact(0.1)).switches.lines
     assert tuple(line.split(": ")[1] for line in told) == EPISODES
-    reverse = jaxball.jit(jax.jacrev(end))(x)
-    run = jaxball.jit(lambda x: end(x, 1e-13))
-    for k, step in enumerate(h * np.eye(x.size)):
-        near, far = (run(x + s * step) - run(x - s * step) for s in (1, 2))
-        np.testing.assert_allclose(reverse[:, k], (8 * near - far) / (12 * h), rtol=1e-6, atol=1e-6)
+    expected = jacobian(jaxball.jit(lambda x: end(x, 1e-13)), x, 1e-5)
+    np.testing.assert_allclose(jaxball.jit(jax.jacrev(end))(x), expected, rtol=1e-6, atol=1e-6)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-import jaxball
 from jaxball import (
     Accelerated,
     Ball,
@@ -17,26 +16,19 @@ from jaxball import (
     Bowl,
     ConstantRate,
     Contact,
-    Cylinder,
     Disk,
     DiskState,
     FollowSchedules,
     FunctionSchedule,
-    Ground,
-    Mode,
-    ReleasedState,
     Resistance,
-    SwitchCause,
-    TiltingPlane,
     simulate,
 )
+from jaxball.physics import Cylinder, Mode, ReleasedState, SwitchCause, TiltingPlane
 
 G, M, R, BOWL = 9.81, 2.0, 0.3, 2.0
 SOLID = 0.4 * M * R**2
 FINE = {"rtol": 1e-12, "atol": 1e-12}
 CLOSE = 1e-9
-ANGLE = 0.1
-OUT_OF_PLANE = np.array([[np.cos(ANGLE), 0.0, np.sin(ANGLE)], [0.0, 1.0, 0.0], [-np.sin(ANGLE), 0.0, np.cos(ANGLE)]])
 
 
 def ball(ground, c=0.2, law=None):
@@ -47,46 +39,6 @@ def ball(ground, c=0.2, law=None):
 def disk(ground, c=0.2):
     resistance = Resistance(dry=c, exact=True)
     return Disk(mass=M, inertia=SOLID, radius=R, gravity=G, ground=ground, resistance=resistance)
-
-
-PLATE = TiltingPlane(about_e2=ConstantRate(ANGLE))
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("kind", ["ball", "disk"])
-def test_a_tilted_plane_that_is_a_surface_is_a_plane(kind):
-    """The body is thrown, bounces, slips, rolls, and comes to rest, at the same times and at the same place."""
-    law, times = Contact(0.25, restitution=0.3, slowest=0.1), np.linspace(0.0, 6.0, 25)
-    if kind == "ball":
-        V, turned = np.array([2.0, 0.7, 0.8]), (np.cos(ANGLE / 2), 0.0, np.sin(ANGLE / 2), 0.0)
-        states = BallState(Omega=(-1.0, 3.0, 2.0)), BallState(q=turned, Omega=(-1.0, 3.0, 2.0))
-        bodies = ball(Ground(angle=ANGLE)), ball(PLATE)
-    else:
-        V = np.array([2.0, 0.0, 0.8])
-        states = DiskState(phi=0.2, phidot=3.0), DiskState(phi=0.2 - ANGLE, phidot=3.0)
-        bodies = disk(Ground(angle=ANGLE)), disk(PLATE)
-    one = simulate(bodies[0], times, ReleasedState(states[0], V), contact=law, **FINE)
-    other = simulate(bodies[1], times, ReleasedState(states[1], OUT_OF_PLANE @ V), contact=law, **FINE)
-    count = int(one.switches.count)
-    assert count == int(other.switches.count)
-    assert {*Mode} <= {int(mode) for mode in one.contact.switches.target[:count]}
-    np.testing.assert_array_equal(one.contact.switches.cause, other.contact.switches.cause)
-    np.testing.assert_allclose(one.switches.times[:count], other.switches.times[:count], atol=CLOSE)
-    np.testing.assert_allclose(one.state.z, other.state.z, atol=CLOSE)
-    np.testing.assert_allclose(np.asarray(one.contact.V) @ OUT_OF_PLANE.T, other.contact.V, atol=CLOSE)
-    for field in ("mode", "rests", "spin"):
-        np.testing.assert_array_equal(getattr(one.contact, field), getattr(other.contact, field), err_msg=field)
-    for field in ("slip", "height", "friction_loss", "impact_loss"):
-        np.testing.assert_allclose(
-            getattr(one.contact, field), getattr(other.contact, field), atol=CLOSE, err_msg=field
-        )
-    for field in ("dissipation", "normal_force", "friction"):
-        np.testing.assert_allclose(
-            getattr(one.observables, field), getattr(other.observables, field), atol=1e-8, err_msg=field
-        )
-    assert other.contact.mode[-1] == Mode.REST
-    np.testing.assert_array_equal(other.contact.V[-1], 0.0)
-    np.testing.assert_array_equal(other.state.z[-1], other.state.z[-2])
 
 
 class InBowl:
@@ -216,16 +168,3 @@ def test_exact_resistance_on_a_plate_that_a_law_drives():
     assert int(one.switches.count) == int(other.switches.count) == 1
     np.testing.assert_allclose(one.switches.times[0], other.switches.times[0], rtol=CLOSE)
     np.testing.assert_allclose(one.state.z, other.state.z, atol=CLOSE)
-
-
-@pytest.mark.thorough
-def test_a_run_comes_back_from_a_file(tmp_path):
-    thrown = ReleasedState(BallState(), V=(0.9, 1.2, 0.0))
-    run = simulate(ball(Bowl(BOWL), 0.12), np.linspace(0.0, 10.0, 41), thrown, contact=Contact(0.3), **FINE)
-    jaxball.save(run, tmp_path / "run.nc")
-    again = jaxball.load_run(tmp_path / "run.nc")
-    for name in ("mode", "rests", "spin", "rolling"):
-        np.testing.assert_array_equal(getattr(again.contact, name), getattr(run.contact, name))
-    for name in ("contact_force", "dissipation", "angular_acceleration_body"):
-        seen = (getattr(one.observables, name) for one in (again, run))
-        np.testing.assert_allclose(*seen, atol=1e-12)

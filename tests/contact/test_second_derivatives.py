@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import Ball, BallState, Contact, Disk, DiskState, JointFriction, ReleasedState, Resistance
+from jaxball import Ball, BallState, Contact, Disk, DiskState, JointFriction, Resistance
+from jaxball.physics import ReleasedState
 from tests.support.orders import ORDERS
 
 R, END = 0.3, 1.4

@@ -19,26 +19,25 @@ from jaxball import (
     ConvexBody,
     Disk,
     DiskState,
-    Ellipsoid,
     Event,
     HardStops,
-    JointForces,
     JointFriction,
-    LimitSurface,
     Motor,
     Resistance,
     planar_pendulum,
     simulate,
 )
-from jaxball.chaos import lyapunov_spectrum, poincare_map
-from jaxball.classical import DryFriction, LagrangianState, LagrangianSystem, UnilateralContact
-from jaxball.control import SampledSystem, closed_loop, tvlqr
-from jaxball.ensemble import simulate_ensemble
-from jaxball.environments import Environment, ReachPoint
-from jaxball.estimation import ErrorStateFilter
-from jaxball.sensors import Gyroscope, SensorErrors
-from jaxball.stability import periodic_motion
-from jaxball.verify import verify
+from jaxball.analysis.chaos import lyapunov_spectrum, poincare_map
+from jaxball.analysis.stability import periodic_motion
+from jaxball.analysis.verify import check_laws
+from jaxball.control import tvlqr
+from jaxball.control.environments import Environment, ReachPoint
+from jaxball.control.estimation import ErrorStateFilter
+from jaxball.control.sampled import SampledSystem
+from jaxball.physics import Ellipsoid, JointForces, LimitSurface
+from jaxball.physics.classical import DryFriction, LagrangianState, LagrangianSystem, UnilateralContact
+from jaxball.physics.sensors import Gyroscope, SensorErrors
+from jaxball.simulation.ensemble import simulate_ensemble
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "laws.md"
 TIMES = np.linspace(0.0, 0.4, 3)
@@ -136,13 +135,13 @@ ROWS = {
         ).trajectory.state
     ),
     "`contact_extremes`": lambda x, path: jaxball.contact_extremes(x.run).least_normal_force,
-    "`energy_losses`": lambda x, path: jaxball.energy_losses(x.run),
-    "`verify`": lambda x, path: verify(x.system, TIMES, x.state, quick=True, **x.law)["energy"].residual,
+    "`energy_losses`": lambda x, path: x.run.energy_losses(),
+    "`verify`": lambda x, path: check_laws(x.system, TIMES, x.state, quick=True, **x.law)["energy"].residual,
     "`save`, `load_run`": lambda x, path: (
         jaxball.save(x.run, path / "run.npz"),
         jaxball.load_run(path / "run.npz", x.system).state,
     ),
-    "`plot.figures`": lambda x, path: jaxball.plot.figures(x.run, path, "run"),
+    "`save_figures`": lambda x, path: x.run.save_figures(path, "run"),
     "`plot.write_view`": lambda x, path: jaxball.plot.write_view(x.run, path / "run.html"),
     "`poincare_map`": lambda x, path: poincare_map(x.system, section_of(x), (0.0, 0.4), x.state, **x.law).count,
     "`periodic_motion`": lambda x, path: periodic_motion(x.system, x.state, 0.4, iterations=1, **x.law).period,
@@ -150,7 +149,7 @@ ROWS = {
         lyapunov_spectrum(x.system, (0.0, 0.4), x.state, interval=0.2, exponents=1, **x.law).times
     ),
     "`closed_loop`": lambda x, path: (
-        closed_loop(tvlqr(simulate(x.system, TIMES, x.state), 1.0, 1.0, sample=0.1), samples=2, **x.law).states
+        tvlqr(simulate(x.system, TIMES, x.state), 1.0, 1.0, sample=0.1).closed_loop(samples=2, **x.law).states
     ),
     "an `ErrorStateFilter`": lambda x, path: x.estimate.covariance,
     "an `Environment`": lambda x, path: (

@@ -8,9 +8,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jaxball
-from jaxball import Contact, Mode, ReleasedState, SwitchCause
+from jaxball import Contact
 from jaxball.control import Push
-from jaxball.ensemble import simulate_ensemble
+from jaxball.physics import Mode, ReleasedState, SwitchCause
+from jaxball.simulation.ensemble import simulate_ensemble
 
 M, R, G = 1.3, 0.9, 9.81
 TIMES = np.linspace(0.0, 2.0, 9)
@@ -166,7 +167,7 @@ def test_a_constant_force_that_needs_all_friction_rolls_the_body(name):
     k = SHARES[name]
     for mu in COEFFICIENTS[::3]:
         force = mu * M * G * (1 + k) / k
-        driven = body(name, force=jaxball.HarmonicForce((force, 0.0, 0.0)))
+        driven = body(name, force=jaxball.physics.HarmonicForce((force, 0.0, 0.0)))
         run = jaxball.simulate(driven, TIMES, contact=Contact(mu), max_steps=400)
         assert np.all(np.asarray(run.contact.mode) == Mode.ROLLING)
         np.testing.assert_allclose(places(run), 0.5 * force / (M * (1 + k)) * TIMES**2, rtol=CLOSE)
@@ -178,7 +179,9 @@ def test_a_constant_force_that_needs_all_friction_rolls_the_body(name):
 def test_a_force_that_needs_all_friction_at_its_peaks_rolls_the_body(name, mu):
     k, w = SHARES[name], 2.7
     force = mu * M * G * (1 + k) / k
-    shaken = body(name, force=jaxball.HarmonicForce((0.0, 0.0, 0.0), amplitude=[(force, 0.0, 0.0)], frequency=[w]))
+    shaken = body(
+        name, force=jaxball.physics.HarmonicForce((0.0, 0.0, 0.0), amplitude=[(force, 0.0, 0.0)], frequency=[w])
+    )
     run = jaxball.simulate(shaken, TIMES, contact=Contact(mu), rtol=1e-10, atol=1e-10)
     assert run.ok
     assert np.all(np.asarray(run.contact.mode) == Mode.ROLLING)
@@ -341,7 +344,9 @@ def test_no_window_grows_over_a_push_that_comes_late():
     """It is the same run as that without windows, by an implicit solver."""
     dry, force = np.tan(0.3) * (1 - 1e-3), jaxball.FunctionWrench(late_push)
     run = against_resistance(dry, None, 50.0, force)
-    implicit = against_resistance(dry, None, 50.0, force, solver=jaxball.solvers.RadauIIA(3), max_steps=20000)
+    implicit = against_resistance(
+        dry, None, 50.0, force, solver=jaxball.simulation.solvers.RadauIIA(3), max_steps=20000
+    )
     assert run.ok
     assert implicit.ok
     assert abs(float(run.state.z[-1, 1])) > 0.01
@@ -367,8 +372,8 @@ def test_a_slow_slip_without_steps_left_says_what_is_slow_and_what_helps():
     run = on_turntable(share, max_steps=4)
     assert run.status == jaxball.Status.MAX_STEPS
     assert "The body slides, at 5e-08 at the last saved time" in run.message
-    assert "RadauIIA(3) of jaxball.solvers" in run.message
-    followed = on_turntable(share, solver=jaxball.solvers.RadauIIA(3))
+    assert "RadauIIA(3) of jaxball.simulation.solvers" in run.message
+    followed = on_turntable(share, solver=jaxball.simulation.solvers.RadauIIA(3))
     assert followed.status == jaxball.Status.SUCCESS
     assert followed.contact.mode[-1] == Mode.SLIDING
     assert np.linalg.norm(followed.contact.slip[1]) == pytest.approx(3.5 * 1e-6 * share / 7 * 0.1, rel=1e-2)
@@ -389,8 +394,8 @@ def test_a_run_that_starts_in_a_slow_slip_aside_says_so_and_the_advice_holds():
     stiff = jaxball.simulate(slope, [0.0, T], start, contact=Contact(mu), max_steps=500)
     assert stiff.status == jaxball.Status.MAX_STEPS
     assert "The body slides, at 1e-06 at the last saved time" in stiff.message
-    assert "RadauIIA(3) of jaxball.solvers" in stiff.message
-    run = jaxball.simulate(slope, [0.0, T], start, contact=Contact(mu), solver=jaxball.solvers.RadauIIA(3))
+    assert "RadauIIA(3) of jaxball.simulation.solvers" in stiff.message
+    run = jaxball.simulate(slope, [0.0, T], start, contact=Contact(mu), solver=jaxball.simulation.solvers.RadauIIA(3))
     assert run.ok
     grown = G * (np.sin(angle) - 3.5 * mu * np.cos(angle)) * T
     slip = np.asarray(run.contact.slip)[-1, :2]

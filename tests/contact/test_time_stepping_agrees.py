@@ -11,7 +11,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import jaxball
-from jaxball import Contact, ReleasedState
+from jaxball import Contact
+from jaxball.physics import ReleasedState
 from tests.support import time_stepping
 from tests.support.released_cases import random_case
 

@@ -16,7 +16,8 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import jaxball
-from jaxball import Ball, BallState, Contact, Ground, ReleasedState
+from jaxball import Ball, BallState, Contact, Ground
+from jaxball.physics import ReleasedState
 
 INERTIA, OFFSET, SOLID = (0.4, 0.45, 0.5), (0.1, 0.05, -0.2), (0.4,) * 3
 CENTRED = (0.0,) * 3

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import BallState, Contact, Mode, ReleasedState, SwitchCause
+from jaxball import BallState, Contact
 from jaxball.control import Push
-from jaxball.ensemble import simulate_ensemble
+from jaxball.physics import Mode, ReleasedState, SwitchCause
+from jaxball.simulation.ensemble import simulate_ensemble
 
 M, R, K = 1.3, 0.9, 0.5
 D = K * M * R**2
@@ -125,16 +126,9 @@ def test_a_ball_that_starts_on_the_plane_goes_on():
         np.testing.assert_allclose(run.contact.V, np.tile(run.contact.V[0], (TIMES.size, 1)), atol=CLOSE)
 
 
-def test_states_are_saved_at_kinks():
-    """At the very times at which a push begins and ends, where no step reaches both sides."""
-    lifted = ball(Push((0.0, 0.0, 2.0), 1.5, 0.5))
-    run = jaxball.simulate(lifted, np.array([0.0, 1.5, 2.0, 3.0]), falling(), contact=Contact(0.1), **LIMITS)
-    rate = 2.0 / M
-    np.testing.assert_allclose(run.contact.height[1:], [0.0, rate * 0.125, rate * 0.625], atol=CLOSE)
-
-
 @pytest.mark.long
 def test_a_push_lifts_a_ball_that_has_landed():
+    """Its height is saved at the very times at which the push begins and ends, too."""
     after, omega, _ = after_impact(0.1, 0.0)
     push, start, lasts = 2.0, 1.5, 0.5
     lifted = ball(Push((0.0, 0.0, push), start, lasts))
@@ -190,7 +184,7 @@ def test_bounces_under_a_force_are_those_under_gravity():
     dropped, law, times = ReleasedState(BallState(), height=HEIGHT), Contact(0.2, restitution=0.5), [0.0, 4.0]
     limits = {"rtol": 1e-11, "atol": 1e-11, "max_steps": 800}
     forced = jaxball.simulate(
-        ball(jaxball.HarmonicForce((0.0, 0.0, -2.0 * M))), times, dropped, contact=law, **limits
+        ball(jaxball.physics.HarmonicForce((0.0, 0.0, -2.0 * M))), times, dropped, contact=law, **limits
     ).contact.switches
     heavy = jaxball.simulate(ball(gravity=2.0), times, dropped, contact=law, **limits).contact.switches
     fall, e = np.sqrt(0.5), 0.5

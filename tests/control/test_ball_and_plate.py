@@ -19,14 +19,15 @@ from jaxball import (
     LinearLaw,
     RecordedSchedule,
     Sinusoids,
-    TiltingPlane,
     problems,
     simulate,
-    vector_field,
 )
-from jaxball.control import Push, basin, closed_loop, mpc, tvlqr
-from jaxball.plot.floor import place
+from jaxball.control import Push, tvlqr
+from jaxball.physics import TiltingPlane, vector_field
 from jaxball.plot.record import record
+from jaxball.plot.shapes import place
+from tests.support.differences import jacobian
+from tests.support.sentences import refuses, said
 
 G, r = 9.81, 0.05
 SOLID = {"mass": 1.0, "radius": r, "inertia": (0.001, 0.001, 0.001), "gravity": G}
@@ -117,7 +118,7 @@ def from_beside(track):
     """How far a ball that starts 1.4e-3 beside the motion is from it at each sample, and the run."""
     state = track.nominal.states
     first = {name: getattr(state, name)[0] for name in ("q", "Omega", "theta", "thetadot")}
-    held = closed_loop(track, BallState(**first, z=state.z[0] + 1e-3))
+    held = track.closed_loop(BallState(**first, z=state.z[0] + 1e-3))
     assert held.ok
     return np.linalg.norm(np.asarray(held.states.z) - np.asarray(state.z), axis=1), held
 
@@ -206,7 +207,7 @@ def plane_loop(x, limit, samples):
 def test_a_ball_that_starts_elsewhere_has_other_body_axes(middle):
     """From 6 r away it turns by 6 rad on its way to the middle, and Ω with it."""
     states, N, _ = plane_loop(np.array([[0.3, 0.0, 0.0, 0.0]]), np.inf, 160)
-    held = closed_loop(middle, {"z[0]": 0.3})
+    held = middle.closed_loop({"z[0]": 0.3})
     np.testing.assert_allclose(held.states.z[:, 0], states[:, 0, 0], atol=1e-5)
     np.testing.assert_allclose(held.states.theta[:, 1], states[:, 0, 2], atol=1e-5)
     np.testing.assert_allclose(held.run.observables.normal_force[:-1], N[:, 0], rtol=1e-4)
@@ -219,7 +220,7 @@ def test_basin_is_that_of_newtons_law_in_the_plane(middle):
     limit, within, mu = 3.0, 0.02, 0.5
     places, speeds = np.linspace(-0.6, 0.6, 5), np.linspace(-1.0, 1.0, 5)
     starts = {"z[0]": places, "Omega[1]": speeds / r}
-    returned = basin(middle, starts, Q={"z": 1.0}, within=within, limits=limit, friction=mu)
+    returned = middle.basin(starts, Q={"z": 1.0}, within=within, limits=limit, friction=mu)
     x = np.zeros((25, 4))
     x[:, 0], x[:, 1] = np.repeat(places, 5), np.tile(speeds, 5)
     with np.errstate(all="ignore"):  # of those that run away
@@ -232,7 +233,7 @@ def test_basin_is_that_of_newtons_law_in_the_plane(middle):
     np.testing.assert_allclose(returned.ends.least_normal_force[back], least[back], rtol=1e-3)
     np.testing.assert_allclose(returned.ends.friction_needed[back], most[back], rtol=1e-3)
     for start in (np.flatnonzero(back)[0], np.flatnonzero(~back)[0]):
-        held = closed_loop(middle, returned.starts[start], limits=limit)
+        held = middle.closed_loop(returned.starts[start], limits=limit)
         assert (np.linalg.norm(np.asarray(held.states.z[-1])) / np.sqrt(2) < within) == back[start]
 
 
@@ -249,9 +250,8 @@ def test_gradient_of_a_tracking_loss_by_gains():
     def by_theory(gains):
         return sum((expm(companion(gains) * t) @ [1.0, 0.0, 0.0, 0.0])[0] ** 2 for t in times)
 
-    step = 1e-3
-    differences = [(by_theory(GAINS + step * e) - by_theory(GAINS - step * e)) / (2 * step) for e in np.eye(4)]
-    np.testing.assert_allclose(jax.grad(loss)(jnp.asarray(GAINS)), differences, rtol=1e-5)
+    expected = jacobian(by_theory, GAINS, 1e-3, points=2)
+    np.testing.assert_allclose(jax.grad(loss)(jnp.asarray(GAINS)), expected, rtol=1e-5)
 
 
 @pytest.fixture(scope="module")
@@ -287,8 +287,8 @@ def test_predictive_control_holds_a_ball_on_a_circle(circle):
     """Within limits that the regulator exceeds, from beside the circle and after a push."""
     limits = 0.15
     start, push = {"z[0]": 5e-3}, Push((0.0, 0.05, 0.0), start=3.0, duration=0.2)
-    assert np.max(np.abs(closed_loop(circle, start).u)) > 1.5 * limits
-    held = closed_loop(mpc(circle, 20, limits=limits), start, limits=limits, push=push)
+    assert np.max(np.abs(circle.closed_loop(start).u)) > 1.5 * limits
+    held = circle.mpc(20, limits=limits).closed_loop(start, limits=limits, push=push)
     left = np.linalg.norm(np.asarray(held.states.z - circle.nominal.states.z), axis=1)
     assert np.max(np.abs(held.u)) < limits * (1 + 1e-6)
     assert np.max(left[50:60]) < 0.01 * left[0]
@@ -324,18 +324,18 @@ def test_disk_on_a_driven_line():
         mass=1.0, radius=r, inertia=0.1, ground=TiltingPlane(about_e1=Accelerated()), law=LinearLaw(theta=[[-1.0]])
     )
     (sentence,) = problems(sideways)
-    assert sentence.startswith("Argument `ground.about_e1` must be None or a schedule")
+    said(sentence, "ground.about_e1")
     assert "Accelerated()" in sentence
 
 
 def test_what_a_driven_plate_needs(no_type_checks):
-    with pytest.raises(ValueError, match=r"one drives ground\.about_e1"):
+    with refuses(ValueError, "law"):
         Ball(**SOLID, ground=TiltingPlane(Accelerated()))
     ball = Ball(**SOLID, ground=TiltingPlane(Accelerated()), law=LinearLaw(theta=[[-1.0]]))
-    with pytest.raises(ValueError, match=r"must be given, because it holds the angles of ground\.about_e1"):
+    with refuses(ValueError, "state"):
         simulate(ball, [0.0, 1.0])
-    with pytest.raises(ValueError, match=r"1 entries in theta and in thetadot, those of ground\.about_e1"):
+    with refuses(ValueError, "state"):
         simulate(ball, [0.0, 1.0], BallState())
-    with pytest.raises(TypeError, match=r"Accelerated\(\) for a law"):
+    with refuses(TypeError, "about_e1"):
         TiltingPlane(about_e1=0.1)
     assert TiltingPlane(ConstantRate(0.1)).driven == ()

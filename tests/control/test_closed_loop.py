@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.control import Feedforward, Push, basin, closed_loop, tvlqr
+from jaxball.control import Push, tvlqr
 from tests.control import robots
+from tests.support.sentences import refuses
 
 H = 0.05
 WEIGHTS = {"phi": 1.0, "theta": 1.0}
@@ -29,7 +30,7 @@ START = {"phi": 0.3, "thetadot": -0.2}
 def test_a_closed_loop_is_the_run_with_its_inputs(track):
     """Both solve with tolerances of 1e-10, over 80 samples or at once; the push ends within samples."""
     push = Push((0.2, 0.0, 0.0), start=1.02, duration=0.31)
-    loop = closed_loop(track, START, push=push)
+    loop = track.closed_loop(START, push=push)
     again = jaxball.simulate(loop.run.system, loop.times, loop.run.start)
     for name in ("phi", "phidot", "z", "theta", "thetadot"):
         np.testing.assert_allclose(getattr(again.state, name), getattr(loop.states, name), rtol=0, atol=1e-8)
@@ -42,7 +43,7 @@ def test_a_closed_loop_is_the_run_with_its_inputs(track):
 @pytest.mark.long
 def test_inputs_are_limited_and_late(track):
     """Feedback of sample k acts at sample k + 2, and the sum with the motion's own input is within the limit."""
-    loop = closed_loop(track, START, delay=2)
+    loop = track.closed_loop(START, delay=2)
     np.testing.assert_array_equal(loop.du[:2], 0)
     wanted = [-track.gains[k] @ loop.xi[k] - track.regulator.k[k] for k in range(track.nominal.samples - 2)]
     expected = np.clip(track.nominal.u[2:] + np.stack(wanted), -0.08, 0.08)
@@ -54,14 +55,14 @@ def test_inputs_are_limited_and_late(track):
 @pytest.mark.thorough
 def test_after_the_end_the_last_state_is_held(track):
     """Small deviations decay by e in 3 units of time, as eigenvalues of A − B K say: in 15, from 0.3 to 0.002."""
-    loop = closed_loop(track, START, samples=300)
+    loop = track.closed_loop(START, samples=300)
     assert float(loop.times[-1]) == pytest.approx(300 * H)
     np.testing.assert_allclose(loop.xi[-1, [0, 3]], 0, atol=0.02)
 
 
 @pytest.mark.thorough
 def test_without_feedback_nothing_is_added(track):
-    loop = closed_loop(Feedforward(track.sampled, track.nominal), START)
+    loop = track.feedforward().closed_loop(START)
     np.testing.assert_array_equal(loop.du, 0)
     assert float(jnp.max(jnp.abs(loop.xi[-20:, 0]))) > 0.1
 
@@ -70,7 +71,7 @@ def test_without_feedback_nothing_is_added(track):
 def test_a_robot_with_other_parameters_comes_back_too(track):
     """It decays about as fast as the robot of the design."""
     heavier = robots.with_pendulum(jaxball.Motor(0.0), mass=1.2 * robots.MASS)
-    loop = closed_loop(track, START, system=heavier, samples=300)
+    loop = track.closed_loop(START, system=heavier, samples=300)
     assert float(loop.plant.system.mass) == pytest.approx(1.2 * robots.MASS)
     np.testing.assert_allclose(loop.xi[-1, [0, 3]], 0, atol=0.02)
 
@@ -95,7 +96,7 @@ def test_gradients_of_the_cost_are_those_of_differences(track, derivative, adjoi
     def cost(by):
         changed = eqx.tree_at(lambda f: f.regulator.K, track, track.gains + by[0] * along)
         system = robots.with_pendulum(jaxball.Motor(0.0), mass=robots.MASS + by[1])
-        loop = closed_loop(changed, START, system=system, limits=1e3, samples=20, adjoint=adjoint)
+        loop = changed.closed_loop(START, system=system, limits=1e3, samples=20, adjoint=adjoint)
         return track.cost(loop.xi, loop.du)
 
     found = jaxball.jit(derivative(cost))(jnp.zeros(2))
@@ -109,10 +110,10 @@ def test_gradients_of_the_cost_are_those_of_differences(track, derivative, adjoi
 def test_a_basin_is_that_of_single_closed_loops(track):
     """Lanes round differently, which the closed loop damps: ends agree to its tolerance."""
     grid = {"phi": np.linspace(-3.0, 3.0, 5), "phidot": np.linspace(-1.5, 1.5, 4)}
-    found = basin(track, grid, Q={"phi": 1.0}, within=0.5, delay=1)
+    found = track.basin(grid, Q={"phi": 1.0}, within=0.5, delay=1)
     assert 0 < found.share < 1
     for k in (0, 2, 13):
-        loop = closed_loop(track, found.starts[k], delay=1)
+        loop = track.closed_loop(found.starts[k], delay=1)
         np.testing.assert_allclose(found.ends.xi[k], loop.xi[-1], rtol=0, atol=1e-7)
         assert bool(found.returned[k]) == (abs(float(loop.xi[-1, 0])) < 0.5)
         seen = loop.run.observables
@@ -121,41 +122,41 @@ def test_a_basin_is_that_of_single_closed_loops(track):
     data = found.dataset()
     assert data["returned"].dims == ("phi", "phidot")
     np.testing.assert_array_equal(data["returned"].values.ravel(), found.returned)
-    strict = basin(track, grid, Q={"phi": 1.0}, within=0.5, delay=1, friction=0.05)
+    strict = track.basin(grid, Q={"phi": 1.0}, within=0.5, delay=1, friction=0.05)
     np.testing.assert_array_equal(strict.returned, found.returned & (found.ends.friction_needed <= 0.05))
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("options", "sentence"),
+    ("options", "named"),
     [
-        ({"start": {"psi": 1.0}}, "Argument `start` must have names as keys, but one is 'psi'"),
-        ({"start": [1.0, 2.0]}, "must be a state, or 5 local coordinates, phi, phidot, z"),
-        ({"limits": [1.0, 2.0]}, "Argument `limits` must be a number, or one for each of mechanisms"),
-        ({"limits": -1.0}, "Argument `limits` must be 0 or positive, but it is -1"),
-        ({"delay": -1}, "Argument `delay` must be 0 or more, but it is -1"),
-        ({"samples": 0}, "Argument `samples` must be 1 or more, but it is 0"),
+        ({"start": {"psi": 1.0}}, "start"),
+        ({"start": [1.0, 2.0]}, "start"),
+        ({"limits": [1.0, 2.0]}, "limits"),
+        ({"limits": -1.0}, "limits"),
+        ({"delay": -1}, "delay"),
+        ({"samples": 0}, "samples"),
         ({"system": robots.with_wheel()}, None),
     ],
 )
-def test_bad_input_gets_a_sentence(track, options, sentence):
-    if sentence is None:  # a robot of the same coordinates is another robot, and no error
-        assert closed_loop(track, **options).plant.system.n_masses == 0
+def test_bad_input_gets_a_sentence(track, options, named):
+    if named is None:  # a robot of the same coordinates is another robot, and no error
+        assert track.closed_loop(**options).plant.system.n_masses == 0
         return
-    with pytest.raises(ValueError, match=sentence):
-        closed_loop(track, **options)
+    with refuses(ValueError, named):
+        track.closed_loop(**options)
 
 
 @pytest.mark.thorough
 def test_a_robot_with_other_coordinates_is_refused(track):
-    two = [jaxball.double_pendulum((0.3, 0.2), (0.3, 0.2), drives=(jaxball.Motor(0.0), None))]
-    with pytest.raises(ValueError, match="must be a disk whose state holds mechanisms"):
-        closed_loop(track, system=jaxball.Disk(mass=1.0, inertia=0.5, mechanisms=two))
+    two = [jaxball.physics.double_pendulum((0.3, 0.2), (0.3, 0.2), drives=(jaxball.Motor(0.0), None))]
+    with refuses(ValueError, "system"):
+        track.closed_loop(system=jaxball.Disk(mass=1.0, inertia=0.5, mechanisms=two))
 
 
 @pytest.mark.thorough
 def test_starts_of_other_shapes_are_refused(track):
-    with pytest.raises(ValueError, match=r"must be of shape \(runs, 5\), a column for each of phi"):
-        basin(track, np.zeros((3, 4)))
-    with pytest.raises(ValueError, match="must name two of phi"):
-        basin(track, {"phi": [0.0], "x": [0.0]})
+    with refuses(ValueError, "starts"):
+        track.basin(np.zeros((3, 4)))
+    with refuses(ValueError, "starts"):
+        track.basin({"phi": [0.0], "x": [0.0]})

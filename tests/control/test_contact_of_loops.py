@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jaxball
-from jaxball.control import Push, closed_loop, tvlqr
+from jaxball.control import Push, tvlqr
 from tests.control import robots
 
 H = 0.4
@@ -27,7 +27,7 @@ def track():
 
 @pytest.fixture(scope="module")
 def loop(track):
-    return closed_loop(track, START, push=Push((PUSH, 0.0, 0.0), start=FROM, duration=UNTIL - FROM))
+    return track.closed_loop(START, push=Push((PUSH, 0.0, 0.0), start=FROM, duration=UNTIL - FROM))
 
 
 def accelerations(x, u, push):
@@ -113,7 +113,7 @@ def test_a_saved_loop_has_the_same_extremes(loop, tmp_path):
 
 @pytest.mark.long
 def test_a_body_at_rest_has_constant_forces(track):
-    found = jaxball.contact_extremes(closed_loop(track).run)
+    found = jaxball.contact_extremes(track.closed_loop().run)
     assert np.asarray(found.constant).all()
     assert float(found.margin) == pytest.approx(1.0, abs=1e-12)
     assert float(found.friction_needed) == pytest.approx(0.0, abs=1e-12)
@@ -139,7 +139,7 @@ def test_derivatives_are_those_of_differences(track, derivative):
     """Central differences with a step of 1e-4 have errors of 1e-8 of a derivative of size 1."""
 
     def needed(phi):
-        loop = closed_loop(track, {"phi": phi, "thetadot": -0.2}, samples=5, limits=1e3)
+        loop = track.closed_loop({"phi": phi, "thetadot": -0.2}, samples=5, limits=1e3)
         return jaxball.contact_extremes(loop.run).friction_needed
 
     found = jaxball.jit(derivative(needed))(jnp.asarray(0.3))

@@ -7,21 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball import (
-    Contact,
-    Disk,
-    FunctionForce,
-    Mode,
-    Motor,
-    Resistance,
-    Status,
-    contact_extremes,
-    planar_pendulum,
-    simulate,
-)
-from jaxball.control import Feedforward, basin, closed_loop, tvlqr
-from jaxball.estimation import ErrorStateFilter, OutputFeedback
-from jaxball.sensors import Accelerometer, Encoder, Position, SensorErrors
+from jaxball import Contact, Disk, FunctionForce, Motor, Resistance, Status, contact_extremes, planar_pendulum, simulate
+from jaxball.control import tvlqr
+from jaxball.control.estimation import ErrorStateFilter, OutputFeedback
+from jaxball.physics import Mode
+from jaxball.physics.sensors import Accelerometer, Encoder, Position, SensorErrors
+from tests.support.sentences import refuses
 
 H, ICE = 0.1, Contact(0.02)
 START = {"phi": 0.6}
@@ -40,7 +31,7 @@ def track():
 
 @functools.cache
 def slipping():
-    return closed_loop(track(), START, contact=ICE)
+    return track().closed_loop(START, contact=ICE)
 
 
 @pytest.mark.long
@@ -63,7 +54,7 @@ def test_a_run_ends_as_its_loop_does(contact):
     def shake(t, _):
         return jnp.where(t > 1.0, jnp.sin(1e5 * t), 0.0) * jnp.array([1.0, 0.0, 0.0])
 
-    loop = closed_loop(track(), START, push=FunctionForce(shake), contact=contact)
+    loop = track().closed_loop(START, push=FunctionForce(shake), contact=contact)
     run = loop.run
     assert not loop.ok
     assert int(loop.status) == int(run.status) == Status.MAX_STEPS
@@ -83,8 +74,8 @@ def test_its_filter_reads_what_the_sensors_of_the_run_do():
         "shell": Accelerometer(at=(0.0, 0.0, 0.4), errors=noise),
     }
     # Without inputs, with which forces would jump at the samples.
-    alone = Feedforward(track().sampled, track().nominal)
-    loop = closed_loop(OutputFeedback.of(alone, sensors, spread=SPREAD), START, contact=ICE)
+    alone = track().feedforward()
+    loop = OutputFeedback.of(alone, sensors, spread=SPREAD).closed_loop(START, contact=ICE)
     run = loop.run
     assert Mode.SLIDING in np.asarray(run.contact.mode)
     known = ErrorStateFilter.for_sampled_system(track().sampled, sensors)
@@ -101,11 +92,11 @@ def test_which_starts_come_back_on_ice():
     angles, Q = np.array([0.05, 0.6]), {"phi": 1.0, "z": 0.0}
     starts = np.zeros((2, len(track().nominal.state(0).directions)))
     starts[:, 0] = angles
-    with pytest.raises(ValueError, match="Argument `friction` must be left out with `contact`"):
-        basin(track(), starts, contact=ICE, friction=0.3)
-    found = basin(track(), starts, Q=Q, within=0.3, contact=ICE)
+    with refuses(ValueError, "friction"):
+        track().basin(starts, contact=ICE, friction=0.3)
+    found = track().basin(starts, Q=Q, within=0.3, contact=ICE)
     for k, angle in enumerate(angles):
-        loop = closed_loop(track(), {"phi": angle}, contact=ICE)
+        loop = track().closed_loop({"phi": angle}, contact=ICE)
         np.testing.assert_allclose(found.ends.xi[k], loop.xi[-1], rtol=0, atol=1e-8)
         assert found.returned[k] == (abs(float(loop.xi[-1, 0])) < 0.3)
         ratios = loop.run.observables.friction_ratio[:-1]
@@ -117,7 +108,7 @@ def test_which_starts_come_back_on_ice():
 def test_the_modes_of_a_robot_that_rests_are_in_its_run():
     """Dry resistance holds it until the torque of the loop exceeds it: one run with these inputs does the same."""
     held = robot(resistance=Resistance(dry=0.1, exact=True))
-    run = closed_loop(track(), START, system=held).run
+    run = track().closed_loop(START, system=held).run
     start = jax.tree.map(lambda leaf: leaf[0], run.state)
     whole = simulate(run.system, run.times, start)
     modes = run.history.of_body

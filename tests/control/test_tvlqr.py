@@ -7,8 +7,10 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 import jaxball
-from jaxball.control import closed_loop, tvlqr
+from jaxball.control import tvlqr
 from tests.control import robots
+from tests.support.differences import jacobian
+from tests.support.sentences import refuses
 
 H = 0.02
 TOLERANCE = 1e-10  # of the solve of a sample
@@ -88,13 +90,16 @@ WEIGHTS = {"z": 2.0, "attitude": 0.1, "Omega": 0.3, "theta": 1.0}
 def test_the_flow_has_the_derivatives_of_differences(moving):
     """Central differences with steps of 1e-4 of numbers of size 1: errors of 1e-8, and 1e-10 / 1e-4 of the solve."""
     track = tvlqr(moving, Q=WEIGHTS, R=0.1, sample=0.05)
-    k, step = 4, 1e-4
+    k = 4
     state, after, u = track.nominal.state(k), track.nominal.state(k + 1), track.nominal.input(k)
-    flow = jax.jit(lambda xi, du: after.difference(track.sampled.flow(track.times[k], state.retract(xi), u + du)))
     n, m = len(track.directions), len(track.inputs)
-    columns = [(flow(step * e[:n], step * e[n:]) - flow(-step * e[:n], -step * e[n:])) for e in jnp.eye(n + m)]
+
+    @jax.jit
+    def flow(v):
+        return after.difference(track.sampled.flow(track.times[k], state.retract(v[:n]), u + v[n:]))
+
     found = np.concatenate([track.linear.A[k], track.linear.B[k]], axis=1)
-    np.testing.assert_allclose(found, np.stack(columns, axis=1) / (2 * step), rtol=0, atol=1e-5)
+    np.testing.assert_allclose(found, jacobian(flow, jnp.zeros(n + m), 1e-4, points=2), rtol=0, atol=1e-5)
 
 
 @pytest.mark.long
@@ -131,32 +136,32 @@ def test_the_cost_of_a_small_deviation_is_the_cost_to_go(hanging):
     """In the limit of small deviations the closed loop costs what the regulator says; the rest is of higher order."""
     track = tvlqr(hanging, Q={"phi": 1.0, "theta": 1.0}, R=1.0, sample=H)
     xi = jnp.asarray([1e-4, 0.0, 0.0, -1e-4, 2e-4])
-    loop = closed_loop(track, xi)
+    loop = track.closed_loop(xi)
     start = jnp.append(xi, 1.0)
     assert float(track.cost(loop.xi, loop.du)) == pytest.approx(float(start @ track.regulator.P[0] @ start), rel=1e-6)
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("changes", "sentence"),
+    ("changes", "named"),
     [
-        ({"sample": 40.0}, "must be no longer than the motion, which takes 30, but it is 40"),
-        ({"sample": 0.0}, "must be a positive time, but it is 0"),
-        ({"inputs": ["mechanisms[0].joint[0]"]}, "must be an input of this disk, but it is 'mechanisms"),
-        ({"inputs": []}, "must name one input or more, each once, but it is empty"),
-        ({"R": 0.0}, "Argument `R` must have eigenvalues that are positive, but one is 0"),
-        ({"Q": {"Phi": 1.0}}, "Argument `Q` must have names as keys, but one is 'Phi'"),
-        ({"Q": [1.0, 2.0]}, "must be a number, 5 numbers or a matrix of shape"),
-        ({"Q": -1.0}, "Argument `Q` must have eigenvalues that are 0 or positive, but one is -1"),
-        ({"cross": np.ones((5, 2))}, "must be an array of shape"),
+        ({"sample": 40.0}, "sample"),
+        ({"sample": 0.0}, "sample"),
+        ({"inputs": ["mechanisms[0].joint[0]"]}, "inputs[0]"),
+        ({"inputs": []}, "inputs"),
+        ({"R": 0.0}, "R"),
+        ({"Q": {"Phi": 1.0}}, "Q"),
+        ({"Q": [1.0, 2.0]}, "Q"),
+        ({"Q": -1.0}, "Q"),
+        ({"cross": np.ones((5, 2))}, "cross"),
     ],
 )
-def test_bad_input_gets_a_sentence(hanging, changes, sentence):
-    with pytest.raises(ValueError, match=sentence):
+def test_bad_input_gets_a_sentence(hanging, changes, named):
+    with refuses(ValueError, named):
         tvlqr(hanging, **{"Q": 1.0, "R": 1.0} | changes)
 
 
 def test_a_motion_without_inputs_is_refused():
     still = jaxball.simulate(jaxball.Disk(mass=1.0, inertia=0.5), [0.0, 1.0])
-    with pytest.raises(ValueError, match="`system` must have inputs, masses or joints that schedules"):
+    with refuses(ValueError, "system"):
         tvlqr(still, Q=1.0, R=1.0)

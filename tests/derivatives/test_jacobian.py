@@ -56,7 +56,7 @@ def from_columns(x):
 @jax.vmap
 def jacobians(x, p, angles, u):
     def field(x, p):
-        return columns(jaxball.vector_field(ball(p, angles, u), jnp.asarray(0.0), from_columns(x)))
+        return columns(jaxball.physics.vector_field(ball(p, angles, u), jnp.asarray(0.0), from_columns(x)))
 
     return field(x, p), *jax.jacfwd(field, argnums=(0, 1))(x, p)
 

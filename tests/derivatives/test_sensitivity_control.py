@@ -20,14 +20,14 @@ from jaxball import (
     Disk,
     DiskState,
     PiecewiseSignal,
-    SpeedLimitedMotor,
     planar_pendulum,
     programs,
     simulate,
 )
-from jaxball.classical import LagrangianState, LagrangianSystem
 from jaxball.control import tvlqr
-from jaxball.solvers import NDF, Adams, Gauss, RadauIIA
+from jaxball.physics import SpeedLimitedMotor
+from jaxball.physics.classical import LagrangianState, LagrangianSystem
+from jaxball.simulation.solvers import NDF, Adams, Gauss, RadauIIA
 
 MARBLE = Ball(mass=1.0, radius=0.1, inertia=(0.004,) * 3, gravity=9.81, ground=Bowl(1.0))
 OMEGA = np.sqrt(5 * 9.81 / (7 * 0.9))  # of small swings of a solid ball whose centre is 0.9 from that of the bowl
@@ -283,3 +283,20 @@ def test_dense_output_has_the_steps_of_its_derivatives(tolerance):
         saved = jax.jacfwd(place)(jnp.array(start), False)
         for derivative in (jax.jacfwd(place), jax.grad(place)):
             np.testing.assert_allclose(derivative(jnp.array(start), True), saved, rtol=1e-12)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("differentiate", [jax.jacrev, jax.jacfwd])
+def test_a_derivative_that_runs_out_of_steps_is_nan_where_it_did_not_come(differentiate):
+    """Its value alone rests, and needs few steps; in dense output both have the same, and the same status."""
+
+    def ends(x, dense):
+        run = simulate(MARBLE, [0.0, 1.0, END], BallState(z=(x, 0.0)), max_steps=32, dense=dense)
+        return run.state.z[:, 0], run.status
+
+    for dense, expected in ((False, jaxball.Status.SUCCESS), (True, jaxball.Status.MAX_STEPS)):
+        assert jax.jit(ends, static_argnums=1)(0.0, dense)[1] == jaxball.Status.SUCCESS
+        derivative, status = jax.jit(differentiate(lambda x, dense=dense: ends(x, dense), has_aux=True))(0.0)
+        assert status == expected
+        np.testing.assert_allclose(derivative[:2], np.cos(OMEGA * np.array([0.0, 1.0])), atol=1e-8)
+        assert np.isnan(derivative[2])

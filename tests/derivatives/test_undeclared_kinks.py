@@ -4,7 +4,6 @@ A disk of effective mass 1 + 0.5, or a ball, that is pushed by F until p is at z
 is F (T − p) / 1.5. A bound of 1e-8 is ten times what runs at the default tolerance err by.
 """
 
-import functools
 import warnings
 
 import diffrax
@@ -16,7 +15,8 @@ import pytest
 from jaxtyping import Array, Float
 
 import jaxball
-from jaxball import classical
+from jaxball.physics import classical
+from tests.support.sentences import said
 
 F, T, P = 0.7, 3.0, 1.3
 BOUND = 1e-8
@@ -26,31 +26,6 @@ ALONG = np.array([1.0, 0.0, 0.0])
 
 def until(t, p):
     return jnp.where(t < p, F, 0.0) * ALONG
-
-
-def between(t, p):
-    return jnp.where((t > 0.2) & (t < p), F, 0.0) * ALONG
-
-
-def after_a_shift(t, p):
-    return jnp.where(t - 0.3 < p - 0.3, F, 0.0) * ALONG
-
-
-def within_another(t, p):
-    return jnp.where(t < 9.0, jnp.where(t < p, F, 0.0), 5.0) * ALONG
-
-
-def by_cond(t, p):
-    return jax.lax.cond(t < p, lambda: F * jnp.asarray(ALONG), lambda: jnp.zeros(3))
-
-
-@jax.jit
-def _lasts(t, p):
-    return t < p
-
-
-def by_a_helper(t, p):
-    return jnp.where(_lasts(t, p), F, 0.0) * ALONG
 
 
 def pushed(force, adjoint=None, **options):
@@ -66,16 +41,16 @@ def place(function, p, adjoint=None):
 @pytest.fixture(autouse=True)
 def _no_warnings():
     with warnings.catch_warnings():
-        warnings.simplefilter("error", jaxball.KinkWarning)
+        warnings.simplefilter("error", jaxball.simulation.KinkWarning)
         yield
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("function", [until, between, after_a_shift, within_another, by_cond, by_a_helper])
-def test_a_force_that_ends(function):
+def test_a_force_that_ends():
+    """numerics/test_time_comparisons has the many ways in which a function may compare the time."""
     expected = F * (T - P) / 1.5
-    forward = jaxball.jit(jax.jacfwd(lambda p: place(function, p, FORWARD)))(P)
-    reverse = jaxball.jit(jax.grad(lambda p: place(function, p)))(P)
+    forward = jaxball.jit(jax.jacfwd(lambda p: place(until, p, FORWARD)))(P)
+    reverse = jaxball.jit(jax.grad(lambda p: place(until, p)))(P)
     assert abs(forward - expected) < BOUND
     assert abs(reverse - expected) < BOUND
 
@@ -124,7 +99,7 @@ def test_a_declared_time_is_one_kink():
         assert abs(slope - F * (T - P) / 1.5) < BOUND
 
 
-class Ending(jaxball.AbstractForce):
+class Ending(jaxball.physics.AbstractForce):
     end: Float[Array, ""] = eqx.field(converter=jnp.asarray)
     size: float = eqx.field(static=True, default=F)
 
@@ -132,7 +107,7 @@ class Ending(jaxball.AbstractForce):
         return jnp.where(t < self.end, self.size, 0.0) * ALONG
 
 
-class EndingWrench(jaxball.AbstractWrench):
+class EndingWrench(jaxball.physics.AbstractWrench):
     end: Float[Array, ""] = eqx.field(converter=jnp.asarray)
 
     def wrench(self, t, motion):
@@ -143,17 +118,9 @@ def ending(t, motion, p):
     return until(t, p) + 0.0 * motion.velocity
 
 
-FORCES = {
-    "AbstractForce": Ending,
-    "AbstractWrench": EndingWrench,
-    "FunctionWrench": functools.partial(jaxball.FunctionWrench, ending),
-}
-
-
 @pytest.mark.long
-@pytest.mark.parametrize("name", FORCES)
-def test_forces_of_other_classes(name):
-    slope = jaxball.jit(jax.grad(lambda p: pushed(FORCES[name](p)).state.z[-1]))(P)
+def test_a_wrench():
+    slope = jaxball.jit(jax.grad(lambda p: pushed(jaxball.FunctionWrench(ending, p)).state.z[-1]))(P)
     assert abs(slope - F * (T - P) / 1.5) < BOUND
 
 
@@ -177,28 +144,30 @@ class Braked(jaxball.AbstractLaw):
         return braked(t, state, self.end)
 
 
+def driven(law):
+    mass = jaxball.PointMass(0.3, jaxball.Driven(jaxball.Circle(0.5)))
+    return jaxball.Disk(mass=1.0, inertia=0.4, masses=[mass], law=law)
+
+
 @pytest.mark.long
-@pytest.mark.parametrize("law", [Braked, functools.partial(jaxball.FunctionLaw, braked)])
-def test_laws(law):
+def test_a_law():
     """θ = F (p T − p²/2)."""
 
     def angle(p):
-        mass = jaxball.PointMass(0.3, jaxball.Driven(jaxball.Circle(0.5)))
-        disk = jaxball.Disk(mass=1.0, inertia=0.4, masses=[mass], law=law(p))
-        state = jaxball.DiskState(theta=[0.0], thetadot=[0.0])
+        disk, state = driven(jaxball.FunctionLaw(braked, p)), jaxball.DiskState(theta=[0.0], thetadot=[0.0])
         return jaxball.simulate(disk, (0.0, T), state).state.theta[-1, 0]
 
     assert abs(jaxball.jit(jax.grad(angle))(P) - F * (T - P)) < BOUND
 
 
-class Step(jaxball.AbstractSignal):
+class Step(jaxball.physics.AbstractSignal):
     end: Float[Array, ""] = eqx.field(converter=jnp.asarray)
 
     def __call__(self, t):
         return jnp.where(t < self.end, F, 0.0)
 
 
-class Torque(jaxball.AbstractJointForce):
+class Torque(jaxball.physics.AbstractJointForce):
     end: Float[Array, ""] = eqx.field(converter=jnp.asarray)
 
     def __call__(self, t, theta, thetadot, state):
@@ -209,37 +178,46 @@ def torque(t, theta, thetadot, state, p):
     return jnp.where(t < p, F, 0.0)
 
 
-DRIVES = {
-    "AbstractSignal": lambda p: jaxball.Motor(Step(p)),
-    "AbstractJointForce": Torque,
-    "FunctionJointForce": functools.partial(jaxball.FunctionJointForce, torque),
-    "sum": lambda p: Torque(p) + jaxball.Damper(0.0),
-    "schedule as a signal": lambda p: jaxball.Motor(jaxball.FunctionSchedule(lambda t, p: jnp.where(t < p, F, 0.0), p)),
-}
-
-
-def swung(drive):
+def swinging(drive):
     pendulum = jaxball.planar_pendulum(0.5, 0.6, drive=drive)
-    disk = jaxball.Disk(mass=1.0, inertia=0.4, mechanisms=[pendulum])
-    return jaxball.simulate(disk, (0.0, T), rtol=1e-10, atol=1e-10)
-
-
-@pytest.fixture(scope="module")
-def by_a_piecewise_signal():
-    def angle(p):
-        signal = jaxball.PiecewiseSignal(jnp.stack([jnp.zeros_like(p), p]), [F])
-        return swung(jaxball.Motor(signal)).state.theta[-1, 0]
-
-    return jaxball.jit(jax.grad(angle))(P)
+    return jaxball.Disk(mass=1.0, inertia=0.4, mechanisms=[pendulum])
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", DRIVES)
-def test_joints(name, by_a_piecewise_signal):
+def test_a_joint():
     """The same derivative as of the motor whose impulse is known, which needs no kink for it."""
-    slope = jaxball.jit(jax.grad(lambda p: swung(DRIVES[name](p)).state.theta[-1, 0]))(P)
-    assert abs(slope - by_a_piecewise_signal) < BOUND
-    assert abs(slope) > 0.1
+
+    def angle(drive):
+        return jaxball.simulate(swinging(drive), (0.0, T), rtol=1e-10, atol=1e-10).state.theta[-1, 0]
+
+    def known(p):
+        return jaxball.Motor(jaxball.PiecewiseSignal(jnp.stack([jnp.zeros_like(p), p]), [F]))
+
+    found, expected = (jaxball.jit(jax.grad(lambda p, of=of: angle(of(p))))(P) for of in (Torque, known))
+    assert abs(found - expected) < BOUND
+    assert abs(found) > 0.1
+
+
+# All parts of bodies whose functions may compare the time.
+BODIES = {
+    "AbstractForce": lambda p: jaxball.Disk(mass=1.0, inertia=0.5, force=Ending(p)),
+    "AbstractWrench": lambda p: jaxball.Disk(mass=1.0, inertia=0.5, force=EndingWrench(p)),
+    "AbstractLaw": lambda p: driven(Braked(p)),
+    "AbstractSignal": lambda p: swinging(jaxball.Motor(Step(p))),
+    "FunctionJointForce": lambda p: swinging(jaxball.physics.FunctionJointForce(torque, p)),
+    "sum": lambda p: swinging(Torque(p) + jaxball.Damper(0.0)),
+    "schedule as a signal": lambda p: swinging(
+        jaxball.Motor(jaxball.FunctionSchedule(lambda t, p: jnp.where(t < p, F, 0.0), p))
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_parts_of_a_body_have_their_kinks(name):
+    """With their derivatives, as those have whose runs are differentiated above."""
+    times, moved = jax.jvp(lambda p: BODIES[name](p).driving_kinks(), (jnp.asarray(P),), (jnp.asarray(1.0),))
+    np.testing.assert_array_equal(times, [P])
+    np.testing.assert_array_equal(moved, [1.0])
 
 
 def test_motions_and_axes():
@@ -265,7 +243,7 @@ def test_motions_and_axes():
         np.testing.assert_array_equal(kinked.kinks(), [P])
 
 
-class Point(jaxball.AbstractState):
+class Point(jaxball.physics.AbstractState):
     x: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
 
 
@@ -290,7 +268,7 @@ def test_while_a_body_slides():
 
     def reached(p):
         disk = jaxball.Disk(mass=1.0, inertia=0.5, force=jaxball.FunctionForce(until, p))
-        start = jaxball.ReleasedState(jaxball.DiskState(), V=(1.0, 0.0, 0.0))
+        start = jaxball.physics.ReleasedState(jaxball.DiskState(), V=(1.0, 0.0, 0.0))
         return jaxball.simulate(disk, (0.0, T), start, contact=jaxball.Contact(friction=0.0)).state.z[-1]
 
     assert abs(jaxball.jit(jax.grad(reached))(P) - F * (T - P)) < BOUND
@@ -307,10 +285,9 @@ def test_a_warning_where_times_are_not_known():
         pushed(jaxball.FunctionForce(periodic, 0.1))
         pushed(jaxball.FunctionForce(periodic, 0.1), dense=True)
     (warning,) = shown  # once, although the function was traced several times
-    assert warning.category is jaxball.KinkWarning
+    assert warning.category is jaxball.simulation.KinkWarning
     assert warning.filename == __file__
-    assert "periodic compares or rounds the time by `>`" in str(warning.message)
-    assert "give the times in `kink_times`" in str(warning.message)
+    said(str(warning.message), "kink_times")
 
 
 @pytest.mark.thorough
@@ -328,10 +305,12 @@ def test_a_class_that_declares_its_kinks_is_believed():
             return jnp.zeros(0)
 
     class Undeclared(Declared):
-        kinks = jaxball.AbstractForce.kinks
+        kinks = jaxball.physics.AbstractForce.kinks
 
     pushed(Declared(0.0))
-    with pytest.warns(jaxball.KinkWarning, match=r"Undeclared compares .* return the times from its method `kinks`"):
+    with pytest.warns(
+        jaxball.simulation.KinkWarning, match=r"Undeclared compares .* return the times from its method `kinks`"
+    ):
         pushed(Undeclared(0.0))
 
 
@@ -349,7 +328,7 @@ def test_no_warning_of_states_that_are_compared():
 
 def test_forces_of_jaxball_gain_no_kinks():
     push = jaxball.control.Push((0.3, 0.0, 0.0), start=1.0, duration=0.5)
-    waves = jaxball.HarmonicForce((0.1, 0.0, 0.0), [(0.1, 0.0, 0.0)], [2.0])
+    waves = jaxball.physics.HarmonicForce((0.1, 0.0, 0.0), [(0.1, 0.0, 0.0)], [2.0])
     for force, times in ((push, [1.0, 1.5]), (waves, [])):
         ball = jaxball.Ball(mass=1.0, inertia=(0.5, 0.5, 0.5), force=force)
         np.testing.assert_array_equal(ball.driving_kinks(), times)

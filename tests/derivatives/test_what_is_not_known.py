@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from jaxball import Ball, BallState, Circle, Event, FunctionSchedule, OnRail, PointMass, Status, simulate
-from jaxball.ensemble import simulate_ensemble
 from jaxball.programs.derivatives.differentiation import with_unknown_derivatives
+from jaxball.simulation.ensemble import simulate_ensemble
+from tests.support.differences import slope
 
 TIMES = np.linspace(0.0, 2.0, 5)
 
@@ -56,8 +57,7 @@ def test_a_run_that_stops_where_a_number_is_not_finite():
     known = TIMES < 1.3
     assert np.all(np.isnan(forward[:-1][~known]))
     assert np.all(np.isnan(forward[-1]))
-    h = 1e-5
-    differences = (paths(p.at[1].add(h))[0] - paths(p.at[1].add(-h))[0]) / (2 * h)
+    differences = slope(lambda rate: paths(p.at[1].set(rate))[0], p[1], 1e-5, points=2)
     np.testing.assert_allclose(forward[:-1][known, 1], differences[:-1][known], atol=1e-7)
 
 

@@ -3,7 +3,7 @@
 import copy
 import tomllib
 
-from jaxball.scenario import builtin_text
+from jaxball.files.scenario.sources import builtin_text
 
 
 def builtin(name, **time):

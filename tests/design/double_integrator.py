@@ -1,9 +1,11 @@
 """The problems that several tests solve: a state that is accelerated at will."""
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from jaxball.design import optimal_control
+from jaxball.studies.design import optimal_control
+from jaxball.studies.design.optimal_control.problem import Path
 
 
 class Timed(optimal_control.AbstractControlProblem):
@@ -36,3 +38,10 @@ class Double(Timed):
 
     def conditions(self, x):
         return x - jnp.stack([self.far, jnp.zeros(())])
+
+
+def still(collocation):
+    """The path that stays at the start."""
+    initial = np.asarray(collocation.problem.initial)
+    knots, nodes, controls = collocation.shapes[:3]
+    return Path(collocation.mesh, np.broadcast_to(initial, knots), np.broadcast_to(initial, nodes), np.zeros(controls))

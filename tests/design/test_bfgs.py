@@ -7,9 +7,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball.design import AbstractProgram, Bounds, ConstraintLayout, Evaluation, Merit, Optimiser, Settings
-from jaxball.design.search.optimise import bfgs, newton
-from jaxball.design.search.program import METHODS, Multipliers, augmented_lagrangian, by_gauss_newton
+from jaxball.studies.design import Settings
+from jaxball.studies.design.problem.problem import ConstraintLayout, Evaluation
+from jaxball.studies.design.problem.space import Bounds
+from jaxball.studies.design.search.optimise import Merit, Optimiser, bfgs, newton
+from jaxball.studies.design.search.program import (
+    METHODS,
+    AbstractProgram,
+    Multipliers,
+    augmented_lagrangian,
+    by_gauss_newton,
+)
 
 
 def rosenbrock(z):

@@ -10,13 +10,14 @@ import pytest
 from hypothesis import given, strategies as st
 
 import jaxball
-from jaxball import design
-from jaxball.design.constraints import distance
+from jaxball.studies import design
+from jaxball.studies.design.constraints import distance
+from jaxball.studies.design.problem.run import Run
 from tests.support.paper import paper_ball
 
 TIMES = np.linspace(0.0, 2.0, 101)
 R, G = 0.5, 2.0
-UP = jaxball.VersorFrame((np.cos(np.pi / 4), np.sin(np.pi / 4), 0.0, 0.0))
+UP = jaxball.physics.VersorFrame((np.cos(np.pi / 4), np.sin(np.pi / 4), 0.0, 0.0))
 
 
 def on(rail, theta=0.0, rate=0.0):
@@ -32,7 +33,7 @@ def held():
     masses = [on(rings[0], 0.0, 3.0), on(rings[1], np.pi), on(linked, np.pi / 2), tube]
     ball = jaxball.Ball(mass=1e12, inertia=(1e12, 1e12, 1e12), radius=R, gravity=G, masses=masses)
     trajectory = jaxball.simulate(ball, TIMES, rtol=1e-11, atol=1e-11)
-    return design.Run(ball, jnp.asarray(TIMES), trajectory.state, trajectory.status)
+    return Run(ball, jnp.asarray(TIMES), trajectory.state, trajectory.status)
 
 
 WEIGHT = (1e12 + 4) * G
@@ -94,7 +95,7 @@ def test_more_chords_leave_more_between_rails():
     ball = jaxball.Ball(mass=1.0, inertia=(1.0, 1.0, 1.0), radius=R, gravity=G, masses=rings)
     state = jaxball.BallState()
     for chords in (48, 480):
-        run = design.Run(ball, jnp.zeros(1), state, jnp.asarray(0), chords)
+        run = Run(ball, jnp.zeros(1), state, jnp.asarray(0), chords)
         margin = -jnp.max(eqx.filter_jit(design.RailsApart(least))(run))
         np.testing.assert_allclose(margin, ((a - b) * np.cos(np.pi / chords) - least) / R, rtol=1e-12)
 
@@ -142,7 +143,7 @@ def test_contact_of_the_papers_ball():
     """The extremes of its contact force are N = 3.517427 and |f|/N = 0.190594, at t = 6.438."""
     times = np.linspace(0.0, 20.0, 2001)
     trajectory = jaxball.simulate(paper_ball(), times)
-    run = design.Run(paper_ball(), jnp.asarray(times), trajectory.state, trajectory.status)
+    run = Run(paper_ball(), jnp.asarray(times), trajectory.state, trajectory.status)
     least, mu = design.Friction(0.190594), 0.15
     normal, friction, violation, margin, N = eqx.filter_jit(
         lambda run: (

@@ -7,9 +7,11 @@ import pytest
 import scipy.integrate
 from jaxtyping import Array, Float
 
-from jaxball.design import optimal_control
+from jaxball.studies.design import optimal_control
+from jaxball.studies.design.optimal_control.solution import solve_near
+from tests.support.differences import slope
 
-from .double_integrator import Double, Timed
+from .double_integrator import Double, Timed, still
 
 
 class Regulator(Timed):
@@ -51,15 +53,6 @@ class Pendulum(Timed):
         return x - jnp.stack([self.angle, jnp.zeros(())])
 
 
-def still(collocation):
-    """The path that stays at the start."""
-    initial = np.asarray(collocation.problem.initial)
-    knots, nodes, controls = collocation.shapes[:3]
-    return optimal_control.Path(
-        collocation.mesh, np.broadcast_to(initial, knots), np.broadcast_to(initial, nodes), np.zeros(controls)
-    )
-
-
 def double(far=2.0):
     return Double(jnp.asarray(0.0), jnp.asarray(1.0), jnp.asarray(far))
 
@@ -67,14 +60,14 @@ def double(far=2.0):
 def test_the_least_effort_from_rest_to_rest_is_exact():
     """States of degree 3 are what collocation with three nodes has."""
     collocation = optimal_control.Collocation(double(), np.array([0.0, 0.3, 1.0]), 3)
-    found = optimal_control.solve_near(collocation, still(collocation))
+    found = solve_near(collocation, still(collocation))
     t = np.linspace(0.0, 1.0, 41)
     np.testing.assert_allclose(found.path.inputs(t)[:, 0], 2 * (6 - 12 * t), atol=1e-11)
     np.testing.assert_allclose(found.path.states(t)[:, 0], 2 * (3 * t**2 - 2 * t**3), atol=1e-12)
     np.testing.assert_allclose(found.path.rates(t)[:, 0], found.path.states(t)[:, 1], atol=1e-12)
     assert abs(collocation.cost(found.y, 0.0) - 48.0) < 1e-10
     assert np.max(found.errors) < 1e-12
-    assert abs(optimal_control.least_curvature(found) - 2.0) < 1e-10
+    assert abs(found.least_curvature() - 2.0) < 1e-10
 
 
 def test_the_regulator_converges_with_order_twice_the_stages():
@@ -83,7 +76,7 @@ def test_the_regulator_converges_with_order_twice_the_stages():
     errors = []
     for intervals in (4, 8):
         collocation = optimal_control.Collocation(problem, np.linspace(0.0, T, intervals + 1), 2)
-        found = optimal_control.solve_near(collocation, still(collocation), tolerance=np.inf)
+        found = solve_near(collocation, still(collocation), tolerance=np.inf)
         knots = found.path.knots[:, 0]
         errors.append(np.max(np.abs(knots - np.cosh(T - collocation.mesh) / np.cosh(T))))
         cost = collocation.cost(found.y, 0.0)
@@ -96,7 +89,7 @@ def pendulum():
     """A pendulum's mesh refined to 1e-8."""
     problem = Pendulum(jnp.asarray(0.0), jnp.asarray(6.0), jnp.asarray(2.5))
     collocation = optimal_control.Collocation(problem, np.linspace(0.0, 6.0, 7), 3)
-    return optimal_control.solve_near(collocation, still(collocation), tolerance=1e-8)
+    return solve_near(collocation, still(collocation), tolerance=1e-8)
 
 
 def test_the_pendulum_obeys_pontryagin(pendulum):
@@ -121,7 +114,7 @@ def test_the_pendulum_obeys_pontryagin(pendulum):
 
 @pytest.mark.thorough
 def test_the_pendulum_is_at_a_minimum(pendulum):
-    assert optimal_control.least_curvature(pendulum) > 0.1
+    assert pendulum.least_curvature() > 0.1
 
 
 @pytest.mark.thorough
@@ -131,10 +124,11 @@ def test_derivatives_against_differences():
         problem, np.array([0.0, 2.0, 6.0]), 2, lambda p, k: eqx.tree_at(lambda p: p.angle, p, k)
     )
     random = np.random.default_rng(0)
-    y, along, h = *random.normal(size=(2, collocation.size)), 1e-5
+    y, along = random.normal(size=(2, collocation.size))
     by_y, by_parameter = collocation.jacobian(y, 1.0)
-    difference = (collocation.residual(y + h * along, 1.0) - collocation.residual(y - h * along, 1.0)) / (2 * h)
-    np.testing.assert_allclose(by_y @ along, difference, atol=1e-8)
+    expected = slope(lambda s: collocation.residual(y + s * along, 1.0), 0.0, 1e-5, points=2)
+    np.testing.assert_allclose(by_y @ along, expected, atol=1e-8)
     assert abs(by_y - by_y.T).max() == 0
-    difference = (collocation.residual(y, 1.0 + h) - collocation.residual(y, 1.0 - h)) / (2 * h)
-    np.testing.assert_allclose(by_parameter, difference, atol=1e-8)
+    np.testing.assert_allclose(
+        by_parameter, slope(lambda p: collocation.residual(y, p), 1.0, 1e-5, points=2), atol=1e-8
+    )

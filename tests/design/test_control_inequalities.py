@@ -5,11 +5,13 @@ import numpy as np
 import pytest
 from jaxtyping import Array, Float
 
-from jaxball.design import DesignError, optimal_control
-from jaxball.design.optimal_control import solution as module
-from jaxball.design.optimal_control.collocation import multiplier, slack
+from jaxball.studies.design import DesignError, optimal_control
+from jaxball.studies.design.optimal_control import solution as module
+from jaxball.studies.design.optimal_control.collocation import multiplier, slack
+from jaxball.studies.design.optimal_control.solution import solve_near
+from tests.support.differences import slope
 
-from .double_integrator import Double
+from .double_integrator import Double, still
 
 
 class Limited(Double):
@@ -81,15 +83,6 @@ class BrysonDenham(Limited):
         return -2 / (3 * l) * (np.maximum(1 - t / (3 * l), 0) + np.maximum(1 - (1 - t) / (3 * l), 0))
 
 
-def still(collocation):
-    """The path that stays at the start."""
-    initial = np.asarray(collocation.problem.initial)
-    knots, nodes, controls = collocation.shapes[:3]
-    return optimal_control.Path(
-        collocation.mesh, np.broadcast_to(initial, knots), np.broadcast_to(initial, nodes), np.zeros(controls)
-    )
-
-
 def posed(kind, limit, intervals=10):
     problem = kind(*map(jnp.asarray, (0.0, 1.0, 1.0, limit)))
     return optimal_control.Collocation(problem, np.linspace(0.0, 1.0, intervals + 1))
@@ -102,8 +95,8 @@ PROBLEMS = {"speed": (LimitedSpeed, 1.23), "force": (LimitedForce, 4.5), "Bryson
 def begun(request):
     """A solution with a large barrier, and the same with a small one."""
     collocation = posed(*PROBLEMS[request.param])
-    first = optimal_control.solve_near(collocation, still(collocation))
-    return first, optimal_control.sharpen(first)
+    first = solve_near(collocation, still(collocation))
+    return first, first.sharpen()
 
 
 @pytest.mark.thorough
@@ -115,7 +108,7 @@ def test_the_optimum_on_its_boundary(begun):
     assert abs(found.collocation.cost(found.y, 0.0) / least - 1) < 1e-5
     u = problem.control(t)
     assert np.sqrt(np.mean((found.path.inputs(t)[:, 0] - u) ** 2)) < 1e-2 * np.max(np.abs(u))
-    assert np.max(optimal_control.violations(found.collocation, found.path, 0.0)) <= 1e-4
+    assert np.max(found.violations()) <= 1e-4
     assert np.max(found.errors) <= 1e-6
 
 
@@ -125,13 +118,13 @@ def test_the_barrier_costs_at_most_what_it_is(begun):
     first = begun[0]
     above = first.collocation.cost(first.y, 0.0) - float(first.problem.least)
     assert 0.1 * first.collocation.barrier < above < 1.01 * first.collocation.barrier
-    assert np.max(optimal_control.violations(first.collocation, first.path, 0.0)) == 0
+    assert np.max(first.violations()) == 0
 
 
 @pytest.mark.thorough
 def test_the_curvature_along_the_boundary(begun):
     """It is that of u², whatever the inequality."""
-    assert abs(optimal_control.least_curvature(begun[1]) - 2) < 1e-3
+    assert abs(begun[1].least_curvature() - 2) < 1e-3
 
 
 class Away(Limited):
@@ -153,17 +146,17 @@ def test_a_boundary_makes_a_minimum(u, minimum):
     """With L = −u² − σ g the curvature is σ − 2, and the barrier's σ² / µ is added where g = 0, σ = 2."""
     collocation = posed(Away, 1.0, intervals=2)
     path = still(collocation)
-    found = optimal_control.sharpen(optimal_control.solve_near(collocation, path._replace(controls=path.controls + u)))
+    found = solve_near(collocation, path._replace(controls=path.controls + u)).sharpen()
     np.testing.assert_allclose(found.path.controls, 1.0 if minimum else 0.0, atol=1e-7)
-    curvature = optimal_control.least_curvature(found)
+    curvature = found.least_curvature()
     np.testing.assert_allclose(curvature, 4 / found.collocation.barrier if minimum else -2.0, rtol=1e-6)
 
 
 def test_what_has_no_inequalities_is_sharp_already():
     collocation = posed(Limited, 0.0, intervals=2)
-    found = optimal_control.solve_near(collocation, still(collocation))
-    assert optimal_control.sharpen(found) is found
-    assert np.max(optimal_control.violations(found.collocation, found.path, 0.0)) == 0
+    found = solve_near(collocation, still(collocation))
+    assert found.sharpen() is found
+    assert np.max(found.violations()) == 0
 
 
 @pytest.mark.parametrize("barrier", [1e-8, 1.0])
@@ -179,9 +172,9 @@ def test_slack_and_multiplier(barrier):
 def test_derivatives_against_differences():
     collocation = posed(LimitedForce, 4.5, intervals=2)
     random = np.random.default_rng(0)
-    y, along, h = *random.normal(size=(2, collocation.size)), 1e-5
-    difference = (collocation.residual(y + h * along, 0.0) - collocation.residual(y - h * along, 0.0)) / (2 * h)
-    np.testing.assert_allclose(collocation.jacobian(y, 0.0)[0] @ along, difference, atol=1e-8)
+    y, along = random.normal(size=(2, collocation.size))
+    expected = slope(lambda s: collocation.residual(y + s * along, 0.0), 0.0, 1e-5, points=2)
+    np.testing.assert_allclose(collocation.jacobian(y, 0.0)[0] @ along, expected, atol=1e-8)
 
 
 def test_a_smaller_barrier_where_newton_does_not_come_to_a_larger_one(monkeypatch):
@@ -193,11 +186,11 @@ def test_a_smaller_barrier_where_newton_does_not_come_to_a_larger_one(monkeypatc
     newton = module.newton
     monkeypatch.setattr(module, "newton", fails_above)
     collocation = posed(LimitedForce, 4.5)
-    found = optimal_control.solve_near(collocation, still(collocation))
+    found = solve_near(collocation, still(collocation))
     np.testing.assert_allclose(found.collocation.barrier, 1e-5)
     assert np.max(np.abs(found.collocation.residual(found.y, 0.0))) < 1e-9
     # Nothing is to be found without inequalities, because there is no barrier to make smaller.
     free = posed(Limited, 0.0)
     monkeypatch.setattr(module, "newton", lambda *arguments: fails_above(collocation, *arguments[1:]))
     with pytest.raises(DesignError, match="too large"):
-        optimal_control.solve_near(free, still(free))
+        solve_near(free, still(free))

@@ -15,9 +15,13 @@ import pytest
 import tomli_w
 
 import jaxball
-from jaxball import cli, design
-from jaxball.design.report import write_report
-from jaxball.design.search.optimise import load_progress
+from jaxball import cli
+from jaxball.studies import design
+from jaxball.studies.design.report import write_report
+from jaxball.studies.design.search.optimise import Optimiser, load_progress
+from jaxball.studies.design.search.program import Shooting
+from jaxball.studies.design.search.verify import check_gradient
+from tests.support.sentences import refuses, said
 
 PROBLEM = """
 format = 1
@@ -66,7 +70,7 @@ def problem():
 def folder(tmp_path_factory):
     """Where a design, its report and what was said on the way are."""
     path, found, lines = tmp_path_factory.mktemp("design"), problem(), []
-    done = design.design(found.problem, found.settings, path, identity=found.identity, say=lines.append)
+    done = found.problem.optimise(found.settings, path, identity=found.identity, say=lines.append)
     assert done.feasible
     write_report(done, found.title, path)
     (path / "lines.txt").write_text("\n".join(lines))
@@ -137,16 +141,16 @@ def test_a_search_that_was_stopped_goes_on_where_it_was(folder, tmp_path):
 
     found = problem()
     with pytest.raises(StoppedError):
-        design.design(found.problem, found.settings, tmp_path, identity=found.identity, say=say)
+        found.problem.optimise(found.settings, tmp_path, identity=found.identity, say=say)
     kept = jaxball.load_scenario(tmp_path / "design.toml")
     assert np.all(np.isfinite(kept.state.Omega))
     before = load_progress(tmp_path / "progress.npz", found.identity).elapsed
-    done = design.design(found.problem, found.settings, tmp_path, identity=found.identity)
+    done = found.problem.optimise(found.settings, tmp_path, identity=found.identity)
     assert done.progress.elapsed > before > 0
     whole = jaxball.load_scenario(folder / "design.toml")
     np.testing.assert_array_equal(done.numbers, np.asarray(whole.state.Omega)[:2])
-    with pytest.raises(design.DesignError, match="another problem"):
-        design.design(found.problem, found.settings, tmp_path, identity="another")
+    with refuses(design.DesignError):
+        found.problem.optimise(found.settings, tmp_path, identity="another")
 
 
 @jax.custom_jvp
@@ -174,49 +178,47 @@ class Endless(design.AbstractObjective):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    ("wrong", "words"), [(Crooked(), "must agree"), pytest.param(Endless(), "must be finite", marks=pytest.mark.slow)]
-)
-def test_a_wrong_gradient_is_refused(wrong, words):
+@pytest.mark.parametrize("wrong", [Crooked(), pytest.param(Endless(), marks=pytest.mark.slow)])
+def test_a_wrong_gradient_is_refused(wrong):
     space = problem().problem.space
-    with pytest.raises(design.DesignError, match=words):
-        design.design(design.Problem(space, {"wrong": wrong}, {}), design.Settings(starts=1))
+    with refuses(design.DesignError, "The gradient"):
+        design.Problem(space, {"wrong": wrong}, {}).optimise(design.Settings(starts=1))
 
 
 @pytest.mark.thorough
 def test_the_gradient_is_right_to_the_solver():
     found = problem()
-    optimiser = design.Optimiser(design.Shooting(found.problem), found.settings)
-    check = design.check_gradient(optimiser, found.problem.space.start)
+    optimiser = Optimiser(Shooting(found.problem), found.settings)
+    check = check_gradient(optimiser, found.problem.space.start)
     assert check.between_modes is not None
     assert check.between_modes < 1e-10
     assert check.from_differences < 1e-8
     lines = []
-    again = design.check_gradient(optimiser, found.problem.space.start, enough=1e-8, say=lines.append)
+    again = check_gradient(optimiser, found.problem.space.start, enough=1e-8, say=lines.append)
     assert again == check._replace(forward=None)
     assert again.good
     assert "forward" not in repr(again)
     assert lines == []
-    design.check_gradient(optimiser, found.problem.space.start, enough=0.0, say=lines.append)
+    check_gradient(optimiser, found.problem.space.start, enough=0.0, say=lines.append)
     assert len(lines) == 1
     assert "in forward mode" in lines[0]
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "named"),
     [
-        (('kind = "within"', 'kind = "withing"'), 'did you mean "within"'),
+        (('kind = "within"', 'kind = "withing"'), "constraints[0].kind"),
         (("starts = 2", "starts = 0"), "search.starts"),
-        (("lower = -1.0", "lower = 3.0"), "lower bound below"),
-        (('path = "initial.Omega[1]"', 'path = "initial.Omega[7]"'), "did you mean"),
+        (("lower = -1.0", "lower = 3.0"), "variables[0]"),
+        (('path = "initial.Omega[1]"', 'path = "initial.Omega[7]"'), "variables[1].path"),
         (("mass = 1.0", "mass = -1.0"), "body.mass"),
         (("format = 1", "format = 2"), "format"),
-        (("place = [2.0, 0.5]", "plaice = [2.0, 0.5]"), "did you mean `place`"),
-        (("upper = [1.5, 5.0]", "upper = [1.5, -5.0]"), r"constraints\[0\]\.upper.* above `lower`"),
+        (("place = [2.0, 0.5]", "plaice = [2.0, 0.5]"), "place"),
+        (("upper = [1.5, 5.0]", "upper = [1.5, -5.0]"), "lower"),
     ],
 )
-def test_errors_of_problem_files_name_the_key(change, words):
-    with pytest.raises(jaxball.ScenarioError, match=words):
+def test_errors_of_problem_files_name_the_key(change, named):
+    with refuses(jaxball.ScenarioError, named):
         design.read_problem(PROBLEM.replace(*change))
 
 
@@ -224,15 +226,13 @@ def test_errors_of_problem_files_name_the_key(change, words):
 @pytest.mark.parametrize("table", ["constraints", "objectives", "variables"])
 def test_what_is_no_list_of_tables_is_told(table, value):
     document = tomllib.loads(PROBLEM) | {table: tomllib.loads(f"x = {value}")["x"]}
-    with pytest.raises(
-        jaxball.ScenarioError, match=rf"^Key `{table}` must be a list of tables, .* \[\[{table}\]\], but"
-    ):
+    with refuses(jaxball.ScenarioError, table):
         design.read_problem(tomli_w.dumps(document))
 
 
 def test_files_that_are_none_are_told(tmp_path, capsys):
     assert cli.main(["design", str(tmp_path / "none.toml"), "--out", str(tmp_path)]) == 2
-    assert "must be a problem file" in capsys.readouterr().err
+    said(capsys.readouterr().err, "none.toml")
 
 
 def test_a_problem_may_come_through_a_pipe(tmp_path, capsys):
@@ -242,7 +242,7 @@ def test_a_problem_may_come_through_a_pipe(tmp_path, capsys):
     os.close(write)
     assert cli.main(["design", f"/dev/fd/{read}", "--out", str(tmp_path)]) == 2
     os.close(read)
-    assert "reach-plaice" in capsys.readouterr().err
+    said(capsys.readouterr().err, "objectives[0].kind")
 
 
 @pytest.mark.thorough
@@ -250,7 +250,7 @@ def test_a_violation_is_seen_by_the_other_solver():
     """By the other solver, e1 = 1.52 at the end is 0.02 too far."""
     found = problem().problem
     at = np.asarray(found.space.bounds.variables(np.array([-0.25, 0.76])))
-    seen = design.verify(found, at)
+    seen = found.verify(at)
     np.testing.assert_allclose(seen.violation, 0.02, atol=1e-7)
     assert seen.solver == "gauss16"
     assert seen.apart < 1e-8

@@ -10,11 +10,14 @@ import pytest
 import tomli_w
 from hypothesis import given, strategies as st
 
-from jaxball.design import Bounds, DesignError, DesignSpace, Variable
-from jaxball.design.files import read_problem
-from jaxball.scenario import builtin_text, load_scenario
+from jaxball import load_scenario
+from jaxball.files.scenario.sources import builtin_text
+from jaxball.studies.design import DesignError, DesignSpace, Variable
+from jaxball.studies.design.files import read_problem
+from jaxball.studies.design.problem.space import Bounds
 from tests.design.documents import builtin
 from tests.support import corpus
+from tests.support.sentences import refuses
 
 PATHS = (
     "masses[2].rail.radius",
@@ -126,31 +129,31 @@ def test_a_start_on_a_bound_can_leave_it(side):
 
 
 @pytest.mark.parametrize(
-    ("variables", "words"),
+    ("variables", "named"),
     [
-        ([], "one variable or more"),
-        ([Variable(("masses[0].mass",))] * 2, "in one variable"),
-        ([Variable(("masses[0].mass",), lower=2.0)], "start between its bounds"),
-        ([Variable(("solve.rtol",))], "can change on its own"),
-        ([Variable(("masses[0].mas",))], "did you mean"),
-        ([Variable(("masses[*].mas",))], "none has such a path"),
+        ([], "A design"),
+        ([Variable(("masses[0].mass",))] * 2, "masses[0].mass"),
+        ([Variable(("masses[0].mass",), lower=2.0)], "masses[0].mass"),
+        ([Variable(("solve.rtol",))], "solve.rtol"),
+        ([Variable(("masses[0].mas",))], "variables[0].path"),
+        ([Variable(("masses[*].mas",))], "masses[*].mas"),
     ],
 )
-def test_what_cannot_be_varied_is_told(variables, words):
-    with pytest.raises(ValueError, match=words):
+def test_what_cannot_be_varied_is_told(variables, named):
+    with refuses(ValueError, named):
         DesignSpace(builtin("ball"), variables)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "named"),
     [
-        ({"lower": 2.0, "upper": 1.0}, "lower bound below its upper"),
-        ({"scale": 0.0}, "positive scale"),
-        ({"factors": (1.0, 2.0)}, "one factor for each"),
+        ({"lower": 2.0, "upper": 1.0}, "masses[0].mass"),
+        ({"scale": 0.0}, "masses[0].mass"),
+        ({"factors": (1.0, 2.0)}, "masses[0].mass"),
     ],
 )
-def test_variables_that_make_no_sense_are_told(arguments, words):
-    with pytest.raises(DesignError, match=words):
+def test_variables_that_make_no_sense_are_told(arguments, named):
+    with refuses(DesignError, named):
         Variable(("masses[0].mass",), **arguments)
 
 
@@ -158,7 +161,7 @@ def test_variables_that_make_no_sense_are_told(arguments, words):
 def test_angles_found_by_balance_cannot_be_varied():
     document = builtin("ball")
     document["initial"]["balance"] = {"masses": [1, 2]}
-    with pytest.raises(DesignError, match=r"instead of `initial\.balance`"):
+    with refuses(DesignError, "initial.balance"):
         DesignSpace(document, [Variable(("masses[0].rail.radius",))])
 
 
@@ -177,21 +180,18 @@ def test_an_elevation_over_the_pole_is_written_as_the_same_direction():
 
 
 @pytest.mark.parametrize(
-    ("paths", "words"),
+    ("paths", "named"),
     [
-        (
-            ("body.inertia",),
-            r"`variables\[1\].path` must .* is a list of 3 numbers; .*`body.inertia\[\*\]`",
-        ),
-        (("body.mass", "masses[0].rail"), r"`variables\[1\].path\[1\]` must .* `masses\[0\].rail` is a table; name a"),
-        (("body.mas",), r"`variables\[1\].path` must .* `body.mas` is not there; did you mean `body.mass`"),
+        (("body.inertia",), "variables[1].path"),
+        (("body.mass", "masses[0].rail"), "variables[1].path[1]"),
+        (("body.mas",), "variables[1].path"),
     ],
 )
-def test_a_path_that_is_none_of_a_number_is_the_variables_and_not_the_scenarios(paths, words):
-    with pytest.raises(DesignError, match=words):
+def test_a_path_that_is_none_of_a_number_is_the_variables_and_not_the_scenarios(paths, named):
+    with refuses(DesignError, named):
         DesignSpace(builtin("ball"), [Variable(("masses[0].mass",)), Variable(paths)])
     file = {"scenario": "ball", "variables": [{"path": "masses[0].mass"}, {"path": list(paths)}]}
-    with pytest.raises(DesignError, match=words) as caught:
+    with refuses(DesignError, named) as caught:
         read_problem(tomli_w.dumps({"format": 1, **file, "objectives": [{"kind": "go-far"}]}))
     assert "The scenario of the problem" not in str(caught.value)
 
@@ -211,6 +211,6 @@ def test_a_number_left_to_its_default_is_a_variable():
 
 def test_a_variable_of_one_path_and_a_document_that_is_a_scenario():
     assert Variable("body.mass", lower=0.1) == Variable(("body.mass",), lower=0.1)
-    words = r"`document` must be the document of a scenario's file, such as tomllib.loads\(write_scenario\(scenario\)\)"
-    with pytest.raises(TypeError, match=words):
+    named = "document"
+    with refuses(TypeError, named):
         DesignSpace(load_scenario("disk"), [Variable("body.mass")])  # pyright: ignore[reportArgumentType]

@@ -9,8 +9,8 @@ import pytest
 import scipy.integrate
 
 import jaxball
-from jaxball import design
-from jaxball.design import optimal_control
+from jaxball.studies import design
+from jaxball.studies.design import optimal_control
 
 SHELL, INERTIA, MASS, LENGTH, GRAVITY = 1.0, 0.5, 0.8, 0.6, 9.81  # r = 1
 UNIT = (SHELL + MASS) * GRAVITY
@@ -72,11 +72,11 @@ def test_a_torque_at_its_limit_takes_the_least_effort():
     disk = jaxball.Disk(mass=SHELL, inertia=INERTIA, gravity=GRAVITY, mechanisms=[pendulum])
     start = jaxball.DiskState(theta=(0.0,), thetadot=(0.0,))
     problem = optimal_control.Rolling(disk, (0.0, END), {"effort": design.JointEffort()}, start, place=PLACE)
-    rough = optimal_control.solve_from_guess(problem, np.linspace(0.0, END, 13))
-    found = optimal_control.sharpen(rough)
+    rough = problem.solve(np.linspace(0.0, END, 13))
+    found = rough.sharpen()
     # The barrier adds at most 1e-8 for each of two inequalities.
-    assert optimal_control.means(found)["effort"] == pytest.approx(LEAST, abs=2e-8)
+    assert found.means()["effort"] == pytest.approx(LEAST, abs=2e-8)
     assert np.max(np.abs(found.path.controls)) == pytest.approx(LIMIT, rel=1e-6)
-    seen = optimal_control.resimulate(found)
+    seen = found.resimulate()
     assert seen.violations["motor-limits"] < 1e-5
     assert max(seen.apart, seen.speed, seen.away, seen.missed) < 1e-5

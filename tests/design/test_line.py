@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import design
-from jaxball.design import optimal_control
-from jaxball.design.files import read_control
+from jaxball.studies import design
+from jaxball.studies.design import optimal_control
+from jaxball.studies.design.files import read_control
+from tests.support.sentences import refuses
 
 DISK = """
 format = 1
@@ -50,31 +51,28 @@ def test_a_place_of_a_disk_is_one_number():
 @pytest.mark.parametrize(
     ("wanted", "key"),
     [
-        ('kind = "reach-place"\nplace = [2.0, 0.5]', r"objectives\[0\]\.place"),
-        ('kind = "reach-place"\nplace = [2.0, 0.0]', r"objectives\[0\]\.place"),
-        ('kind = "reach-pose"\nversor = [1.0, 0.0, 0.2, 0.1]', r"objectives\[0\]\.versor"),
+        ('kind = "reach-place"\nplace = [2.0, 0.5]', "objectives[0].place"),
+        ('kind = "reach-place"\nplace = [2.0, 0.0]', "objectives[0].place"),
+        ('kind = "reach-pose"\nversor = [1.0, 0.0, 0.2, 0.1]', "objectives[0].versor"),
         (
             'kind = "follow-curve"\ncurve = { kind = "sigmoid", length = 2.0, height = 0.5 }',
-            r"objectives\[0\]\.curve\.height",
+            "objectives[0].curve.height",
         ),
         (
             'kind = "follow-trajectory"\ncurve = { kind = "figure-eight", length = 2.0, origin = [0.0, 1.0] }',
-            r"objectives\[0\]\.curve\.origin",
+            "objectives[0].curve.origin",
         ),
         (
             'kind = "largest-distance"\ncurve = { kind = "through", points = [[0.0, 0.0], [1.0, 0.5]] }',
-            r"objectives\[0\]\.curve\.points",
+            "objectives[0].curve.points",
         ),
-        ('kind = "avoid-obstacles"\ncentres = [[1.0, 0.5]]\nradii = [0.2]', r"objectives\[0\]\.centres"),
-        (
-            constrained('kind = "clear-of-obstacles"\ncentres = [[1.0, 0.5]]\nradii = [0.2]'),
-            r"constraints\[0\]\.centres",
-        ),
-        (constrained('kind = "within"\nlower = [-1.0, -1.0]\nupper = 1.0'), r"constraints\[0\]\.lower"),
+        ('kind = "avoid-obstacles"\ncentres = [[1.0, 0.5]]\nradii = [0.2]', "objectives[0].centres"),
+        (constrained('kind = "clear-of-obstacles"\ncentres = [[1.0, 0.5]]\nradii = [0.2]'), "constraints[0].centres"),
+        (constrained('kind = "within"\nlower = [-1.0, -1.0]\nupper = 1.0'), "constraints[0].lower"),
     ],
 )
 def test_what_no_disk_can_reach_is_refused_by_its_key(wanted, key):
-    with pytest.raises(jaxball.ScenarioError, match=rf"^Key `{key}` must be .* because a disk"):
+    with refuses(jaxball.ScenarioError, key):
         of_disk(wanted)
 
 
@@ -115,7 +113,7 @@ def space():
 def test_python_refuses_it_too(wanted, words):
     given = {"objectives": {}, "constraints": {}}
     given["objectives" if isinstance(wanted, design.AbstractObjective) else "constraints"] = {"mine": wanted}
-    with pytest.raises(design.DesignError, match=f"^`mine` must be within reach of a disk, .* it requires {words}"):
+    with refuses(design.DesignError, "mine"):
         design.Problem(space(), **given)
 
 
@@ -132,12 +130,12 @@ def on_rail():
 
 
 def test_so_does_optimal_control():
-    with pytest.raises(design.DesignError, match=r"^`mine` must be within reach .* 0\.841471 off e1"):
+    with refuses(design.DesignError, "mine", "0.841471"):
         optimal_control.Rolling(on_rail(), (0.0, 1.0), {"mine": design.FollowTrajectory(Circling())})
-    with pytest.raises(design.DesignError, match=r"^Argument `place` must be one number, .* it is \[1\.0, 0\.0\]"):
+    with refuses(design.DesignError, "place"):
         optimal_control.Rolling(on_rail(), (0.0, 1.0), {}, place=(1.0, 0.0))
     text = DISK.replace('[[variables]]\npath = "initial.phidot"', "[control]\nplace = [1.0, 0.0]")
-    with pytest.raises(jaxball.ScenarioError, match=r"^Key `control\.place` must be a finite number, because a disk"):
+    with refuses(jaxball.ScenarioError, "control.place"):
         read_control(tomllib.loads(text))
 
 
@@ -159,8 +157,8 @@ def test_a_disk_within_a_range():
 
 
 def test_the_path_of_a_disk_is_identified_from_single_numbers():
-    with pytest.raises(design.DesignError, match=r"5 save times, one number each, but its shape is \(5, 2\)"):
-        design.identify(space(), np.zeros((5, 2)))
+    with refuses(design.DesignError, "path"):
+        space().identify(np.zeros((5, 2)))
 
 
 R, G = 0.5, 2.0

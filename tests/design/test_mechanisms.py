@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import design
-from jaxball.design import DesignSpace, Variable, identify
-from jaxball.design.problem.run import Run
+from jaxball.studies import design
+from jaxball.studies.design import DesignSpace, Variable
+from jaxball.studies.design.problem.run import Run
 from tests.design.documents import builtin
 
 TIMES = np.linspace(0.0, 1.0, 21)
@@ -18,7 +18,7 @@ TORQUE, FORCE, RADIUS, GRAVITY = 0.3, 0.2, 2.0, 3.0
 def run_with_motors():
     """A motor on a hinge with the torque 0.3 sin t, and one on a slider with the force 0.2."""
     swing = jaxball.planar_pendulum(0.5, 0.6, drive=jaxball.Motor(jaxball.Sinusoids(0.0, [TORQUE], [1.0])))
-    slide = jaxball.mass_in_tube(0.5, (0.0, 0.0, 1.0), drive=jaxball.Motor(FORCE))
+    slide = jaxball.physics.mass_in_tube(0.5, (0.0, 0.0, 1.0), drive=jaxball.Motor(FORCE))
     disk = jaxball.Disk(mass=1.0, inertia=2.0, radius=RADIUS, gravity=GRAVITY, mechanisms=[swing, slide])
     state = jaxball.DiskState(theta=[0.2, 0.0], thetadot=[0.0, 0.0])
     run = jaxball.simulate(disk, TIMES, state).raise_if_failed()
@@ -48,8 +48,8 @@ def test_friction_is_found_from_a_path():
     path = np.asarray(truth.scenario.simulate().state.z)
     starts = (0.15, 0.03, 0.07)
     space = DesignSpace(document, [Variable((name,), start=x) for name, x in zip(names, starts, strict=True)])
-    result = identify(space, path + 1e-3 * np.random.default_rng(5).normal(size=path.shape))
-    assert result.converged
+    result = space.identify(path + 1e-3 * np.random.default_rng(5).normal(size=path.shape))
+    assert result.ok
     low, high = result.intervals(0.999).T
     exact = np.asarray([0.2, 0.02, 0.05])
     assert np.all((low < exact) & (exact < high)), str(result)

@@ -10,7 +10,9 @@ import pytest
 import scipy.integrate
 
 import jaxball
-from jaxball import design
+from jaxball.studies import design
+from jaxball.studies.design.problem.run import Run
+from tests.support.sentences import refuses
 
 TIMES = np.linspace(0.0, 2.0, 201)
 OMEGA = (0.3, 0.4, 0.0)
@@ -19,7 +21,7 @@ D, R, G = 0.4, 0.5, 2.0
 
 def run(ball, state=None):
     trajectory = jaxball.simulate(ball, TIMES, state, rtol=1e-11, atol=1e-11)
-    return design.Run(ball, jnp.asarray(TIMES), trajectory.state, trajectory.status)
+    return Run(ball, jnp.asarray(TIMES), trajectory.state, trajectory.status)
 
 
 @functools.cache
@@ -145,7 +147,7 @@ def test_balance_is_where_the_moment_of_gravity_vanishes():
     objective = eqx.filter_jit(design.Balanced())
     for q, expected in ((tilt, (0.1 * np.sin(0.4)) ** 2), ((1.0, 0.0, 0.0, 0.0), 0.0)):
         state = jax.tree.map(lambda x: x[None], jaxball.BallState(q))
-        found = objective(design.Run(hanging, jnp.zeros(1), state, jnp.asarray(0)))
+        found = objective(Run(hanging, jnp.zeros(1), state, jnp.asarray(0)))
         np.testing.assert_allclose(float(found), expected, rtol=1e-12, atol=1e-30)
 
 
@@ -173,7 +175,7 @@ def test_the_figure_eight_fulfils_its_equation():
 
 
 def test_points_that_make_no_curve_are_told():
-    with pytest.raises(design.DesignError, match="two points or more"):
+    with refuses(design.DesignError, "through"):
         design.Through([[0.0, 0.0]])
 
 

@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 import tomli_w
 
-from jaxball import design
-from jaxball.design.problem.run import RAIL_SAMPLES
-from jaxball.design.report import _constraints
-from jaxball.design.search.verify import AS_BUILT, perturbed, verify
+from jaxball.studies import design
+from jaxball.studies.design.problem.run import RAIL_SAMPLES
+from jaxball.studies.design.report import _constraints
+from jaxball.studies.design.search.design import Design
+from jaxball.studies.design.search.optimise import Progress
+from jaxball.studies.design.search.verify import AS_BUILT
 from tests.design.documents import builtin
 
 # Circles of these radii about the centre, in planes that intersect, come as near as the radii differ.
@@ -63,16 +65,16 @@ def test_places_belong_to_their_constraint(order):
 def rows(order):
     """The table of constraints, by name, of a design that is the start itself."""
     start = problem(order).space.start
-    verified, settings = verify(problem(order), start), design.Settings()
-    finished = design.Design(
+    verified, settings = problem(order).verify(start), design.Settings()
+    finished = Design(
         problem=problem(order),
         settings=settings,
         numbers=problem(order).space.values(start),
         check=None,
-        progress=design.Progress("done", 0, start[None], [], start),
+        progress=Progress("done", 0, start[None], [], start),
         before=verified.designed,
         verified=verified,
-        perturbed=perturbed(problem(order), start, AS_BUILT),
+        perturbed=problem(order).perturbed(start, AS_BUILT),
     )
     cells = [[cell.strip() for cell in line.strip("| ").split("|")] for line in _constraints(finished)[2:6]]
     return {name: columns for name, *columns in cells}

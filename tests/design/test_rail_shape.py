@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import design
+from jaxball.studies import design
+from jaxball.studies.design.search.optimise import Optimiser
+from jaxball.studies.design.search.program import Shooting
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 NAMES = ("problem_rail_shape", "problem_rail_shape_circles", "problem_robust_rails")
@@ -38,7 +40,7 @@ def test_problem_asks_for_what_a_robot_could_drive(name):
 def test_a_short_search_follows_the_curve_to_a_tenth_of_a_radius(name):
     file = design.load_problem(EXAMPLES / f"{name}.toml")
     settings = dataclasses.replace(file.settings, starts=8, rounds=8)
-    optimiser = design.Optimiser(design.Shooting(file.problem), settings)
+    optimiser = Optimiser(Shooting(file.problem), settings)
     found = optimiser.run(optimiser.begin(), lambda progress: None)
     assert found.merit.violation <= settings.tolerance
     following = file.problem.objectives["follow-curve"]
@@ -52,7 +54,7 @@ def test_the_designed_rails_hold_to_what_was_asked_for():
     document = tomllib.loads((EXAMPLES / "designed_rails.toml").read_text(encoding="utf-8"))
     space = design.DesignSpace(document, [design.Variable(("masses[0].mass",))])
     found = dataclasses.replace(design.load_problem(EXAMPLES / f"{NAMES[0]}.toml").problem, space=space)
-    seen = design.verify(found, space.start)
+    seen = found.verify(space.start)
     assert seen.violation < 1e-3
     assert seen.apart < 1e-5
     following = found.objectives["follow-curve"]

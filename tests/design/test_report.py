@@ -6,12 +6,12 @@ import tomllib
 import numpy as np
 import pytest
 
-from jaxball import design
-from jaxball.design.report import bounds, violation
-from jaxball.design.result import Source, provenance
-from jaxball.design.search.optimise import load_progress, save_progress
-from jaxball.results import OutputError
-from jaxball.scenario import builtin_text
+from jaxball.files.results import OutputError
+from jaxball.files.scenario.sources import builtin_text
+from jaxball.studies.design.report import bounds, violation
+from jaxball.studies.design.result import Source, provenance
+from jaxball.studies.design.search.optimise import Progress, load_progress, save_progress
+from tests.support.sentences import refuses
 
 INFINITE = np.inf
 
@@ -68,7 +68,7 @@ def test_no_other_file_is_written_over(source, tmp_path):
     other = tmp_path / "out" / "problem.toml"
     for text in ("format = 2\n", "no document"):
         other.write_text(text)
-        with pytest.raises(OutputError, match=r"^Argument `--out` must be a folder without another problem"):
+        with refuses(OutputError, "--out"):
             source.check(tmp_path / "out")
 
 
@@ -93,6 +93,6 @@ def test_a_report_says_how_it_was_made(source):
 
 
 def test_the_time_of_a_search_is_kept_with_its_progress(tmp_path):
-    progress = design.Progress("polish", 3, np.zeros((1, 2)), [], np.zeros(2), elapsed=12.5)
+    progress = Progress("polish", 3, np.zeros((1, 2)), [], np.zeros(2), elapsed=12.5)
     save_progress(progress, tmp_path / "progress.npz", "mine")
     assert load_progress(tmp_path / "progress.npz", "mine").elapsed == 12.5

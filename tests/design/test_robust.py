@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import design
-from jaxball.design.problem.problem import perturb_system
-from jaxball.design.report import write_report
+from jaxball.studies import design
+from jaxball.studies.design.problem.problem import perturb_system
+from jaxball.studies.design.report import write_report
+from jaxball.studies.design.search.optimise import Optimiser
+from jaxball.studies.design.search.program import Shooting
 from tests.support.paper import paper_ball, paper_disk
+from tests.support.sentences import refuses
 
 T, PLACE, COUNT, SHARE = 2.0, 2.0, 5, 0.5
 PROBLEM = f"""
@@ -73,7 +76,7 @@ def problem():
 
 @pytest.fixture(scope="module")
 def optimiser():
-    return design.Optimiser(design.Shooting(problem().problem), problem().settings)
+    return Optimiser(Shooting(problem().problem), problem().settings)
 
 
 def lightness():
@@ -113,7 +116,7 @@ def test_constraints_are_counted_for_each_ball(optimiser):
 @pytest.mark.slow
 def test_a_robust_design_is_verified_and_shown_on_balls_that_it_has_not_seen(tmp_path):
     found = problem()
-    done = design.design(found.problem, found.settings)
+    done = found.problem.optimise(found.settings)
     assert done.feasible
     assert done.verified.apart < 1e-7
     place = PLACE / (1 + 3 * lightness())
@@ -142,14 +145,14 @@ def _groups(found, system):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "named"),
     [
-        (("count = 5", "count = 0"), r"robust\.count"),
-        (("masses = 0.5", "masses = 1.0"), "Key `robust`: Argument `masses` must be"),
-        (("offset = 0.0", "offset = -0.1"), r"robust\.offset"),
-        (("seed = 4", "sead = 4"), "did you mean `seed`"),
+        (("count = 5", "count = 0"), "robust.count"),
+        (("masses = 0.5", "masses = 1.0"), "robust"),
+        (("offset = 0.0", "offset = -0.1"), "robust.offset"),
+        (("seed = 4", "sead = 4"), "seed"),
     ],
 )
-def test_sets_of_balls_that_cannot_be_are_told(change, words):
-    with pytest.raises(jaxball.ScenarioError, match=words):
+def test_sets_of_balls_that_cannot_be_are_told(change, named):
+    with refuses(jaxball.ScenarioError, named):
         design.read_problem(PROBLEM.replace(*change))

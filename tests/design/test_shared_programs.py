@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 import tomli_w
 
-from jaxball import design
+from jaxball.studies import design
+from jaxball.studies.design.search.program import Shooting
 from tests.design.documents import builtin
 
 PROBLEM = {
@@ -46,7 +47,7 @@ def changed(value, name=""):
 @functools.cache
 def program(different=False):
     document = changed(PROBLEM) if different else PROBLEM
-    return design.Shooting(design.read_problem(tomli_w.dumps(document)).problem, 2)
+    return Shooting(design.read_problem(tomli_w.dumps(document)).problem, 2)
 
 
 def evaluated(terms, y):

@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxball
-from jaxball import design
+from jaxball.studies import design
+from jaxball.studies.design.problem.run import Run
 
 TIMES = jnp.linspace(0.0, 1.0, 4)
 
@@ -17,7 +18,7 @@ def rolling(Omega):
     nothing = jnp.zeros((4, 0))
     state = jaxball.BallState(q, jnp.broadcast_to(Omega, (4, 3)), z, nothing, nothing)
     ball = jaxball.Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), radius=1.0, gravity=2.0)
-    return design.Run(ball, TIMES, state, jnp.asarray(0))
+    return Run(ball, TIMES, state, jnp.asarray(0))
 
 
 def end_of(run):

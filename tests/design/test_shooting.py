@@ -9,12 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball import cli, design
-from jaxball.design.search.optimise import Merit, load_progress, save_progress
-from jaxball.design.search.program import CONTINUITY
+from jaxball import cli
+from jaxball.studies import design
+from jaxball.studies.design.search.optimise import Merit, Optimiser, load_progress, save_progress
+from jaxball.studies.design.search.program import CONTINUITY, Shooting
 from tests.design.documents import builtin
 from tests.design.test_design import PROBLEM
 from tests.design.test_robust import problem as robust
+from tests.support.sentences import refuses
 
 PIECES, T = 4, 2.0
 
@@ -26,12 +28,12 @@ def problem():
 
 @functools.cache
 def program():
-    return design.Shooting(problem().problem, PIECES)
+    return Shooting(problem().problem, PIECES)
 
 
 def optimiser(method="gauss-newton", rounds=40):
     settings = dataclasses.replace(problem().settings, starts=1, steps=5, method=method, rounds=rounds, evaluations=200)
-    return design.Optimiser(program(), settings)
+    return Optimiser(program(), settings)
 
 
 def defects(looked):
@@ -102,7 +104,7 @@ def test_a_file_that_is_no_progress_gets_a_sentence(tmp_path, kind):
     np.savez(path, other=np.zeros(3))
     content = path.read_bytes()
     path.write_bytes({"empty": b"", "cut": content[:-40], "other": content}[kind])
-    with pytest.raises(design.DesignError, match=r"must be the progress of a design, but it cannot be read"):
+    with refuses(design.DesignError, "progress.npz"):
         load_progress(path, "one")
 
 
@@ -126,7 +128,7 @@ def the_papers_ball():
 @pytest.mark.parametrize("given", [the_papers_ball, lambda: robust().problem], ids=["the paper's ball", "many balls"])
 def test_a_run_in_pieces_that_join_is_worth_what_it_is_in_one(given):
     given = given()
-    whole, cut = design.Shooting(given), design.Shooting(given, 2)
+    whole, cut = Shooting(given), Shooting(given, 2)
     z = given.space.start[None]
     found = [jax.jit(one.evaluate)(jnp.asarray(one.append_joints(z)[0])) for one in (whole, cut)]
     np.testing.assert_allclose(found[1].terms, found[0].terms, atol=1e-7)
@@ -138,8 +140,8 @@ def test_a_run_in_pieces_that_join_is_worth_what_it_is_in_one(given):
 
 
 def test_intervals_that_do_not_divide_the_steps_are_told():
-    with pytest.raises(design.DesignError, match=r"must divide the number of steps between save times, 8, but it is 3"):
-        design.Shooting(problem().problem, 3)
+    with refuses(design.DesignError, "search.intervals"):
+        Shooting(problem().problem, 3)
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball.ensemble import simulate_ensemble
+from jaxball.simulation.ensemble import simulate_ensemble
 from tests.contact.test_convergence import BODIES, FINEST, TOLERANCES, require_close, simulated
 
 

@@ -8,8 +8,9 @@ import pytest
 
 import jaxball
 from jaxball import Disk, DiskState, Ground
-from jaxball.ensemble import Maximum, simulate_ensemble
 from jaxball.programs import native
+from jaxball.simulation.ensemble import Maximum, simulate_ensemble
+from tests.support.sentences import refuses
 
 SLOPE, END = 0.3, 2.0
 INERTIAS = np.linspace(0.2, 1.0, 20)
@@ -70,7 +71,7 @@ def test_reverse_mode(compiled):
 
 @pytest.mark.long
 def test_what_is_chosen_is_kept_to():
-    with pytest.raises(TypeError, match=r"`adjoint` must not be diffrax.ForwardMode\(\)"):
+    with refuses(TypeError, "adjoint"):
         jax.grad(lambda d: jnp.sum(rolled(d, adjoint=diffrax.ForwardMode())[0]))(jnp.asarray(INERTIAS))
 
 

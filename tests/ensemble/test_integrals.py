@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from jaxball import Ball, BallState, Contact, Disk, DiskState, Event, Fixed, Ground, PointMass, ReleasedState
-from jaxball.ensemble import REDUCTIONS, Integral, Maximum, Minimum, simulate_ensemble
+from jaxball import Ball, BallState, Contact, Disk, DiskState, Event, Fixed, Ground, PointMass
+from jaxball.physics import ReleasedState
+from jaxball.simulation.ensemble import REDUCTIONS, Integral, Maximum, Minimum, simulate_ensemble
 
 G, SLOPE = 9.81, 0.3
 DISTANCE = {"distance": REDUCTIONS["distance"]}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.ensemble import simulate_ensemble
+from jaxball.simulation.ensemble import simulate_ensemble
 
 TIMES = np.array([0.0, 1.0, 3.0])
 STIFFNESS = np.linspace(0.5, 2.0, 6)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import Ball, BallState, Contact, Mode, ReleasedState, Status, SwitchCause, simulate
-from jaxball.ensemble import REDUCTIONS, simulate_ensemble
+from jaxball import Ball, BallState, Contact, Status, simulate
+from jaxball.physics import Mode, ReleasedState, SwitchCause
+from jaxball.simulation.ensemble import REDUCTIONS, simulate_ensemble
 
 TIMES = np.linspace(0.0, 2.0, 9)
 FOUND = {name: REDUCTIONS[name] for name in ("least_normal_force", "friction_needed", "energy_drift")}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxball import Ball, Disk, DiskState, Free, Ground, contact_extremes
-from jaxball.ensemble import REDUCTIONS, Drift, Integral, Maximum, Minimum, program, simulate_ensemble
+from jaxball.simulation.ensemble import REDUCTIONS, Drift, Integral, Maximum, Minimum, program, simulate_ensemble
 
 from .test_runs import disks, single
 

@@ -23,10 +23,11 @@ from jaxball import (
     paper,
     simulate,
 )
-from jaxball.classical import FreeRigidBody
-from jaxball.ensemble import Maximum, simulate_ensemble
+from jaxball.physics.classical import FreeRigidBody
 from jaxball.programs.native import current_choice
-from jaxball.solvers import NDF, Adams, Gauss, RadauIIA
+from jaxball.simulation.ensemble import Maximum, simulate_ensemble
+from jaxball.simulation.solvers import NDF, Adams, Gauss, RadauIIA
+from tests.support.sentences import refuses, said
 
 RUNS = 40
 TIMES = np.linspace(0.0, 5.0, 6)
@@ -119,7 +120,7 @@ def test_an_ensemble_is_read_as_a_trajectory_is():
     one = single(system, state, 2)
     np.testing.assert_allclose(runs[2].state.phi, one.state.phi, rtol=0, atol=1e-9)
     np.testing.assert_allclose(found[-1].observables.energy, one.observables.energy, rtol=0, atol=1e-9)
-    assert "no body can have these parameters" in runs[1].message
+    said(runs[1].message, "mass")
 
 
 def pushed_from(t, start):
@@ -300,21 +301,21 @@ def _with_mass(system, m):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "named"),
     [
-        ({"solver": diffrax.Euler()}, "Argument `solver` must be an adaptive solver.*Euler"),
-        ({"dae": True, "solver": RadauIIA()}, "Argument `state` must be .* where `dae` is True"),
-        ({"adjoint": diffrax.DirectAdjoint()}, "Argument `adjoint` must be"),
-        ({"times": np.zeros((3, 2))}, "the same number of runs as leading axis"),
-        ({"in_axes": (None, None)}, "the same number of runs as leading axis"),
-        ({"in_axes": 1}, "Argument `in_axes` must be 0 where arrays have the runs as leading axis"),
-        ({"in_axes": (0, 0, 1)}, "Argument `in_axes` must be 0"),
-        ({"in_axes": (0, 0, 0, 0)}, "Argument `in_axes` must be 0"),
+        ({"solver": diffrax.Euler()}, "solver"),
+        ({"dae": True, "solver": RadauIIA()}, "state"),
+        ({"adjoint": diffrax.DirectAdjoint()}, "adjoint"),
+        ({"times": np.zeros((3, 2))}, "system"),
+        ({"in_axes": (None, None)}, "system"),
+        ({"in_axes": 1}, "in_axes"),
+        ({"in_axes": (0, 0, 1)}, "in_axes"),
+        ({"in_axes": (0, 0, 0, 0)}, "in_axes"),
     ],
 )
-def test_wrong_arguments_are_named(change, words, no_type_checks):
+def test_wrong_arguments_are_named(change, named, no_type_checks):
     system, state = disks(np.ones(2))
-    with pytest.raises((TypeError, ValueError), match=words):
+    with refuses((TypeError, ValueError), named):
         simulate_ensemble(**{"system": system, "times": TIMES, "state": state} | change)
 
 
@@ -324,7 +325,7 @@ def test_a_loop_over_an_ensemble_ends_after_its_last_run():
     ensemble = simulate_ensemble(systems, TIMES, states, **SMALL)
     assert len(list(itertools.islice(ensemble, 5))) == 3
     for index in (3, 99, -4):
-        with pytest.raises(IndexError, match=rf"must be from 0 to 2, or from -3 to -1, but it is {index}\."):
+        with refuses(IndexError, "The number of a run"):
             ensemble[index]
     np.testing.assert_array_equal(ensemble[-1].system.mass, 3.0)
     np.testing.assert_array_equal(ensemble[np.int64(2)].system.mass, 3.0)
@@ -333,7 +334,7 @@ def test_a_loop_over_an_ensemble_ends_after_its_last_run():
 def test_no_runs_are_refused_in_a_sentence():
     systems, states = disks([1.0])
     none = jax.tree.map(lambda leaf: leaf[:0], states)
-    with pytest.raises(ValueError, match="`system` and `state` must be those of one run or more, but they are of none"):
+    with refuses(ValueError, "system"):
         simulate_ensemble(jax.tree.map(lambda leaf: leaf[0], systems), TIMES, none, in_axes=(None, 0))
 
 
@@ -348,7 +349,7 @@ def test_an_ensemble_without_states_starts_at_rest():
     assert without.events == {}
     one = simulate_ensemble(jax.tree.map(lambda leaf: leaf[0], systems), TIMES, rest, in_axes=(None, 0), **SMALL)
     assert one.state.z.shape == (2, 6)
-    with pytest.raises(AttributeError, match=r"^An Ensemble has no attribute `plot`; it is `ensemble\[k\]\.plot`\.$"):
+    with refuses(AttributeError, "plot"):
         without.plot()
-    with pytest.raises(AttributeError, match=r"^An Ensemble has no attribute `stats`; did you mean `status`\?$"):
+    with refuses(AttributeError, "stats"):
         without.stats  # noqa: B018

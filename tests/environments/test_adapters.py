@@ -9,17 +9,8 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 import jaxball
-from jaxball.environments import (
-    BraxEnvironment,
-    Environment,
-    ObservedSensors,
-    ReachPoint,
-    Uniform,
-    gymnasium_env,
-    gymnasium_vector_env,
-    in_lanes,
-)
-from jaxball.sensors import Encoder, SensorErrors
+from jaxball.control.environments import Environment, ObservedSensors, ReachPoint, Uniform, in_lanes
+from jaxball.physics.sensors import Encoder, SensorErrors
 from tests.control import robots
 
 
@@ -32,7 +23,7 @@ def environment():
 @pytest.mark.thorough
 @pytest.mark.filterwarnings("ignore:.*A Box observation space m..imum value is -?infinity")  # it has no bounds
 def test_one_passes_gymnasiums_checks_and_seeds_determine_episodes(environment):
-    single = gymnasium_env(environment)
+    single = environment.gymnasium()
     check_env(single, skip_render_check=True)  # what it warns of is an error here
     first, _ = single.reset(seed=5)
     again, _ = single.reset(seed=5)
@@ -46,9 +37,7 @@ def test_one_passes_gymnasiums_checks_and_seeds_determine_episodes(environment):
 @pytest.mark.long
 def test_many_are_reset_in_the_step_in_which_they_end(environment):
     """As Gymnasium's own SyncVectorEnv does in this mode: the last observation is in ``final_obs``."""
-    gymnasium.register(
-        "PendulumRobot-v0", vector_entry_point=lambda num_envs: gymnasium_vector_env(environment, num_envs)
-    )
+    gymnasium.register("PendulumRobot-v0", vector_entry_point=lambda num_envs: environment.gymnasium_vector(num_envs))
     many = gymnasium.make_vec("PendulumRobot-v0", num_envs=16, vectorization_mode="vector_entry_point")
     assert many.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
     first, _ = many.reset(seed=7)
@@ -71,7 +60,7 @@ def test_many_are_reset_in_the_step_in_which_they_end(environment):
 
 @pytest.mark.long
 def test_like_brax_it_is_the_environment_in_a_loop_that_keeps_what_wrappers_add(environment):
-    like_brax = BraxEnvironment(environment)
+    like_brax = environment.brax()
     assert (like_brax.observation_size, like_brax.action_size) == (environment.n_observations, 1)
     key, actions = jax.random.PRNGKey(2), jnp.array([[0.5], [-0.2], [0.1]])
 

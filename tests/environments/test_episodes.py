@@ -7,8 +7,7 @@ import pytest
 
 import jaxball
 from jaxball import Status
-from jaxball.control import SampledSystem
-from jaxball.environments import (
+from jaxball.control.environments import (
     Environment,
     Factor,
     Normal,
@@ -17,6 +16,7 @@ from jaxball.environments import (
     Uniform,
     in_lanes,
 )
+from jaxball.control.sampled import SampledSystem
 from tests.control import robots
 
 H, LIMIT, LANES = 0.1, 0.6, 16

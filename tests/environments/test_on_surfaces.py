@@ -17,11 +17,11 @@ from jaxball import (
     OnRail,
     PointMass,
     Status,
-    TiltingPlane,
     observe,
     simulate,
 )
-from jaxball.environments import Environment, ReachPoint
+from jaxball.control.environments import Environment, ReachPoint
+from jaxball.physics import TiltingPlane
 
 SOLID = {"mass": 1.0, "radius": 0.05, "inertia": (0.001, 0.001, 0.001), "gravity": 9.81}
 H, LIMIT, ACTIONS = 0.1, 2.0, np.array([0.5, -1.0, 0.25])

@@ -11,7 +11,6 @@ from jaxball import (
     Bowl,
     Circle,
     ConstantRate,
-    Cylinder,
     Disk,
     DiskState,
     Driven,
@@ -20,19 +19,17 @@ from jaxball import (
     Ground,
     HarmonicSeries,
     HeightField,
-    MovingFrame,
     OnRail,
     Oscillating,
     PointMass,
-    SphereOutside,
-    TiltingPlane,
     Tube,
-    Turn,
     Turntable,
     balance,
 )
 from jaxball.paper.systems import ball as paper_ball
+from jaxball.physics import Cylinder, MovingFrame, SphereOutside, TiltingPlane, Turn
 from tests.support.precision import enable_x64
+from tests.support.sentences import refuses, said
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +40,7 @@ def paper():
 @pytest.mark.thorough
 def test_the_angles_that_the_paper_rounded(paper):
     """The root to 18 digits, found outside this library."""
-    assert paper.found
+    assert paper.ok
     assert paper.above
     np.testing.assert_allclose(paper.theta, [2.03688467177819188, 0.704424483412206587], atol=1e-13)
     assert paper.residual < 1e-13
@@ -54,7 +51,7 @@ def test_every_solution_is_found_and_is_one(paper):
     """Two unit circles' worth of vectors sum to a given one in two ways; here one is above, one below."""
     assert paper.solutions_above.tolist() == [True, False]
     for theta in np.asarray(paper.solutions):
-        moved = jaxball.with_angles(paper_ball(), [1, 2], theta)
+        moved = jaxball.simulation.with_angles(paper_ball(), [1, 2], theta)
         centre = jaxball.observe(moved.prepare(), jnp.asarray(0.0), BallState()).centre_of_mass_space
         np.testing.assert_allclose(centre[:2], 0, atol=1e-13)
 
@@ -62,7 +59,7 @@ def test_every_solution_is_found_and_is_one(paper):
 @pytest.mark.thorough
 def test_only_below_when_asked():
     found = balance(paper_ball(), free=[1, 2], above=False)
-    assert found.found
+    assert found.ok
     assert not found.above
     assert "exactly below" in found.message
 
@@ -72,11 +69,11 @@ def test_in_float32_a_solution_is_one_up_to_rounding():
     """The same two as in float64, the angles found outside this library, and no copy of either."""
     with enable_x64(False):
         answer = balance(paper_ball(), free=[1, 2])
-        assert answer.found
+        assert answer.ok
         assert answer.solutions_above.tolist() == [True, False]
         np.testing.assert_allclose(answer.theta, [2.03688467177819188, 0.704424483412206587], atol=1e-5)
         off = Ball(mass=1.0, inertia=(1.0, 1.0, 1.0), offset=(0.0, 1e-4, 0.0), masses=paper_ball().point_masses[:1])
-        assert not balance(off, free=[0]).found  # by 1e-4, which is no rounding
+        assert not balance(off, free=[0]).ok  # by 1e-4, which is no rounding
 
 
 @pytest.mark.thorough
@@ -89,10 +86,10 @@ def test_no_solution_says_so_and_how_near():
         masses=[PointMass(1.0, OnRail(Circle(0.5), ConstantRate(0.1)))],
     )
     answer = balance(ball, free=[0])
-    assert not answer.found
+    assert not answer.ok
     assert answer.residual == pytest.approx(0.15, abs=1e-9)
     assert answer.solutions.shape == (0, 1)
-    assert answer.message.startswith("No angles of these masses put the centre of mass exactly above or below")
+    said(answer.message, "0.15")
 
 
 @pytest.mark.thorough
@@ -102,9 +99,9 @@ def test_a_tube_balances_inside_the_shell_only():
         return Ball(mass=1.0, inertia=(1.0, 1.0, 1.0), masses=[along, PointMass(1.0, Fixed((0.4, 0.0, -0.2)))])
 
     inside = balance(ball(1.0), free=[0])
-    assert inside.found
+    assert inside.ok
     assert float(inside.theta[0]) == pytest.approx(-0.4, abs=1e-12)
-    assert not balance(ball(0.2), free=[0]).found
+    assert not balance(ball(0.2), free=[0]).ok
 
 
 @pytest.mark.thorough
@@ -116,7 +113,7 @@ def test_the_angle_of_a_driven_mass():
         law=FunctionLaw(lambda t, state, parameters: 0 * state.theta),
     )
     found = balance(ball, free=[0], above=False, state=BallState(theta=[-1.0], thetadot=[0.0]))
-    assert found.found
+    assert found.ok
     assert float(found.theta[0]) == pytest.approx(-np.pi / 2, abs=1e-12)
 
 
@@ -136,7 +133,7 @@ def test_on_a_slope_the_mass_takes_up_the_moment_of_the_weight(angle):
     answer = balance(disk_on_a_slope(angle), [0], above=False)
     away = np.arccos(-1.5 * np.sin(angle) / 0.3)
     np.testing.assert_allclose(answer.theta, [angle - away], atol=1e-12)
-    assert "on the vertical through the contact point, lower than the centre" in answer.message
+    said(answer.message)
     upper = balance(disk_on_a_slope(angle), [0], above=True)
     np.testing.assert_allclose(np.exp(1j * np.asarray(upper.theta)), [np.exp(1j * (angle + away))], atol=1e-12)
     assert answer.solutions_above.tolist() == [False]
@@ -145,9 +142,9 @@ def test_on_a_slope_the_mass_takes_up_the_moment_of_the_weight(angle):
 def test_a_slope_can_be_too_steep():
     """The vertical through the contact point is r sin a from the centre, and the centre of mass at most 0.2."""
     answer = balance(disk_on_a_slope(0.5), [0])
-    assert not answer.found
+    assert not answer.ok
     assert answer.residual == pytest.approx(np.sin(0.5) - 0.2, abs=1e-9)
-    assert "put the centre of mass on the vertical through the contact point; the angles" in answer.message
+    said(answer.message)
 
 
 @pytest.mark.thorough
@@ -167,8 +164,8 @@ def test_a_balanced_ball_on_a_slope_has_no_acceleration():
     answer = balance(ball, [0, 1], state=state)
     assert len(answer.solutions) >= 2
     for theta in np.asarray(answer.solutions):
-        moved = jaxball.with_angles(ball, [0, 1], theta)
-        np.testing.assert_allclose(jaxball.vector_field(moved, jnp.array(0.0), state).Omega, 0.0, atol=1e-12)
+        moved = jaxball.simulation.with_angles(ball, [0, 1], theta)
+        np.testing.assert_allclose(jaxball.physics.vector_field(moved, jnp.array(0.0), state).Omega, 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -180,20 +177,20 @@ def test_a_balanced_ball_on_a_slope_has_no_acceleration():
 )
 def test_nothing_rests_on_a_plane_that_moves(ground, part):
     ball = Ball(mass=1.0, inertia=(1.0, 1.0, 1.0), ground=ground)
-    with pytest.raises(ValueError, match=rf"^Argument `system` must be on a plane at rest, .* has a {part}\.$"):
+    with refuses(ValueError, "system"):
         balance(ball, [0])
 
 
 @pytest.mark.parametrize(
-    ("free", "guess", "sentence"),
+    ("free", "guess", "named"),
     [
-        ([], None, "must name at least one mass"),
-        ([7], None, "must name masses on a rail, from 0 to 2, but it names 7"),
-        ([1, 2], [0.0], "must have 2 entries"),
+        ([], None, "free"),
+        ([7], None, "free"),
+        ([1, 2], [0.0], "guess"),
     ],
 )
-def test_wrong_arguments(free, guess, sentence):
-    with pytest.raises(ValueError, match=sentence):
+def test_wrong_arguments(free, guess, named):
+    with refuses(ValueError, named):
         balance(paper_ball(), free=free, guess=guess)
 
 
@@ -205,17 +202,17 @@ def in_a_pipe(angle):
 
 @pytest.mark.usefixtures("no_type_checks")
 @pytest.mark.parametrize(
-    ("free", "theta", "error", "sentence"),
+    ("free", "theta", "error", "named"),
     [
-        ([5], [0.0], ValueError, r"`free` must name masses of the body, from 0 to 2, but it names 5\."),
-        ([0, 1], [0.0], ValueError, r"`theta` must have 2 entries, one for each mass .*, but its shape is \(1,\)"),
-        ([0], 0.0, ValueError, r"`theta` must have 1 entry, one for each mass .*, but its shape is \(\)"),
-        (1, [0.0], TypeError, r"`free` must be a list of numbers of masses, from 0, such as \[0, 2\], but it is 1"),
+        ([5], [0.0], ValueError, "free"),
+        ([0, 1], [0.0], ValueError, "theta"),
+        ([0], 0.0, ValueError, "theta"),
+        (1, [0.0], TypeError, "free"),
     ],
 )
-def test_angles_of_masses_that_there_are_not(free, theta, error, sentence):
-    with pytest.raises(error, match=sentence):
-        jaxball.with_angles(paper_ball(), free, theta)
+def test_angles_of_masses_that_there_are_not(free, theta, error, named):
+    with refuses(error, named):
+        jaxball.simulation.with_angles(paper_ball(), free, theta)
 
 
 @pytest.mark.parametrize("angle", [0.1, -0.15])
@@ -228,9 +225,9 @@ def test_on_a_curve_the_mass_takes_up_the_moment_of_the_weight(angle):
     answer = balance(disk, [0], above=False, state=state)
     away = np.arccos(1.5 * np.sin(angle) / 0.3)
     np.testing.assert_allclose(answer.theta, [-away], atol=1e-12)
-    assert "on the vertical through the contact point, lower than the centre" in answer.message
-    moved = jaxball.with_angles(disk, [0], answer.theta)
-    np.testing.assert_allclose(jaxball.vector_field(moved, jnp.array(0.0), state).phidot, 0.0, atol=1e-12)
+    said(answer.message)
+    moved = jaxball.simulation.with_angles(disk, [0], answer.theta)
+    np.testing.assert_allclose(jaxball.physics.vector_field(moved, jnp.array(0.0), state).phidot, 0.0, atol=1e-12)
 
 
 @pytest.mark.thorough
@@ -245,26 +242,23 @@ def test_a_balanced_ball_on_a_hill_has_no_acceleration():
     answer = balance(ball, [0, 1], state=state)
     assert len(answer.solutions) >= 2
     for theta in np.asarray(answer.solutions):
-        moved = jaxball.with_angles(ball, [0, 1], theta)
-        np.testing.assert_allclose(jaxball.vector_field(moved, jnp.array(0.0), state).Omega, 0.0, atol=1e-12)
+        moved = jaxball.simulation.with_angles(ball, [0, 1], theta)
+        np.testing.assert_allclose(jaxball.physics.vector_field(moved, jnp.array(0.0), state).Omega, 0.0, atol=1e-12)
     bottom = balance(Ball(**shell, ground=Bowl(4.0)), [0, 1], above=False)
-    assert "exactly below the geometric centre" in bottom.message
+    said(bottom.message)
 
 
 @pytest.mark.parametrize(
-    ("ground", "says"),
+    ("ground", "named"),
     [
-        (TiltingPlane(about_e2=ConstantRate(0.1, rate=0.2)), "at rest, .* moves there at t = 0"),
-        (
-            Bowl(3.0, motion=MovingFrame([Turn((0.0, 0.0, 1.0), ConstantRate(0.0, rate=1.0))])),
-            "at rest, .* moves there",
-        ),
-        (HeightField(lambda t, x, y, _: 2.0 + 0.0 * x + 0.1 * t**2), "at rest, .* moves there"),
-        (HeightField(lambda t, x, y, _: jnp.sqrt(x - 1.0)), "coordinates of a place on the ground"),
+        (TiltingPlane(about_e2=ConstantRate(0.1, rate=0.2)), "system"),
+        (Bowl(3.0, motion=MovingFrame([Turn((0.0, 0.0, 1.0), ConstantRate(0.0, rate=1.0))])), "system"),
+        (HeightField(lambda t, x, y, _: 2.0 + 0.0 * x + 0.1 * t**2), "system"),
+        (HeightField(lambda t, x, y, _: jnp.sqrt(x - 1.0)), "state"),
     ],
 )
-def test_nothing_rests_on_a_surface_that_moves_or_ends(ground, says):
+def test_nothing_rests_on_a_surface_that_moves_or_ends(ground, named):
     masses = [PointMass(0.5, OnRail(Circle(0.5), ConstantRate(0.0)))]
     ball = Ball(mass=1.0, inertia=(1.0, 1.0, 1.0), masses=masses, ground=ground)
-    with pytest.raises(ValueError, match=says):
+    with refuses(ValueError, named):
         balance(ball, [0])

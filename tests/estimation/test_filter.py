@@ -7,8 +7,10 @@ import pytest
 
 import jaxball
 from jaxball import Ball, BallState, Disk, DiskState
-from jaxball.estimation import ErrorStateFilter, chi2_bounds
-from jaxball.sensors import Accelerometer, Encoder, Gyroscope, Position, SensorErrors
+from jaxball.control.estimation import ErrorStateFilter, chi2_bounds
+from jaxball.physics.sensors import Accelerometer, Encoder, Gyroscope, Position, SensorErrors
+from tests.support.differences import slope
+from tests.support.sentences import refuses
 
 H = 0.1
 SAMPLES = 21
@@ -200,58 +202,48 @@ def test_the_derivative_of_a_deviation_by_the_noise_of_a_sensor(free_disk):
         estimate = known(run.measured({"camera": Position()}), DiskState(), SPREAD)
         return estimate.deviations["z"][-1]
 
-    step = 1e-5
-    slope = jax.jacfwd(deviation)(jnp.array(0.1))
-    difference = (deviation(jnp.array(0.1 + step)) - deviation(jnp.array(0.1 - step))) / (2 * step)
-    np.testing.assert_allclose(slope, difference, rtol=1e-7)
+    noise = jnp.array(0.1)
+    np.testing.assert_allclose(jax.jacfwd(deviation)(noise), slope(deviation, noise, 1e-5, points=2), rtol=1e-7)
 
 
 GYRO = {"gyro": Gyroscope(errors=SensorErrors(noise=0.1))}
 
 
 @pytest.mark.parametrize(
-    ("change", "error", "words"),
+    ("change", "error", "named"),
     [
-        ({"sensors": {}}, ValueError, "`sensors` must have one sensor or more"),
-        (
-            {"sensors": {"gyro": Gyroscope()}},
-            ValueError,
-            r"`sensors\['gyro'\]` must have noise, because a filter weighs",
-        ),
-        ({"process": {"Omga": 0.1}}, ValueError, "`process` must have names as keys, but one is 'Omga'"),
-        ({"biases": {"gyr": 0.1}}, ValueError, "`biases` names 'gyr', which is no sensor; did you mean"),
-        ({"biases": {"gyro": -0.1}}, ValueError, r"`biases\['gyro'\]` must be 0 or positive, but it is -0\.1"),
-        ({"system": None}, TypeError, "`system` must be a Ball or a Disk, but it is None"),
-        ({"sample": 0.0}, ValueError, "`sample` must be a positive time, but it is 0"),
-        ({"sample": -0.1}, ValueError, r"`sample` must be a positive time, but it is -0\.1"),
+        ({"sensors": {}}, ValueError, "sensors"),
+        ({"sensors": {"gyro": Gyroscope()}}, ValueError, "sensors['gyro']"),
+        ({"process": {"Omga": 0.1}}, ValueError, "process"),
+        ({"biases": {"gyr": 0.1}}, ValueError, "biases"),
+        ({"biases": {"gyro": -0.1}}, ValueError, "biases['gyro']"),
+        ({"system": None}, TypeError, "system"),
+        ({"sample": 0.0}, ValueError, "sample"),
+        ({"sample": -0.1}, ValueError, "sample"),
     ],
 )
-def test_what_makes_no_filter_is_refused(change, error, words, no_type_checks):
+def test_what_makes_no_filter_is_refused(change, error, named, no_type_checks):
     given = {"system": Disk(mass=1.0, inertia=0.5), "sensors": GYRO, "sample": H} | change
-    with pytest.raises(error, match=words):
+    with refuses(error, named):
         ErrorStateFilter.of(**given)
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("change", "error", "words"),
+    ("change", "error", "named"),
     [
-        ({"readings": {}}, ValueError, "`readings` must have those of every sensor, but 'gyro' is missing"),
-        ({"readings": {"gyro": 1.0}}, TypeError, r"`readings\['gyro'\]` must be readings at each sample"),
-        (
-            {"readings": {"gyro": np.zeros((21, 1))}},
-            ValueError,
-            r"`readings` must have as many components .* as the sensors have, \{'gyro': 3\}, but they have 1 in all",
-        ),
-        ({"start": BallState()}, TypeError, "a DiskState"),
-        ({"spread": {"phi": -1.0}}, ValueError, "`spread` must be 0 or positive"),
-        ({"spread": 0.1}, TypeError, "`spread` must be a dictionary of standard deviations by name"),
-        ({"u": np.ones((3, 1))}, ValueError, r"`u` must have a row for each of the 20 samples and 0 columns"),
+        ({"readings": {}}, ValueError, "readings"),
+        ({"readings": {"gyro": 1.0}}, TypeError, "readings['gyro']"),
+        ({"readings": {"gyro": np.zeros((21, 1))}}, ValueError, "readings"),
+        ({"start": BallState()}, TypeError, "DiskState"),
+        ({"spread": {"phi": -1.0}}, ValueError, "spread"),
+        ({"spread": 0.1}, TypeError, "spread"),
+        ({"u": np.ones((3, 1))}, ValueError, "u"),
     ],
 )
-def test_what_does_not_fit_a_filter_is_refused(free_disk, change, error, words, no_type_checks):
+def test_what_does_not_fit_a_filter_is_refused(free_disk, change, error, named, no_type_checks):
     disk, _, run = free_disk
     known = ErrorStateFilter.of(disk, GYRO, sample=H)
     given = {"readings": run.measured(GYRO), "start": DiskState(), "spread": SPREAD} | change
-    with pytest.raises(error, match=words):
+    with refuses(error, named):
         known(**given)

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from jaxball import Contact, Disk, DiskState, HardStops, Resistance, ring_rotor
-from jaxball.control import SampledSystem
-from jaxball.estimation import ErrorStateFilter
-from jaxball.sensors import Gyroscope, SensorErrors
+from jaxball.control.estimation import ErrorStateFilter
+from jaxball.control.sampled import SampledSystem
+from jaxball.physics.sensors import Gyroscope, SensorErrors
+from tests.support.sentences import refuses
 
 SENSORS = {"gyro": Gyroscope(errors=SensorErrors(noise=0.1))}
 SPREAD = {"phi": 0.2, "phidot": 0.05, "z": 0.1, "theta": 0.01, "thetadot": 0.02}
@@ -50,5 +51,5 @@ def test_nothing_is_left_to_doubt_of_the_rate_of_a_disk_that_comes_to_rest():
 
 def test_a_law_of_contact_is_refused():
     sampled = SampledSystem.without_inputs(Disk(mass=1.0, inertia=0.5), 0.1)
-    with pytest.raises(ValueError, match="Argument `sampled` must have no law of `contact`"):
+    with refuses(ValueError, "sampled"):
         ErrorStateFilter.for_sampled_system(dataclasses.replace(sampled, contact=Contact(0.3)), SENSORS)

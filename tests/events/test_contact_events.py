@@ -10,9 +10,11 @@ from scipy.optimize import brentq, minimize_scalar
 
 import jaxball
 from jaxball import Ball, BallState, Detachment, Disk, DiskState, Slip, Status, contact_extremes, simulate
-from jaxball.physics.dynamics.reaction import reaction
-from jaxball.solvers import Gauss
+from jaxball.physics.dynamics.locked import reaction
+from jaxball.simulation.solvers import Gauss
+from tests.support.differences import slope
 from tests.support.paper import paper_ball, paper_disk
+from tests.support.sentences import refuses, said
 
 TIMES = np.linspace(0.0, 20.0, 21)
 TIGHT = {"solver": Gauss(8), "rtol": 1e-12, "atol": 1e-12}
@@ -104,7 +106,7 @@ def test_a_fast_wheel_leaves_the_plane():
     assert run.status == Status.DETACHED
     assert not run.ok
     np.testing.assert_allclose(run.events["lift"].state.phi[0], phi, atol=1e-9)
-    assert "would leave the ground" in run.message
+    said(run.message)
     np.testing.assert_array_equal(np.isfinite(run.state.phi), run.reached >= TIMES)
 
 
@@ -133,13 +135,11 @@ def test_the_time_of_detachment_is_differentiable(mode):
         return simulate(disk, TIMES[:3], state, events={"lift": Detachment()}, **settings).events["lift"].times[0]
 
     if mode == "reverse":
-        found, slope = jaxball.jit(jax.value_and_grad(time))(4.0)
+        found, rate = jaxball.jit(jax.value_and_grad(time))(4.0)
     else:
-        found, slope = jaxball.jit(lambda v: jax.jvp(lambda v: time(v, diffrax.ForwardMode()), (v,), (1.0,)))(4.0)
-    h = 1e-3
-    p, q = (closed_time_of_detachment(4.0 + k * h) - closed_time_of_detachment(4.0 - k * h) for k in (1, 2))
+        found, rate = jaxball.jit(lambda v: jax.jvp(lambda v: time(v, diffrax.ForwardMode()), (v,), (1.0,)))(4.0)
     np.testing.assert_allclose(found, closed_time_of_detachment(4.0), rtol=1e-10)
-    np.testing.assert_allclose(slope, (8 * p - q) / (12 * h), rtol=1e-8)
+    np.testing.assert_allclose(rate, slope(closed_time_of_detachment, 4.0, 1e-3), rtol=1e-8)
 
 
 def closed_friction_needed(speed):
@@ -171,10 +171,8 @@ def test_the_derivative_of_the_friction_needed():
         run = simulate(disk, [0.0, 5.0], state, dense=True, adjoint=adjoint, max_steps=64, rtol=1e-12, atol=1e-12)
         return contact_extremes(run).friction_needed
 
-    h, speed = 1e-3, 0.9
-    value = closed_friction_needed(speed)
-    p, q = (closed_friction_needed(speed + k * h) - closed_friction_needed(speed - k * h) for k in (1, 2))
-    expected = (8 * p - q) / (12 * h)
+    speed = 0.9
+    value, expected = closed_friction_needed(speed), slope(closed_friction_needed, speed, 1e-3)
     found, forward = jaxball.jit(lambda v: jax.jvp(lambda v: needed(v, diffrax.ForwardMode()), (v,), (1.0,)))(speed)
     np.testing.assert_allclose(found, value, rtol=1e-11)
     np.testing.assert_allclose(forward, expected, rtol=0, atol=1e-9)
@@ -206,18 +204,18 @@ def test_reaction_is_the_size_of_the_force_in_space():
 class TestArguments:
     def test_extremes_need_dense_output(self):
         run = simulate(Ball(mass=1.0, inertia=(0.4, 0.4, 0.4)), [0.0, 1.0])
-        with pytest.raises(ValueError, match=r"must have dense output; call simulate\(..., dense=True\)"):
+        with refuses(ValueError, "trajectory"):
             contact_extremes(run)
 
     def test_no_plane_no_detachment(self):
-        top = jaxball.classical.FreeRigidBody(inertia=(1.0, 2.0, 3.0))
-        with pytest.raises(TypeError, match='FreeRigidBody, which does not roll on a plane, but "lift" is one'):
+        top = jaxball.physics.classical.FreeRigidBody(inertia=(1.0, 2.0, 3.0))
+        with refuses(TypeError, "lift"):
             simulate(top, [0.0, 1.0], events={"lift": Detachment()})
 
 
 @pytest.mark.parametrize("mu", [-0.3, 0.0, np.nan, np.inf])
 def test_what_is_no_coefficient_of_friction(mu):
-    with pytest.raises(ValueError, match="Argument `friction` must be a positive number, but it is"):
+    with refuses(ValueError, "friction"):
         Slip(mu)
 
 
@@ -229,5 +227,5 @@ def test_a_traced_coefficient_is_not_looked_at():
     "make", [lambda: Slip(0.3, capacity=0), lambda: Detachment(capacity=0)], ids=["slip", "detachment"]
 )
 def test_events_without_room(make):
-    with pytest.raises(ValueError, match="Argument `capacity` must be 1 or more, but it is 0"):
+    with refuses(ValueError, "capacity"):
         make()

@@ -8,7 +8,8 @@ import pytest
 
 import jaxball
 from jaxball import Disk, DiskState, Event, Status, simulate
-from jaxball.ensemble import simulate_ensemble
+from jaxball.simulation.ensemble import simulate_ensemble
+from tests.support.sentences import refuses
 
 END = 2.0
 DISK, START = Disk(mass=1.0, inertia=0.5), DiskState(phidot=-1.0)
@@ -125,12 +126,6 @@ def test_swings_that_fill_a_run_do_not_look_like_a_constant(tolerance):
     assert not np.any(unresolved)
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-10])
-def test_thousands_of_crossings_are_all_there(tolerance):
-    assert_every_crossing_is_found(RIPPLES, run(RIPPLES, tolerance, 4000).events)
-
-
 @pytest.mark.long
 def test_few_crossings_are_found_beside_many():
     assert_every_crossing_is_found(PLACES | RIPPLES, run(PLACES | RIPPLES, 1e-6, 4000).events)
@@ -202,16 +197,16 @@ def test_a_function_may_take_the_observables():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("name", "sentence"),
+    ("name", "named"),
     [
-        ("normal_forc", 'which a Disk does not have; did you mean "normal_force"'),
-        ("friction", r"`friction` is an array of shape \(2,\); name one number, such as friction\[0\]"),
-        ("friction[2]", r"`friction` is an array of shape \(2,\)"),
-        ("z[0]", "`z` is a number, without an index"),
+        ("normal_forc", "normal_force"),
+        ("friction", "friction"),
+        ("friction[2]", "friction"),
+        ("z[0]", "z"),
     ],
 )
-def test_the_name_of_no_number(name, sentence):
-    with pytest.raises(ValueError, match=sentence):
+def test_the_name_of_no_number(name, named):
+    with refuses(ValueError, named):
         simulate(DISK, [0.0, END], START, events={"a": Event(name)})
 
 

@@ -11,8 +11,10 @@ from scipy.special import ellipj, ellipk
 
 import jaxball
 from jaxball import Event, Status, simulate
-from jaxball.classical import FreeRigidBody, RigidBodyState
-from jaxball.solvers import Gauss
+from jaxball.physics.classical import FreeRigidBody, RigidBodyState
+from jaxball.simulation.solvers import Gauss
+from tests.support.differences import slope
+from tests.support.sentences import refuses, said
 
 END = 12.0
 INERTIA = np.array([1.0, 2.0, 3.0])
@@ -117,15 +119,10 @@ def test_two_crossings_close_together_are_both_found(runs):
 def test_sentences(runs):
     events = runs["sections"].events
     assert events["late"].count == 0
-    assert events["late"].message == (
-        "It never happened: its function was between -50 and -38, and did not cross zero in the direction asked for."
-    )
-    assert events["middle"].message.startswith(f"It happened {len(zeros())} times, first at t = ")
+    said(events["late"].message, "-50", "-38")
+    said(events["middle"].message, f"{len(zeros())} times")
     few = Event(middle, capacity=1)
-    assert (
-        "the first 1 are kept"
-        in simulate(FreeRigidBody(inertia=INERTIA), TIMES, START, events={"few": few}).events["few"].message
-    )
+    said(simulate(FreeRigidBody(inertia=INERTIA), TIMES, START, events={"few": few}).events["few"].message, "1")
 
 
 @pytest.mark.thorough
@@ -136,7 +133,7 @@ def test_a_terminal_event_ends_the_run(runs):
     np.testing.assert_allclose(run.reached, first, atol=2e-8)
     np.testing.assert_array_equal(np.isfinite(run.state.Omega[:, 0]), first >= TIMES)
     assert run.events["b"].count == (2 if first > 5.02 else 0)
-    assert "an event ended it" in run.message
+    said(run.message)
 
 
 @functools.cache
@@ -165,8 +162,7 @@ def test_times_are_differentiable():
         m = (d[1] - d[0]) * (energy * d[2] - momentum) / ((d[2] - d[1]) * (momentum - energy * d[0]))
         return 2 * ellipk(m) / np.sqrt((d[2] - d[1]) * (momentum - energy * d[0]) / np.prod(d))
 
-    h = 1e-4
-    expected = (closed(0.4 + h) - closed(0.4 - h)) / (2 * h)
+    expected = slope(closed, 0.4, 1e-4, points=2)
     forward = jaxball.jit(jax.jacfwd(time_of_first_crossing(diffrax.ForwardMode())))(0.4)
     backward = jaxball.jit(jax.grad(time_of_first_crossing(diffrax.RecursiveCheckpointAdjoint())))(0.4)
     np.testing.assert_allclose(forward, expected, rtol=3e-7)
@@ -183,23 +179,21 @@ def test_lanes_of_a_batch_are_single_runs():
 @pytest.mark.usefixtures("no_type_checks")
 class TestArguments:
     def test_events_must_be_named(self):
-        with pytest.raises(
-            TypeError, match=r"`events\['a'\]` must be an event.*the function middle; Event\(function\) is"
-        ):
+        with refuses(TypeError, "events['a']"):
             simulate(FreeRigidBody(inertia=INERTIA), TIMES, START, events={"a": middle})
 
     @pytest.mark.parametrize("of", [lambda system, t, state: state.Omega, lambda system, t, state: t > 1.0])
     def test_an_event_is_one_real_number(self, of):
-        with pytest.raises(TypeError, match="`of` must be a function whose value is one real number"):
+        with refuses(TypeError, "of"):
             simulate(FreeRigidBody(inertia=INERTIA), TIMES, START, events={"a": Event(of)})
 
     @pytest.mark.parametrize(
-        ("make", "sentence"),
+        ("make", "named"),
         [
-            (lambda: Event(middle, direction=2), "`direction` must be 1, -1 or 0, but it is 2"),
-            (lambda: Event(middle, capacity=0), "`capacity` must be 1 or more, but it is 0"),
+            (lambda: Event(middle, direction=2), "direction"),
+            (lambda: Event(middle, capacity=0), "capacity"),
         ],
     )
-    def test_what_an_event_can_be(self, make, sentence):
-        with pytest.raises(ValueError, match=sentence):
+    def test_what_an_event_can_be(self, make, named):
+        with refuses(ValueError, named):
             make()

@@ -11,10 +11,9 @@ import numpy as np
 from jaxball.programs import operation
 from jaxball.programs.computation import Computation
 from jaxball.programs.native.calls import grid
-from jaxball.programs.native.calls.table import NEXT, PARTS, ROWS
+from jaxball.programs.native.calls.handler import NEXT, PARTS, ROWS
 from jaxball.programs.native.pipeline import Emitted, emit, read_functions
-from jaxball.programs.native.targets.machine import Code, object_code
-from jaxball.programs.native.targets.processors import THREAD, Target
+from jaxball.programs.native.targets.machine import THREAD, Code, Target, object_code
 
 
 def emit_computation(computation: Computation, target: Target = THREAD) -> Emitted:

@@ -20,8 +20,8 @@ from jaxball import (
     SphericalFrame,
     simulate,
 )
-from jaxball.ensemble import REDUCTIONS, simulate_ensemble
-from jaxball.solvers import NDF, Adams, Gauss, RadauIIA
+from jaxball.simulation.ensemble import REDUCTIONS, simulate_ensemble
+from jaxball.simulation.solvers import NDF, Adams, Gauss, RadauIIA
 
 ROWS = 19  # more than a block of the CPU's, and no multiple of one
 END = 3.0

@@ -1,9 +1,12 @@
 """Programs of a GPU's threads, emulated on a CPU, give what ``jax.vmap`` gives on a CPU, to the last bit."""
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball.programs.native.targets.processors import HOST
+from jaxball.programs.native.targets.machine import HOST
+from jaxball.programs.program import jit
 
 from .emulation import Grid, differences, recorded
 from .programs import PROGRAMS
@@ -37,6 +40,21 @@ def check_one_by_one(computation, arrays, rows, results):
             np.testing.assert_allclose(own, other, rtol=1e-10, atol=1e-11)
         else:
             np.testing.assert_array_equal(own, other)
+
+
+def test_sums_of_products_in_memory_have_the_bits_of_the_cpu():
+    """More products than are in registers: the first of a sum is rounded, and the second is not, in lanes as well."""
+    weights, rows = np.random.default_rng(0).normal(size=(8, 14)), np.random.default_rng(1).normal(size=(19, 14, 6))
+
+    def interpolated(values):
+        for _ in range(16):  # which pays for lanes
+            values = jnp.sin(values)
+        return jnp.asarray(weights) @ values
+
+    with recorded() as calls:
+        jax.vmap(jit(interpolated))(jnp.asarray(rows))
+    ((computation, arrays, in_rows, results),) = calls
+    assert differences(Grid(computation)(arrays, in_rows), results) == 0
 
 
 def test_results_do_not_depend_on_the_number_of_threads():

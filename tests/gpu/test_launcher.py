@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from jaxball.programs.native.calls import grid
-from jaxball.programs.native.calls.handler import handler
-from jaxball.programs.native.calls.table import NEXT, PARTS, ROWS, Part
+from jaxball.programs.native.calls.handler import NEXT, PARTS, ROWS, Part, handler
 from jaxball.programs.native.gpu import GridForm, connect
 from jaxball.programs.native.limits import ROWS_OF_LAUNCH
 from jaxball.programs.native.targets.machine import object_code

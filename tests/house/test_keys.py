@@ -1,159 +1,133 @@
-"""docs/reference/keys.md names every key that a file may have, with its value, unit and default, which readers know.
+"""docs/reference/keys.md has every key that a file may have, with its value, unit and default, and what it means.
 
-``python -m tests.house.test_keys`` fills in these three columns; what keys mean is written there by hand.
+Headings, the paths of tables below each and a few words stand there by hand; ``python -m tests.house.test_keys`` writes
+the rest.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from jaxball.design.files import CONTROL_KEYS, SEARCH_KEYS
-from jaxball.numerics.declare import Dimension
-from jaxball.scenario import ScenarioError, read_scenario, table
-from jaxball.scenario.dimensions import dimension_words
-from jaxball.scenario.files import CLASSICAL_KEYS, KEYS, RESISTED_KEYS
-from jaxball.scenario.table import REQUIRED, Key
-from jaxball.scenario.values import Flag, Nested, Numbers
-from jaxball.sweep.study import KEYS as STUDY
+from jaxball import ScenarioError, read_scenario
+from jaxball.files.scenario import table
 from tests.support import corpus
+from tests.support.keys import default, entries, meaning, readers, summary, unit, value
+from tests.support.sentences import refuses
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "keys.md"
-Found = dict[tuple[str, str, str], str]
+HEAD = ("of", "key", "value", "unit", "default", "")
 
 
-def readers() -> dict[str, dict[str, Mapping[str, Key]]]:
-    """The keys of every table by its path, and by what decides which of them it has."""
-    found: dict[str, dict[str, Mapping[str, Key]]] = {}
-
-    def visit(path: str, choice: str, keys: Mapping[str, Key]) -> None:
-        found.setdefault(path, {})[choice] = keys
-        for name, key in keys.items():
-            for inner, its_keys in key.kind.tables.items() if isinstance(key.kind, Nested) else ():
-                visit(f"{path}.{name}", inner, its_keys)
-
-    visit("scenario", "ball, disk, convex-body", KEYS)
-    visit("scenario", "classical", CLASSICAL_KEYS)
-    visit("scenario", "rolling-ellipsoid", RESISTED_KEYS)
-    visit("study", "", STUDY)
-    visit("problem", "search", SEARCH_KEYS)
-    visit("problem", "control", CONTROL_KEYS)
-    return found
+def written(text: str) -> str:
+    """The page, with the tables of every section."""
+    first, *files = re.split(r"^(?=## )", text, flags=re.MULTILINE)
+    return first + "".join(map(_file, files))
 
 
-def sections() -> list[str]:
-    return re.split(r"^### ", PAGE.read_text(), flags=re.MULTILINE)[1:]
+def _file(text: str) -> str:
+    """The part of the page on one kind of file."""
+    first, *sections = re.split(r"^(?=### )", text, flags=re.MULTILINE)
+    file = first.split()[1].lower()
+    return first + "".join(_section(section, file) for section in sections)
 
 
-def page() -> Found:
-    """The default that the page says of each key: by the path of its table, its kind or the like, and its name."""
-    found: Found = {}
-    for section in sections():
-        title, *lines = section.splitlines()
-        rows = [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in lines if line.startswith("|")]
-        for path in re.findall(r"`([^`]+)`", title):
-            for row in rows[2:]:
-                cells = dict(zip([*rows[0][:-1], "meaning"], row, strict=True))
-                for choice in _choices(path, cells.get("of", "")):
-                    entry = (path, choice, cells["key"].strip("`"))
-                    assert entry not in found, entry
-                    found[entry] = cells["default"]
-    return found
+def _section(text: str, file: str) -> str:
+    by_hand = text.partition("\n|")[0].strip()
+    paths = paths_of(by_hand, file)
+    return "\n\n".join([by_hand, *filter(None, [_kinds(paths), _keys(paths)])]) + "\n\n"
 
 
-def _choices(path: str, cell: str) -> list[str]:
-    known = readers()[path]
-    return [cell] if cell in known else cell.split(", ") if cell else list(known)
+def paths_of(section: str, file: str) -> list[str]:
+    """The paths of the tables that a section is about, from the line below its heading; the file itself if none."""
+    second = [line for line in section.splitlines() if line][1:2]
+    named = re.fullmatch(r"(`[^`]+`(, )?)+", second[0]) if second else None
+    return [f"{file}.{path}" for path in re.findall("`([^`]+)`", named[0])] if named else [file]
 
 
-def entries() -> dict[tuple[str, str, str], Key]:
-    return {
-        (path, choice, name): key
-        for path, tables in readers().items()
-        for choice, keys in tables.items()
-        for name, key in keys.items()
+def _choices(paths: list[str]) -> list[str]:
+    """What the tables at these paths have in common, and no table elsewhere: kinds, or single keys that decide."""
+    tables = readers()
+
+    def everywhere(choice: str) -> list[str]:
+        like = tables[paths[0]][choice]
+        return [path for path, choices in tables.items() if choice in choices and _same(choices[choice], like)]
+
+    return [choice for choice in tables[paths[0]] if sorted(everywhere(choice)) == sorted(paths)]
+
+
+def _same(keys, others) -> bool:
+    return keys.keys() == others.keys() and all(keys[name] is others[name] for name in keys)
+
+
+def _rows(paths: list[str]) -> dict[tuple[str, ...], list[str]]:
+    """The cells of each key, and the choices that have it."""
+    rows: dict[tuple[str, ...], list[str]] = {}
+    for choice in _choices(paths):
+        for name, key in readers()[paths[0]][choice].items():
+            cells = (f"`{name}`", value(key.kind), unit(key.kind), default(key), meaning(key))
+            rows.setdefault(cells, []).append(choice)
+    return rows
+
+
+def _keys(paths: list[str]) -> str:
+    rows, choices = _rows(paths), _choices(paths)
+    lines = [
+        ("" if of == choices else ", ".join(choice or "otherwise" for choice in of), *cells)
+        for cells, of in rows.items()
+    ]
+    if not any(of for of, *_ in lines):
+        return _table([HEAD[1:], *(cells for _, *cells in lines)])
+    return _table([HEAD, *lines])
+
+
+def _kinds(paths: list[str]) -> str:
+    """What the class of each kind says that it is."""
+    classes = {
+        choice: key.says[0]
+        for choice in _choices(paths)
+        for key in readers()[paths[0]][choice].values()
+        if choice and isinstance(key.says, tuple)
     }
+    lines = [(f"`{choice}`", summary(kind)) for choice, kind in classes.items()]
+    return _table([("kind", ""), *lines]) if len(set(classes.values())) > 1 else ""
 
 
-def test_every_key_is_on_the_page_and_no_other():
-    assert set(page()) == set(entries())
-
-
-def test_every_kind_is_on_the_page():
-    said: dict[str, str] = {}
-    for section in sections():
-        for path in re.findall(r"`([^`]+)`", section.splitlines()[0]):
-            said[path] = said.get(path, "") + section
-    for path, choice, _ in entries():
-        assert path.count(".") == 0 or re.search(rf"(?<![\w-]){choice}(?![\w-])", said[path]), (path, choice)
-
-
-def test_cells_are_those_of_the_readers():
-    assert PAGE.read_text() == filled(PAGE.read_text())
-
-
-def filled(text: str) -> str:
-    """Fills in what readers know: the value, unit and default of numbers and flags, and which keys are required.
-
-    A cell may go on after it with a comma, where there is more to say.
-    """
-    lines, paths, head = [], [], []
-    for line in text.splitlines():
-        if line.startswith("### "):
-            paths, head = re.findall(r"`([^`]+)`", line), []
-        row = [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] if line.startswith("|") else []
-        if row and not head:
-            head = [*row[:-1], "meaning"]
-        elif row and paths and not row[0].startswith("---"):
-            cells = dict(zip(head, row, strict=True))
-            keys = [
-                readers()[paths[0]][choice][cells["key"].strip("`")]
-                for choice in _choices(paths[0], cells.get("of", ""))
-            ]
-            known = _cells(keys[0])
-            if len({tuple(_cells(key).items()) for key in keys}) == 1:
-                cells |= {name: cell for name, cell in known.items() if not _goes_on(cells[name], cell)}
-            line = f"| {' | '.join(cells.values())} |".replace("|  |", "| |").replace("|  |", "| |")
-        lines.append(line)
-    return "\n".join(lines) + "\n"
-
-
-def _goes_on(written: str, cell: str) -> bool:
-    return written == cell or written.startswith((f"{cell}, ", f"{cell}; ", "that of "))
-
-
-def _cells(key: Key) -> dict[str, str]:
-    """What a reader says of a key, by the columns of the page."""
-    kind, cells = key.kind, {}
-    if isinstance(kind, Flag):
-        cells["value"] = "true or false"
-    if isinstance(kind, Numbers):
-        words = kind.rule._replace(phrase="").words(kind.shape)
-        cells["value"] = re.sub(r"^a (list of )?|finite | of radians|, because.*", "", words).replace(" -", " −")
-        if kind.dimension is not None:
-            cells["unit"] = _unit(kind.dimension)
-    if key.default is REQUIRED:
-        cells["default"] = "required"
-    elif key.default is not None and np.size(key.default) > 0 and key.default != "":
-        cells["default"] = _written(key.default)
-    return cells
-
-
-def _unit(dimension: Dimension) -> str:
-    above, *below = dimension_words(dimension).split("/")
-    below += ["rad"] * (dimension.coordinate < 0 and not dimension.mass)
-    under = f"/({' '.join(below)})" if below[1:] else "".join(f"/{unit}" for unit in below)
-    return re.sub(r"\^(\d)", lambda power: "⁰¹²³⁴"[int(power[1])], (above + under).replace("*", " "))
-
-
-def _written(default):
-    if isinstance(default, bool):
-        return "true" if default else "false"
-    return (
-        f'"{default}"' if isinstance(default, str) else repr(list(default) if isinstance(default, tuple) else default)
+def _table(rows: Iterable[Iterable[str]]) -> str:
+    head, *lines = (
+        "|" + "".join(f" {cell} |" if cell else " |" for cell in (text.replace("|", r"\|") for text in row))
+        for row in rows
     )
+    return "\n".join([head, "|---" * (len(re.findall(r"(?<!\\)\|", head)) - 1) + "|", *lines])
+
+
+def test_the_page_is_that_of_the_readers():
+    """If not, ``python -m tests.house.test_keys`` writes it again."""
+    assert PAGE.read_text() == written(PAGE.read_text())
+
+
+def test_every_key_is_on_the_page():
+    files = re.split(r"^## ", PAGE.read_text(), flags=re.MULTILINE)[1:]
+    on_page = {
+        (path, choice)
+        for text in files
+        for section in re.split(r"^### ", text, flags=re.MULTILINE)[1:]
+        for paths in [paths_of(section, text.split()[0].lower())]
+        for path in paths
+        for choice in _choices(paths)
+    }
+    assert on_page == {(path, choice) for path, tables in readers().items() for choice in tables}
+
+
+def test_every_key_has_a_meaning():
+    assert [entry for entry, key in entries().items() if not meaning(key)] == []
+
+
+def test_units_in_words_are_those_declared():
+    """What is left of a unit in the words of a key is not declared, or the docstring says another."""
+    said = re.compile(r"(?<=, )(rad|mass|length|time|1/)[\w/ ²³]*(?=[,;]|$)")
+    assert [entry for entry, key in entries().items() if unit(key.kind) and said.search(meaning(key))] == []
 
 
 @pytest.fixture
@@ -167,7 +141,7 @@ def known(monkeypatch):
         refuse(values, path, known, *elsewhere)
 
     monkeypatch.setattr(table, "refuse_unknown", noted)
-    monkeypatch.setattr("jaxball.scenario.files.check_confinement", lambda system, times, state: None)
+    monkeypatch.setattr("jaxball.files.scenario.files.check_confinement", lambda system, times, state: None)
     return found
 
 
@@ -182,7 +156,7 @@ def test_readers_take_no_other_keys_than_they_tell(known):
     """What they take while they read documents of every kind, but for `kind` and `form`, which choose."""
     for document in corpus.with_everything():
         corpus.read_any(document)
-    with pytest.raises(ScenarioError, match="must not be combined with `theta`"):
+    with refuses(ScenarioError, "theta"):
         read_scenario(corpus.EVERY_MOTION.replace("[time]", "balance = { masses = [1] }\n[time]"))
     told = {}
     for path, _, name in entries():
@@ -194,4 +168,4 @@ def test_readers_take_no_other_keys_than_they_tell(known):
 
 
 if __name__ == "__main__":
-    PAGE.write_text(filled(PAGE.read_text()))
+    PAGE.write_text(written(PAGE.read_text()))

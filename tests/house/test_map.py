@@ -42,7 +42,7 @@ def walks() -> dict[str, tuple[str, list[tuple[str, str]]]]:
 
 
 def test_the_page_has_two_walks():
-    assert list(walks()) == ["A run, from a file to a figure", "A gradient"]
+    assert len(walks()) == 2
 
 
 @pytest.mark.thorough

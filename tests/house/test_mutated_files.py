@@ -5,12 +5,12 @@ import re
 import numpy as np
 import pytest
 
-from jaxball.design.kinds import PLANE, constraints_of, objectives_of
-from jaxball.scenario import ScenarioError
-from jaxball.scenario.body import FRICTIONS, SENSORS
-from jaxball.scenario.feedback import FEEDBACK
-from jaxball.scenario.mechanisms import JOINT_FORCES, JOINTS
-from jaxball.scenario.motions import RAILS, SCHEDULES
+from jaxball import ScenarioError
+from jaxball.files.scenario.body import FRICTIONS, SENSORS
+from jaxball.files.scenario.feedback import FEEDBACK
+from jaxball.files.scenario.mechanisms import JOINT_FORCES, JOINTS
+from jaxball.files.scenario.motions import RAILS, SCHEDULES
+from jaxball.studies.design.kinds import PLANE, constraints_of, objectives_of
 from tests.support import corpus
 from tests.support.mutations import mutated
 

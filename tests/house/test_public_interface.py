@@ -9,6 +9,7 @@ import inspect
 from pathlib import Path
 
 import jaxball
+from jaxball.interface.names import public_packages
 
 FILE = Path(__file__).with_name("public_interface.txt")
 
@@ -33,22 +34,11 @@ def entry(path, thing):
     return f"{path}({', '.join(names)})"
 
 
-def packages():
-    """``jaxball`` and the packages in it that a user sees."""
-    yield "jaxball", jaxball
-    for name in dir(jaxball):
-        if inspect.ismodule(getattr(jaxball, name)):
-            yield f"jaxball.{name}", getattr(jaxball, name)
-
-
 def interface():
     """A line for each public name, by its package."""
     lines = []
-    for path, package in packages():
-        for name in sorted(package.__all__):
-            thing = getattr(package, name)
-            if not inspect.ismodule(thing) and not name.startswith("_"):
-                lines.append(entry(f"{path}.{name}", thing))
+    for package in public_packages(jaxball):
+        lines += [entry(f"{package.__name__}.{name}", getattr(package, name)) for name in sorted(package.__all__)]
     return lines
 
 

@@ -61,4 +61,4 @@ def test_references_lead_somewhere():
     assert dead == []
     assert count > 300
     assert not exists(".rows.put", "jaxball.programs.derivatives.reversible_loop", modules)
-    assert not exists("jaxball.scenario.errors.collect_conditions", "jaxball.scenario.files", modules)
+    assert not exists("jaxball.files.scenario.errors.collect_conditions", "jaxball.files.scenario.files", modules)

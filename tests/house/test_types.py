@@ -32,7 +32,11 @@ assert_type(run.observables.normal_force, Array)
 Ball(mas=1.0)  # the mistake: no such argument
 """
 # diffrax declares `root_finder`, and optimistix the tolerances, as fields of the classes that these are made from.
-ORDERED_ELSEWHERE = {"jaxball.solvers.FixedPoint", "jaxball.solvers.Gauss", "jaxball.solvers.RadauIIA"}
+ORDERED_ELSEWHERE = {
+    "jaxball.simulation.solvers.FixedPoint",
+    "jaxball.simulation.solvers.Gauss",
+    "jaxball.simulation.solvers.RadauIIA",
+}
 
 
 def modules():

@@ -11,21 +11,8 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import (
-    Ball,
-    BallState,
-    Contact,
-    Damper,
-    Disk,
-    DiskState,
-    JointFriction,
-    ReleasedState,
-    Resistance,
-    Spring,
-    classical,
-    energy_losses,
-    simulate,
-)
+from jaxball import Ball, BallState, Contact, Damper, Disk, DiskState, JointFriction, Resistance, Spring, simulate
+from jaxball.physics import ReleasedState, classical
 
 G, M, R = 9.81, 2.0, 0.5
 SOLID = 0.4 * M * R**2
@@ -45,7 +32,7 @@ def test_a_ball_that_dry_resistance_stops_loses_all_that_it_had():
 
     def lost(v):
         start = BallState(Omega=jnp.stack([0.0, v / R, 0.0]))
-        return energy_losses(simulate(ball(resistance=Resistance(dry=c, exact=True)), times, start, **TIGHT))
+        return simulate(ball(resistance=Resistance(dry=c, exact=True)), times, start, **TIGHT).energy_losses()
 
     found, slope = jax.jvp(lost, (speed,), (1.0,))
     braked = np.minimum(np.asarray(times), speed / brake)
@@ -64,7 +51,7 @@ def test_a_ball_that_drops_slides_and_rolls_to_rest():
     start = ReleasedState(BallState(), V=(speed, 0.0, 0.0), height=height)
     resisted = ball(resistance=Resistance(dry=c, exact=True))
     run = simulate(resisted, [0.0, 0.3, 8.0], start, contact=Contact(mu), **TIGHT)
-    found = energy_losses(run)
+    found = run.energy_losses()
     energy = np.asarray(run.observables.energy)
     np.testing.assert_allclose(found.total, energy[0] - energy, rtol=0, atol=1e-9)
     np.testing.assert_allclose(found.total[-1], M * (G * height + speed**2 / 2), rtol=1e-9)
@@ -81,10 +68,10 @@ def test_dry_friction_of_a_joint_takes_its_level_times_the_way(mode):
 
     def lost(dry):
         drive = Spring(stiffness) + JointFriction(dry, 1.5 * dry)
-        tube = jaxball.mass_in_tube(mass, (0.0, 0.0, 1.0), drive=drive)
+        tube = jaxball.physics.mass_in_tube(mass, (0.0, 0.0, 1.0), drive=drive)
         disk = Disk(mass=1.0, inertia=0.5, gravity=0.0, mechanisms=[tube])
         run = simulate(disk, [0.0, 3 * period, 9 * period], DiskState(theta=[first], thetadot=[0.0]), **TIGHT)
-        return energy_losses(run).joints[:, 0]
+        return run.energy_losses().joints[:, 0]
 
     half = np.arange(1, 4)
     way = np.sum(2 * (first - (2 * half - 1) * dry / stiffness))
@@ -101,10 +88,10 @@ def test_dry_friction_of_a_joint_takes_its_level_times_the_way(mode):
 
 @pytest.mark.long
 def test_a_damper_and_smooth_resistance_share_what_the_body_loses():
-    tube = jaxball.mass_in_tube(0.5, (0.0, 0.0, 1.0), drive=Spring(20.0) + Damper(0.4))
+    tube = jaxball.physics.mass_in_tube(0.5, (0.0, 0.0, 1.0), drive=Spring(20.0) + Damper(0.4))
     disk = Disk(mass=1.0, inertia=0.5, mechanisms=[tube], resistance=Resistance(rolling=0.1, dry=0.02))
     run = simulate(disk, [0.0, 1.0, 3.0], DiskState(phidot=-1.0, theta=[0.2], thetadot=[0.0]), **TIGHT)
-    found = energy_losses(run)
+    found = run.energy_losses()
     energy = np.asarray(run.observables.energy + 20.0 * run.state.theta[:, 0] ** 2 / 2)
     np.testing.assert_allclose(found.total, energy[0] - energy, rtol=0, atol=1e-9)
     assert min(found.dry[-1], found.viscous[-1], found.joints[-1, 0]) > 1e-2
@@ -113,7 +100,7 @@ def test_a_damper_and_smooth_resistance_share_what_the_body_loses():
 def test_what_has_no_losses_is_refused():
     run = simulate(ball(), [0.0, 1.0])
     with pytest.raises(ValueError, match=r"must have dense output; call simulate\(..., dense=True\)"):
-        energy_losses(run)
+        run.energy_losses()
     top = classical.FreeRigidBody(inertia=(1.0, 2.0, 3.0))
     with pytest.raises(TypeError, match="of a Ball or a Disk, whose laws are known one by one, but it is of a Free"):
-        energy_losses(simulate(top, [0.0, 1.0], classical.RigidBodyState(), dense=True))
+        simulate(top, [0.0, 1.0], classical.RigidBodyState(), dense=True).energy_losses()

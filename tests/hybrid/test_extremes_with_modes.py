@@ -21,12 +21,12 @@ from jaxball import (
     Free,
     Ground,
     JointFriction,
-    ReleasedState,
     Resistance,
     contact_extremes,
     simulate,
 )
-from jaxball.ensemble import REDUCTIONS, simulate_ensemble
+from jaxball.physics import ReleasedState
+from jaxball.simulation.ensemble import REDUCTIONS, simulate_ensemble
 
 G, M, R = 9.81, 2.0, 0.5
 SOLID = 0.4 * M * R**2
@@ -93,7 +93,7 @@ BLOCK, DRY, RATE, HEIGHT = 0.5, 8.0, 3.0, 0.04
 
 def guide(height=0.0):
     """A block in a tube that stands upright in a disk, on a plate that rises as X = −h sin ωt."""
-    tube = jaxball.mass_in_tube(BLOCK, (0.0, 0.0, 1.0), drive=JointFriction(DRY))
+    tube = jaxball.physics.mass_in_tube(BLOCK, (0.0, 0.0, 1.0), drive=JointFriction(DRY))
     motion = Free(lambda t, h: jnp.stack([0.0 * t, 0.0 * t, -h * jnp.sin(RATE * t)]), jnp.asarray(height))
     return Disk(mass=M, inertia=SOLID, radius=R, gravity=G, mechanisms=[tube], ground=Ground(motion=motion))
 

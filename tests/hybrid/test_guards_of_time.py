@@ -21,15 +21,13 @@ from jaxball import (
     Disk,
     DiskState,
     Ground,
-    HarmonicForce,
     HarmonicSeries,
     JointFriction,
-    Mode,
     Oscillating,
     Resistance,
-    TiltingPlane,
 )
-from jaxball.ensemble import simulate_ensemble
+from jaxball.physics import HarmonicForce, Mode, TiltingPlane
+from jaxball.simulation.ensemble import simulate_ensemble
 
 G, END = 9.81, 5.0
 TOLERANCES = 10.0 ** -np.arange(3, 14)
@@ -48,7 +46,7 @@ def counts(system, state, tolerances=TOLERANCES, **law):
 # A system by the contract alone.
 
 
-class Gate(jaxball.AbstractState):
+class Gate(jaxball.physics.AbstractState):
     x: Float[Array, "*batch"] = eqx.field(converter=jnp.asarray, default=0.0)
     mode: Int[Array, "*batch"] = eqx.field(converter=jnp.asarray, default=0)
 
@@ -226,8 +224,8 @@ def test_a_joint_that_sticks_breaks_loose_and_stops(kinetic):
     mass, static = 0.5, 0.45
 
     def block(frequency):
-        drive = jaxball.FunctionJointForce(shake, jnp.array([BEYOND * static, frequency]))
-        tube = jaxball.mass_in_tube(mass, (0.0, 0.0, 1.0), drive=drive + JointFriction(kinetic, static))
+        drive = jaxball.physics.FunctionJointForce(shake, jnp.array([BEYOND * static, frequency]))
+        tube = jaxball.physics.mass_in_tube(mass, (0.0, 0.0, 1.0), drive=drive + JointFriction(kinetic, static))
         return Disk(mass=1.0, inertia=0.5, gravity=0.0, mechanisms=[tube])
 
     def wanted(frequency):

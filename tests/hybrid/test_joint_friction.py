@@ -13,13 +13,15 @@ import pytest
 
 import jaxball
 from jaxball import BallState, CarriedMass, Disk, DiskState, Hinge, JointFriction, Mechanism, Slider, Spring
+from jaxball.analysis.stability import steady_motion
+from jaxball.analysis.verify import check_laws
 from jaxball.cli import main
-from jaxball.design import DesignError
-from jaxball.design.optimal_control.rolling import Rolling
-from jaxball.ensemble import simulate_ensemble
 from jaxball.physics.dynamics.equations import accelerations
-from jaxball.stability import stability
-from jaxball.verify import verify
+from jaxball.simulation.ensemble import simulate_ensemble
+from jaxball.studies.design import DesignError
+from jaxball.studies.design.optimal_control.rolling import Rolling
+from tests.support.differences import jacobian
+from tests.support.sentences import refuses, said
 
 MASS, STIFFNESS, KINETIC, STATIC, START = 0.5, 8.0, 0.3, 0.45, 0.62
 TIMES = np.linspace(0.0, 4.0, 9)
@@ -30,7 +32,7 @@ NOW = jnp.array(0.0)
 def block(kinetic=KINETIC, stiffness=STIFFNESS):
     """A block on a spring, above the contact point, so that the disk does not feel it."""
     drive = Spring(stiffness) + JointFriction(kinetic, STATIC)
-    return Disk(mass=1.0, inertia=0.5, gravity=0.0, mechanisms=[jaxball.mass_in_tube(MASS, UP, drive=drive)])
+    return Disk(mass=1.0, inertia=0.5, gravity=0.0, mechanisms=[jaxball.physics.mass_in_tube(MASS, UP, drive=drive)])
 
 
 def moved(x):
@@ -103,8 +105,8 @@ def ramp(t, theta, thetadot, state, rate):
 def test_a_block_under_a_growing_force_breaks_loose(static):
     """Without a drop of friction its velocity begins as t², and is 0 with its rate where the joint breaks loose."""
     kinetic, rate = 0.3, 0.4
-    drive = jaxball.FunctionJointForce(ramp, rate) + JointFriction(kinetic, static)
-    disk = Disk(mass=1.0, inertia=0.5, gravity=0.0, mechanisms=[jaxball.mass_in_tube(MASS, UP, drive=drive)])
+    drive = jaxball.physics.FunctionJointForce(ramp, rate) + JointFriction(kinetic, static)
+    disk = Disk(mass=1.0, inertia=0.5, gravity=0.0, mechanisms=[jaxball.physics.mass_in_tube(MASS, UP, drive=drive)])
     run = jaxball.simulate(disk, (0.0, 2.0), moved(0.0), throw=True)
     loose = static / rate
     t = 2.0 - loose
@@ -165,12 +167,9 @@ def test_derivatives_of_a_robot_that_sticks_and_breaks_loose():
         system = robot(kinetic, static, stribeck=stribeck, viscous=viscous)
         return jaxball.simulate(system, (0.0, 4.2), start, rtol=tolerance, atol=tolerance).state.phi[-1]
 
-    x, h = jnp.array([0.3, 0.45, 0.1, 0.02, 1.0]), 1e-4
-    gradient = jaxball.jit(jax.grad(end))(x)
-    run = jaxball.jit(lambda x: end(x, 1e-13))
-    for k, step in enumerate(h * np.eye(x.size)):
-        near, far = (run(x + s * step) - run(x - s * step) for s in (1, 2))
-        np.testing.assert_allclose(gradient[k], (8 * near - far) / (12 * h), rtol=1e-6, atol=1e-6)
+    x = jnp.array([0.3, 0.45, 0.1, 0.02, 1.0])
+    expected = jacobian(jaxball.jit(lambda x: end(x, 1e-13)), x, 1e-4)
+    np.testing.assert_allclose(jaxball.jit(jax.grad(end))(x), expected, rtol=1e-6, atol=1e-6)
 
 
 def stacked(push, first, second):
@@ -225,37 +224,36 @@ def test_laws_of_friction():
     smooth = JointFriction(0.5, smoothing=0.3)
     np.testing.assert_allclose(at(smooth, 0.4), -0.5 * 0.4 / 0.5, rtol=1e-15)
     assert at(smooth, 0.0) == 0.0
-    law = jaxball.MajdSimaanFriction(0.1, 0.5, 0.3, 0.2, 5.0)
+    law = jaxball.physics.MajdSimaanFriction(0.1, 0.5, 0.3, 0.2, 5.0)
     assert at(law, 0.0) == 0.0
     np.testing.assert_allclose(at(law, -0.4), 0.04 + 0.5 + 0.3 * np.exp(-2.0) - 0.8 * np.exp(-10.0), rtol=1e-15)
 
 
 def test_what_joints_that_stick_are_not_combined_with(no_type_checks):
     disk, start = block(), moved(START)
-    with pytest.raises(TypeError, match="must be smooth"):
-        stability(disk, start)
-    with pytest.raises(TypeError, match="`dae` must be False"):
+    with refuses(TypeError, "system"):
+        steady_motion(disk, start)
+    with refuses(TypeError, "dae"):
         jaxball.simulate(disk, TIMES, start, dae=True)
-    with pytest.raises(ValueError, match="one JointFriction at most"):
+    with refuses(ValueError, "terms"):
         JointFriction(0.1) + Spring(1.0) + JointFriction(0.2)
-    with pytest.raises(ValueError, match="`exponent` must be a positive whole number, but it is 0"):
+    with refuses(ValueError, "exponent"):
         JointFriction(0.1, exponent=0)
-    with pytest.raises(TypeError, match="`exponent` must be a positive whole number"):
+    with refuses(TypeError, "exponent"):
         JointFriction(0.1, exponent=1.5)
     drive = jaxball.Motor(0.0) + JointFriction(0.1)
     pulled = Disk(mass=1.0, inertia=0.5, mechanisms=[jaxball.planar_pendulum(0.5, 0.5, drive=drive)])
-    with pytest.raises(DesignError, match="collocation is for smooth motions"):
+    with refuses(DesignError, "system"):
         Rolling(pulled, (0.0, 1.0), {}, moved(0.0))
     (problem,) = jaxball.problems(block(0.5))
-    assert problem == (
-        "Argument `mechanisms[0].joints[0].drive.terms[1].static` must be a positive number, not less than `kinetic`, "
-        "but it is 0.45."
-    )
+    said(problem, "mechanisms[0].joints[0].drive.terms[1].static")
 
 
 @pytest.mark.slow
 def test_a_run_with_sticking_obeys_the_laws_of_mechanics():
-    report = verify(robot(0.3, 0.45, stribeck=0.1), np.linspace(0.0, 6.0, 61), DiskState(theta=[1.0], thetadot=[0.0]))
+    report = check_laws(
+        robot(0.3, 0.45, stribeck=0.1), np.linspace(0.0, 6.0, 61), DiskState(theta=[1.0], thetadot=[0.0])
+    )
     assert report.ok
     assert {row.law for row in report.rows if row.applies} >= {"energy", "momentum", "rolling", "error", "solvers"}
 
@@ -279,5 +277,5 @@ def test_the_command_line_and_figures_show_a_run_with_sticking(tmp_path, capsys)
     assert main(["simulate", f"{tmp_path / 'stuck.toml'}", "--out", f"{tmp_path / 'run.npz'}", "--no-cache"]) == 0
     assert "t = 0.6190884338: mechanisms[0].joints[0] breaks loose" in capsys.readouterr().out
     run = jaxball.load_scenario(tmp_path / "stuck.toml").simulate(dense=True)
-    assert jaxball.plot.contact_force(run).get_ylabel() == "contact force"
-    assert jaxball.plot.friction_ratio(run).lines
+    assert run.plot("contact_force").get_ylabel() == "contact force"
+    assert run.plot("friction_ratio").lines

@@ -12,11 +12,12 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import jaxball
-from jaxball import Ball, BallState, Bowl, ConstantRate, Contact, Ground, Resistance, TiltingPlane
+from jaxball import Ball, BallState, Bowl, ConstantRate, Contact, Resistance
+from jaxball.physics import TiltingPlane
+from tests.support.differences import jacobian
 
 G, M, R, C, SPINNING, BOWL = 9.81, 2.0, 0.3, 0.1, 0.01, 2.0
 SOLID = 0.4 * M * R**2
-TIMES = np.linspace(0.0, 4.0, 9)
 
 
 def ball(ground, c=C, spinning=SPINNING, **others):
@@ -25,29 +26,42 @@ def ball(ground, c=C, spinning=SPINNING, **others):
 
 
 @pytest.mark.long
-def test_a_plane_held_tilted_is_a_slope():
-    """Its axes are tilted, so that the ball's attitude is, too; velocities in body axes are the same."""
-    angle, Omega = 0.1, (1.0, 3.0, 0.7)
-    level = jaxball.simulate(ball(Ground(angle=angle), 0.2), TIMES, BallState(Omega=Omega), throw=True)
-    tilted = BallState(q=(np.cos(angle / 2), 0.0, np.sin(angle / 2), 0.0), Omega=Omega)
-    plane = TiltingPlane(about_e2=ConstantRate(angle))
-    run = jaxball.simulate(ball(plane, 0.2), TIMES, tilted, throw=True)
-    np.testing.assert_allclose(run.state.z, level.state.z, atol=1e-10)
-    np.testing.assert_allclose(run.switches.times[:2], level.switches.times[:2], rtol=1e-9)
-    np.testing.assert_array_equal(run.history.rests, level.history.rests)
-    assert [line.split(": ")[1] for line in run.switches.lines] == ["its spinning ends", "the body comes to rest"]
-    np.testing.assert_array_equal(run.state.z[-1], run.state.z[-2])
+def test_a_plane_that_tilts_at_a_steady_rate_lets_a_ball_go_at_its_static_level():
+    """In the axes of the plane, with b its rate: N = M (g cos b t − b² r − 2 b ẋ), and from g sin b t = s N / M on
+    1.4 ẍ = g sin b t + b² x − c N / M.
+    """
+    b, s = 0.05, 0.13
+    plane = TiltingPlane(about_e2=ConstantRate(0.0, rate=b))
+    times = np.linspace(0.0, 4.0, 5)
+    run = jaxball.simulate(ball(plane, static_dry=s), times, BallState(Omega=(0.0, b, 0.0)), throw=True)
+
+    def pressed(t, rate):
+        return G * np.cos(b * t) - b**2 * R - 2 * b * rate
+
+    loose = brentq(lambda t: G * np.sin(b * t) - s * pressed(t, 0.0), 0.0, 4.0, xtol=1e-14)
+    np.testing.assert_allclose(run.switches.times[0], loose, rtol=1e-9)
+    assert int(run.switches.count) == 1
+
+    def field(t, x):
+        return [x[1], (G * np.sin(b * t) + b**2 * x[0] - C * pressed(t, x[1])) / 1.4]
+
+    end = solve_ivp(field, (loose, 4.0), [0.0, 0.0], "DOP853", rtol=1e-12, atol=1e-14).y[0, -1]
+    np.testing.assert_allclose(run.state.z[-1], [end, 0.0], atol=1e-9)
 
 
-def swings(phi, c, end):
-    """The times at which the ball stops, as it turns back or for good, from rest at φ; and its place at the last."""
-    t, stops, length = 0.0, [], BOWL - R
-    while abs(np.tan(phi)) > c:
+def swings(phi, c, end, static=None, stribeck=1.0):
+    """The times at which the ball stops, as it turns back or for good, from rest at φ; and its place at the last.
+
+    With ``static``, friction falls from that to c as the rate grows.
+    """
+    t, stops, length, more = 0.0, [], BOWL - R, 0.0 if static is None else static - c
+    while abs(np.tan(phi)) > c + more:
         sign = -np.sign(phi)
 
         def field(_, x, sign=sign):
             pressed = G * np.cos(x[0]) + length * x[1] ** 2
-            return [x[1], -5 / 7 * (G * np.sin(x[0]) + c * sign * pressed) / length]
+            level = c + more * np.exp(-((length * x[1] / R / stribeck) ** 2))
+            return [x[1], -5 / 7 * (G * np.sin(x[0]) + level * sign * pressed) / length]
 
         def stopped(_, x):
             return x[1]
@@ -65,13 +79,15 @@ def in_bowl(phi, across=0.0):
 
 
 @pytest.mark.long
-def test_a_ball_in_a_bowl_swings_and_comes_to_rest_where_the_slope_is_less_than_its_resistance():
+@pytest.mark.parametrize("static", [C, 3.5 * C], ids=["alike", "more at rest"])
+def test_a_ball_in_a_bowl_swings_and_comes_to_rest_where_the_slope_is_less_than_its_resistance(static):
     start, direction = 1.0, 0.6
     times = np.linspace(0.0, 12.0, 13)
-    run = jaxball.simulate(ball(Bowl(BOWL)), times, in_bowl(start, direction), throw=True)
-    stops, phi = swings(start, C, 12.0)
-    assert len(stops) > 2
-    assert np.abs(np.tan(phi)) < C
+    law = {} if static == C else {"static_dry": static, "stribeck": 2.0}
+    run = jaxball.simulate(ball(Bowl(BOWL), **law), times, in_bowl(start, direction), throw=True)
+    stops, phi = swings(start, C, 12.0, static, 2.0)
+    assert len(stops) >= 2
+    assert (np.abs(np.tan(phi)) < C) == (static == C)
     assert int(run.switches.count) == len(stops)
     np.testing.assert_allclose(run.switches.times[: len(stops)], stops, rtol=1e-9)
     foot = 2 * BOWL * np.tan(phi / 2) * np.array([np.cos(direction), np.sin(direction)])
@@ -123,7 +139,7 @@ def test_the_smoothed_law_tends_to_the_exact_one_across_a_bowl():
     errors = []
     for width in (4e-4, 2e-4):
         smoothed = ball(Bowl(BOWL), 0.05, 0.05, exact=False, smoothing=width)
-        solver = jaxball.solvers.RadauIIA(3)
+        solver = jaxball.simulation.solvers.RadauIIA(3)
         end = jaxball.simulate(smoothed, (0.0, 1.5), THROWN, solver=solver, throw=True).state.z[-1]
         errors.append(np.linalg.norm(end - run.state.z[-1]))
     assert errors[1] < 0.6 * errors[0]
@@ -140,10 +156,7 @@ def test_derivatives_of_when_it_comes_to_rest_in_a_bowl():
 
     x = np.array([C, 1.0])
     stops, _ = swings(1.0, C, 12.0)
-    expected = []
-    for step in 1e-4 * x * np.eye(2):
-        near = [swings(at[1], at[0], 12.0)[0][-1] for at in x + np.outer([-2, -1, 1, 2], step)]
-        expected.append(np.array([1.0, -8.0, 8.0, -1.0]) @ near / (12 * np.sum(step)))
+    expected = jacobian(lambda x: swings(x[1], x[0], 12.0)[0][-1], x, 1e-4 * x)
     np.testing.assert_allclose(jaxball.jit(jax.jacrev(stop))(jnp.asarray(x)), expected, rtol=1e-6)
 
 

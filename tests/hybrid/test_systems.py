@@ -16,8 +16,9 @@ from jaxtyping import Array, Float, Int
 
 import jaxball
 from jaxball import Status
-from jaxball.chaos import lyapunov_spectrum
-from jaxball.ensemble import simulate_ensemble
+from jaxball.analysis.chaos import lyapunov_spectrum
+from jaxball.simulation.ensemble import simulate_ensemble
+from tests.support.sentences import refuses, said
 
 TIMES = np.linspace(0.0, 4.0, 17)
 EXACT = {"rtol": 0, "atol": 1e-13}
@@ -29,7 +30,7 @@ def number(default):
     return eqx.field(converter=jnp.asarray, default=default)
 
 
-class Moving(jaxball.AbstractState):
+class Moving(jaxball.physics.AbstractState):
     x: Float[Array, "*batch"] = number(1.0)
     v: Float[Array, "*batch"] = number(0.0)
 
@@ -142,7 +143,7 @@ def test_second_derivatives_go_through_the_times_of_events(twice):
 def test_third_derivatives_are_refused():
     """The state at an event is moved along its field to second order only."""
     thrice = jax.jacfwd(jax.jacfwd(jax.jacfwd(lambda x: at_the_end(x, 0.8, diffrax.ForwardMode()))))
-    with pytest.raises(TypeError, match=r"There are no third derivatives of runs whose modes change\. Second"):
+    with refuses(TypeError):
         thrice(1.0)
 
 
@@ -178,7 +179,7 @@ def test_bounces_without_end_are_a_status():
     """With e = 1/2 infinitely many bounces end at t = 3; the time of each of the last hundred is rounded."""
     run = jaxball.simulate(Bouncing(2.0, 0.5), TIMES)
     assert run.status == Status.CHATTERED
-    assert "its mode switched over and over" in run.message
+    said(run.message, "static_friction")
     np.testing.assert_allclose(run.reached, 3.0, rtol=0, atol=1e-12)
     assert "more, which a larger `max_switches` of the system would keep" in repr(run.switches)
 
@@ -198,7 +199,7 @@ def test_a_guard_that_only_touches_zero_grazes():
     assert int(run.switches.count) == 0 or bool(run.switches.grazing[0])
 
 
-class Caught(jaxball.AbstractState):
+class Caught(jaxball.physics.AbstractState):
     x: Float[Array, ""] = number(0.0)
     v: Float[Array, ""] = number(1.0)
     caught: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=0)
@@ -249,7 +250,7 @@ def test_the_time_of_a_mode_has_derivatives():
     np.testing.assert_allclose(jax.hessian(end)(2.0), np.pi / 4, rtol=0, atol=1e-8)
 
 
-class Held(jaxball.AbstractState):
+class Held(jaxball.physics.AbstractState):
     x: Float[Array, ""] = number(1.0)
     input: Float[Array, ""] = number(0.0)
     tick: Float[Array, ""] = number(0.5)
@@ -291,7 +292,7 @@ def test_time_events_are_those_of_a_sampled_controller():
     np.testing.assert_allclose(jax.grad(end)(0.47), jax.grad(exact)(0.47), rtol=0, atol=1e-12)
 
 
-class Plane(jaxball.AbstractState):
+class Plane(jaxball.physics.AbstractState):
     x: Float[Array, "2"] = number((0.0, 0.0))
     v: Float[Array, "2"] = number((1.0, 1.0))
 
@@ -324,9 +325,9 @@ def test_two_guards_that_vanish_together_are_two_events():
 
 
 def test_what_needs_a_smooth_system_refuses_others():
-    with pytest.raises(TypeError, match=r"`system` must be a body, .* but a Bouncing has guards"):
+    with refuses(TypeError, "system"):
         lyapunov_spectrum(Bouncing(), (0.0, 4.0), Moving())
-    with pytest.raises(TypeError, match="`dae` must be False for a Bouncing, whose modes are differential equations"):
+    with refuses(TypeError, "dae"):
         jaxball.simulate(Bouncing(), TIMES, dae=True)
 
 
@@ -335,7 +336,7 @@ def test_a_reset_that_returns_something_else():
         def reset(self, t, state, which):
             return -state.v
 
-    with pytest.raises(TypeError, match="Method `reset` of Wrong must return a Moving, the state after an event"):
+    with refuses(TypeError, "reset"):
         jaxball.simulate(Wrong(), TIMES)
 
 

@@ -28,21 +28,20 @@ from jaxball import (
     PDServo,
     PointMass,
     Pulse,
-    ReleasedState,
     Scenario,
     Sinusoids,
     Slider,
-    SpeedLimitedMotor,
     SphericalFrame,
     Spring,
     Tube,
     rigid_body_masses,
 )
+from jaxball.physics import ReleasedState, SpeedLimitedMotor
 from jaxball.physics.contact.released import rates, response, slip_velocity
 from jaxball.physics.dynamics.equations import equations
 from jaxball.physics.dynamics.load import load
 from jaxball.physics.observables import Movement, Slip
-from jaxball.sensors import Accelerometer, Encoder, Gyroscope, Position, Tachometer
+from jaxball.physics.sensors import Accelerometer, Encoder, Gyroscope, Position, Tachometer
 
 TIMES = np.array([0.0, 1.0])
 SWAY = Sinusoids(0.3, amplitude=[0.4], frequency=[1.7])

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from jaxball import BallState, observe
-from jaxball.mjcf import read_mjcf
+from jaxball.files.mjcf import read_mjcf
 from tests.mjcf.corpus import KINDS, VARIANTS, robot
 from tests.mjcf.robots import rotation
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxball import Circle, OnRail, Tube
-from jaxball.mjcf import to_mjcf
+from jaxball.files.mjcf import to_mjcf
 from jaxball.physics.prescribed.schedules import AbstractSchedule
 from tests.mjcf.robots import (
     free_ball,

@@ -7,10 +7,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from jaxball import write_scenario
 from jaxball.cli import main
-from jaxball.mjcf import read_mjcf
-from jaxball.scenario import read_document, write_scenario
-from jaxball.scenario.paths import numbers_of, with_numbers
+from jaxball.files.mjcf import read_mjcf
+from jaxball.files.scenario import read_document
+from jaxball.files.scenario.paths import numbers_of, with_numbers
 
 ROBOT = """
 <mujoco>

@@ -14,15 +14,16 @@ from jaxball import (
     HardStops,
     Hinge,
     JointFriction,
-    LimitSurface,
     Mechanism,
-    ReleasedState,
+    Resistance,
     Spring,
     load_scenario,
 )
-from jaxball.mjcf import MJCFError, from_mjcf, read_mjcf, to_mjcf
-from jaxball.scenario import Units
+from jaxball.files.mjcf import MJCFError, read_mjcf, to_mjcf
+from jaxball.files.scenario import Units
+from jaxball.physics import LimitSurface, ReleasedState
 from tests.mjcf.robots import free_ball, free_disk, loaded, prescribed_ball, random_state, scenario
+from tests.support.sentences import refuses
 
 # A robot as somebody else may write it: degrees, frames of its own, an inertia that is not along the axes.
 FOREIGN = """
@@ -115,7 +116,7 @@ def test_a_file_read_and_written_again_is_the_same(system):
     system = system()
     state = random_state(np.random.default_rng(3), system)
     text = to_mjcf(scenario(system, state)).text
-    again = from_mjcf(text)
+    again = read_mjcf(text).scenario
     assert isinstance(again.state, ReleasedState)
     assert differences(to_mjcf(again).text, text) == []
 
@@ -125,9 +126,9 @@ def test_prescribed_motions_come_back_as_servos():
     """A mass on three slides of one body comes back as three links, which is then what is written."""
     system = prescribed_ball()
     text = to_mjcf(scenario(system, random_state(np.random.default_rng(3), system))).text
-    again = to_mjcf(from_mjcf(text)).text
+    again = to_mjcf(read_mjcf(text).scenario).text
     assert all(name.startswith("body_") for name in differences(again, text))
-    assert differences(to_mjcf(from_mjcf(again)).text, again) == []
+    assert differences(to_mjcf(read_mjcf(again).scenario).text, again) == []
 
 
 def test_a_robot_of_somebody_else_has_the_same_accelerations_and_masses():
@@ -137,7 +138,7 @@ def test_a_robot_of_somebody_else_has_the_same_accelerations_and_masses():
     qpos = numbers([0.3, 0.1, 2.0, *data.qpos[3:7], 0.3, 0.1])
     key = f'<keyframe><key qpos="{qpos}" qvel="{numbers(qvel)}" ctrl="0.5 0.7"/></keyframe>'
     text = FOREIGN.replace("</mujoco>", f"{key}</mujoco>")
-    read = from_mjcf(text, contact=True)
+    read = read_mjcf(text, contact=True).scenario
     (model, data), (own, its_data) = loaded(text), loaded(to_mjcf(read).text)
     mujoco.mj_forward(model, data)
     mujoco.mj_forward(own, its_data)
@@ -159,7 +160,7 @@ def test_classes_geoms_and_sensors_are_those_that_mujoco_compiles():
     state["qpos"][3:7] = (np.asarray(state["qpos"][3:7]) / np.linalg.norm(state["qpos"][3:7])).tolist()
     words = " ".join(f'{name}="{numbers(values)}"' for name, values in state.items())
     text = BY_GEOMS.replace("</mujoco>", f'<keyframe><key {words} ctrl="3"/></keyframe></mujoco>')
-    read = from_mjcf(text)
+    read = read_mjcf(text).scenario
     assert set(read.sensors) == {"felt", "turned", "end", "seen", "angle", "rate"}
     known, again = loaded(text.replace('<geom type="mesh" mesh="none" mass="0"/>', "")), loaded(to_mjcf(read).text)
     for model, data in (known, again):
@@ -176,7 +177,7 @@ def test_springs_rest_where_mujoco_has_them(angle):
     """On a hinge in the angles of the file, which are degrees unless it says otherwise, on a slide at a length."""
     text = FOREIGN.replace("<compiler ", f"<compiler {angle} ")
     text = text.replace(DAMPED, 'stiffness="2" springref="30"').replace('stiffness="30"', 'stiffness="3" springref="2"')
-    (model, _), (own, _) = loaded(text), loaded(to_mjcf(from_mjcf(text)).text)
+    (model, _), (own, _) = loaded(text), loaded(to_mjcf(read_mjcf(text).scenario).text)
     assert np.all(model.jnt_stiffness[1:] > 0)
     np.testing.assert_allclose(own.qpos_spring[7:], model.qpos_spring[7:], rtol=1e-15)
 
@@ -208,7 +209,7 @@ def test_a_later_compiler_replaces_only_what_it_states(compilers):
     text = TURNED.format(compilers)
     _, data = loaded(text)
     # Both are unit quaternions, of either sign.
-    assert abs(abs(from_mjcf(text).state.q @ data.qpos[3:7]) - 1) <= 1e-14
+    assert abs(abs(read_mjcf(text).scenario.state.q @ data.qpos[3:7]) - 1) <= 1e-14
 
 
 def rolling_on(plane, sphere):
@@ -233,7 +234,7 @@ def test_the_geom_with_the_higher_priority_has_the_friction(plane, sphere):
     model, data = loaded(text)
     mujoco.mj_forward(model, data)
     (contact,) = data.contact
-    read = from_mjcf(text, contact=True)
+    read = read_mjcf(text, contact=True).scenario
     assert float(read.contact.friction) == (contact.friction[0] if contact.dim > 1 else 0.0)
     resistance = read.system.resistance
     rolling = 0.0 if resistance is None else float(resistance.dry) * 0.4
@@ -264,16 +265,16 @@ def test_dry_friction_of_a_joint_comes_back():
     model, _ = loaded(exported.text)
     joint = model.joint("mechanisms[0].joints[0]")
     assert (joint.frictionloss[0], joint.damping[0], joint.stiffness[0]) == (0.2, 0.1, 0.3)
-    assert differences(to_mjcf(from_mjcf(exported.text)).text, exported.text) == []
-    with pytest.raises(MJCFError, match="joints cannot stick in a body that slips and flies"):
-        from_mjcf(exported.text, contact=True)
+    assert differences(to_mjcf(read_mjcf(exported.text).scenario).text, exported.text) == []
+    with refuses(MJCFError, "frictionloss"):
+        read_mjcf(exported.text, contact=True)
 
 
 @pytest.mark.thorough
 def test_a_body_that_starts_by_rolling_always_rolls():
     text = to_mjcf(load_scenario("three-rotors")).text
-    assert from_mjcf(text).contact is None
-    assert float(from_mjcf(text, contact=True).contact.friction) == 1.0
+    assert read_mjcf(text).scenario.contact is None
+    assert float(read_mjcf(text, contact=True).scenario.contact.friction) == 1.0
 
 
 def differences(first, second):
@@ -298,103 +299,85 @@ def numbers(values):
 ARM = '<inertial pos="0 0 -0.1" mass="0.5" fullinertia="0.004 0.005 0.006 0.001 0 0.0005"/>'
 SWING, DAMPED, FLOOR = '<joint name="swing"', 'damping="0.1"', 'type="plane"'
 REFUSED = {
-    "not XML": ("<mujoco", "<mujoco <", "The file must be XML"),
-    "no class": (
-        '<joint name="swing"',
-        '<joint class="arm" name="swing"',
-        'must be a class of <default>, but it is "arm"',
-    ),
-    "a default of a motor": (
-        "<worldbody>",
-        '<default><position kp="3"/></default><worldbody>',
-        "Attribute `kp` of <position> in <default>",
-    ),
-    "a sensor": ("</mujoco>", '<sensor><touch site="tip"/></sensor></mujoco>', "Element <touch> must be one of <acc"),
-    "a sensor elsewhere": (
-        "</mujoco>",
-        '<sensor><gyro site="tip"/></sensor></mujoco>',
-        'must name a part of the robot, but it is "tip"',
-    ),
-    "groups": ("<compiler ", '<compiler inertiagrouprange="0 1" ', "Attribute `inertiagrouprange` of <compiler>"),
-    "a free joint with friction": (
-        "<freejoint/>",
-        '<joint type="free" damping="1"/>',
-        "nothing holds the shell but the plane",
-    ),
-    "a tendon": ("<actuator>", "<tendon/><actuator>", "Element <tendon>"),
-    "another body": ("<light", '<body name="box"/><light', "There must be one <body>"),
-    "a box": ('type="sphere"', 'type="box"', 'touch, a sphere, but it has <geom name="skin"> of type box'),
-    "contact": (SWING, f'<geom name="knob" size="1"/>{SWING}', '<geom name="knob"> must have contype'),
-    "a ball joint": (SWING, f'<joint type="ball"/>{SWING}', 'must be a hinge or a slide, but its type is "ball"'),
-    "armature": (DAMPED, 'armature="0.1"', 'Attribute `armature` of <joint name="swing"> must be 0'),
-    "a range": (DAMPED, 'range="-1 1"', 'Attribute `range` of <joint name="swing">'),
-    "a mesh": (ARM, '<geom type="mesh" contype="0" conaffinity="0"/>', 'type is "mesh"'),
-    "a hollow box": (ARM, '<geom type="box" shellinertia="true" contype="0" conaffinity="0"/>', "only a sphere can be"),
-    "a box between points": (
-        ARM,
-        '<geom type="box" fromto="0 0 0 1 1 1" contype="0" conaffinity="0"/>',
-        "`fromto` of <geom> must be left",
-    ),
-    "a muscle": ('<motor name="push"', '<muscle name="push"', 'Element <muscle name="push"> must be a <motor>'),
-    "a medium": ("<option ", '<option density="1.2" ', "Attribute `density` of <option>"),
-    "a missing number": ('mass="2"', "", "must have `mass`, a number, but it is missing"),
-    "a word": ('mass="2"', 'mass="two"', 'must be a number, but it is "two"'),
-    "a tilted plane": (FLOOR, f'{FLOOR} euler="3 0 0"', 'Element <geom name="floor"> must be the plane z = 0'),
-    "spinning friction": (FLOOR, f'{FLOOR} condim="4"', "against spinning must be 0"),
-    "another joint": ('joint="reach"', 'joint="grip"', 'one acts on "grip"'),
+    "not XML": ("<mujoco", "<mujoco <", "The file"),
+    "no class": ('<joint name="swing"', '<joint class="arm" name="swing"', "class"),
+    "a default of a motor": ("<worldbody>", '<default><position kp="3"/></default><worldbody>', "kp"),
+    "a sensor": ("</mujoco>", '<sensor><touch site="tip"/></sensor></mujoco>', "Element <touch>"),
+    "a sensor elsewhere": ("</mujoco>", '<sensor><gyro site="tip"/></sensor></mujoco>', "site"),
+    "groups": ("<compiler ", '<compiler inertiagrouprange="0 1" ', "inertiagrouprange"),
+    "a free joint with friction": ("<freejoint/>", '<joint type="free" damping="1"/>', "damping"),
+    "a tendon": ("<actuator>", "<tendon/><actuator>", "Element <tendon> in <mujoco>"),
+    "another body": ("<light", '<body name="box"/><light', "There"),
+    "a box": ('type="sphere"', 'type="box"', "skin"),
+    "contact": (SWING, f'<geom name="knob" size="1"/>{SWING}', "knob"),
+    "a ball joint": (SWING, f'<joint type="ball"/>{SWING}', "ball"),
+    "armature": (DAMPED, 'armature="0.1"', "armature"),
+    "a range": (DAMPED, 'range="-1 1"', "range"),
+    "a mesh": (ARM, '<geom type="mesh" contype="0" conaffinity="0"/>', "mesh"),
+    "a hollow box": (ARM, '<geom type="box" shellinertia="true" contype="0" conaffinity="0"/>', "shellinertia"),
+    "a box between points": (ARM, '<geom type="box" fromto="0 0 0 1 1 1" contype="0" conaffinity="0"/>', "fromto"),
+    "a muscle": ('<motor name="push"', '<muscle name="push"', "push"),
+    "a medium": ("<option ", '<option density="1.2" ', "density"),
+    "a missing number": ('mass="2"', "", "mass"),
+    "a word": ('mass="2"', 'mass="two"', "mass"),
+    "a tilted plane": (FLOOR, f'{FLOOR} euler="3 0 0"', "floor"),
+    "spinning friction": (FLOOR, f'{FLOOR} condim="4"', '<geom name="floor">'),
+    "another joint": ('joint="reach"', 'joint="grip"', "grip"),
 }
 
 
 @pytest.mark.parametrize("case", sorted(REFUSED))
 def test_what_is_no_ball_with_mechanisms_is_refused_by_name(case):
-    before, after, sentence = REFUSED[case]
+    before, after, named = REFUSED[case]
     assert before in FOREIGN
-    with pytest.raises(MJCFError) as caught:
-        from_mjcf(FOREIGN.replace(before, after, 1))
-    assert sentence in str(caught.value)
+    with refuses(MJCFError, named):
+        read_mjcf(FOREIGN.replace(before, after, 1))
 
 
 @pytest.mark.parametrize("attribute", ["damping", "stiffness", "armature", "frictionloss"])
 def test_a_disk_that_is_held_by_its_first_joints_is_refused(attribute):
     text = to_mjcf(scenario(free_disk())).text
     first = text.index("<joint")
-    why = "a rotor geared to a joint" if attribute == "armature" else "nothing holds the shell but the plane"
-    with pytest.raises(MJCFError, match=f"`{attribute}` .* must be 0 .* {why}"):
-        from_mjcf(f'{text[:first]}<joint {attribute}="0.5"{text[first + len("<joint") :]}')
+    with refuses(MJCFError, attribute):
+        read_mjcf(f'{text[:first]}<joint {attribute}="0.5"{text[first + len("<joint") :]}')
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("name", "sentence"),
+    ("name", "named"),
     [
-        ("suslov", "Key `kind` must be a ball or a disk"),
-        ("roboball", "Key `resistance.rolling` must be 0"),
-        ("roboball-2", "Joint `mechanisms[0].joints[0]` must have the same friction at rest and at every rate"),
-        ("vibrating-plane", "Key `ground.motion` must be left out"),
-        ("ball-in-a-bowl", "Key `ground` must be a plane, the outside of a sphere, or a height over x and y"),
-        ("ellipse-and-eight", "Mass `masses[0]` must move by a schedule"),
+        ("suslov", "kind"),
+        ("roboball", "resistance.rolling"),
+        ("roboball-2", "mechanisms[0].joints[0]"),
+        ("vibrating-plane", "ground.motion"),
+        ("ball-in-a-bowl", "ground"),
+        ("ellipse-and-eight", "masses[0]"),
     ],
 )
-def test_what_mjcf_cannot_express_is_refused_by_name(name, sentence):
-    with pytest.raises(MJCFError) as caught:
+def test_what_mjcf_cannot_express_is_refused_by_name(name, named):
+    with refuses(MJCFError, named):
         to_mjcf(load_scenario(name))
-    assert sentence in str(caught.value)
 
 
 def test_hard_stops_are_refused_by_name():
     pendulum = Mechanism([Hinge((0.0, 1.0, 0.0), drive=HardStops(-1.0, 1.0))], [CarriedMass(0.5, (0.0, 0.0, -0.6))])
     system = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), mechanisms=[pendulum])
-    with pytest.raises(MJCFError, match="must have no HardStops to be written as MJCF"):
+    with refuses(MJCFError, "mechanisms[0].joints[0]"):
         to_mjcf(scenario(system, BallState(theta=[0.0], thetadot=[0.0])))
 
 
+def test_rolling_friction_that_is_larger_at_rest_is_refused():
+    law = Resistance(dry=0.1, static_dry=0.2, exact=True)
+    system = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), resistance=law)
+    with refuses(MJCFError, "resistance.static_dry"):
+        to_mjcf(scenario(system, BallState()))
+
+
 def test_friction_that_depends_on_the_slip_speed_is_refused():
-    with pytest.raises(
-        MJCFError, match=r"`contact.friction` must be a number .*, but it is a SmoothedCoulomb; give its"
-    ):
+    with refuses(MJCFError, "contact.friction"):
         to_mjcf(load_scenario("tippe-top"))
     spinning = dataclasses.replace(scenario(free_ball()), contact=Contact(LimitSurface(0.3, 0.1)))
-    with pytest.raises(MJCFError, match=r"`contact.friction` must be a number .*, but it is a LimitSurface; give its"):
+    with refuses(MJCFError, "contact.friction"):
         to_mjcf(spinning)
 
 
@@ -403,12 +386,8 @@ def test_numbers_in_other_units_than_si_are_written_only_if_asked_for():
     robot = scenario(free_ball())
     plain = to_mjcf(robot).text
     grams = dataclasses.replace(robot, units=Units("cm", "g", "s"))
-    with pytest.raises(MJCFError) as caught:
+    with refuses(MJCFError, "units"):
         to_mjcf(grams)
-    assert str(caught.value) == (
-        "Key `units` must be m, kg, s to be written as MJCF, which does not say its units, but it is cm, g, s; convert "
-        "the numbers, or write them as they are with any_units=True, or --any-units."
-    )
     assert to_mjcf(grams, any_units=True).text == plain
     for units in (Units("m", "kg", "s"), Units()):
         assert to_mjcf(dataclasses.replace(robot, units=units)).text == plain

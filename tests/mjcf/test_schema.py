@@ -5,8 +5,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from jaxball.mjcf import MJCFError, read_mjcf
-from jaxball.mjcf.schema import ACTUATORS, TABLE, UNREAD
+from jaxball.files.mjcf import MJCFError, read_mjcf
+from jaxball.files.mjcf.schema import ACTUATORS, TABLE, UNREAD
+from tests.support.sentences import refuses
 
 ROBOT = """
 <mujoco>
@@ -152,99 +153,50 @@ ALONE = """
 </mujoco>
 """
 REFUSED = {
-    "stiffness": (robot("", 'stifness="3"'), '`stifness` of <joint name="swing"> must be one that MuJoCo has; did you'),
-    "mass": (
-        robot().replace('mass="2"', 'masss="2"'),
-        '`masss` of <geom name="skin"> must be one that MuJoCo has; did you mean `mass`?',
-    ),
-    "in a class": (robot('<default><joint dampng="1"/></default>'), "`dampng` of <joint> must be one that MuJoCo has"),
-    "an element in a class": (robot("<default><jiont/></default>"), "Element <jiont> in <default> must be left out"),
+    "stiffness": (robot("", 'stifness="3"'), "stifness"),
+    "mass": (robot().replace('mass="2"', 'masss="2"'), "masss"),
+    "in a class": (robot('<default><joint dampng="1"/></default>'), "dampng"),
+    "an element in a class": (robot("<default><jiont/></default>"), "Element <jiont> in <default>"),
     "an element in a joint": (
         robot().replace('axis="0 1 0" />', 'axis="0 1 0"><plugin/></joint>'),
-        "Element <plugin> in <joint",
+        '<joint name="swing">',
     ),
-    "a flag": (robot('<option><flag gravitty="disable"/></option>'), "`gravitty` of <flag> must be one that MuJoCo"),
-    "the word of a flag": (
-        robot('<option><flag spring="off"/></option>'),
-        '`spring` of <flag> must be one of "enable", "disable", but it is "off"',
-    ),
-    "contact": (
-        robot('<option><flag contact="disable"/></option>'),
-        'Attribute `contact` of <flag> must be "enable", because the ground holds',
-    ),
-    "coordinate": (
-        robot('<compiler coordinate="global"/>'),
-        'Attribute `coordinate` of <compiler> must be "local", because',
-    ),
-    "a rotor": (
-        robot("", "", '<motor joint="swing" armature="0.1"/>'),
-        "Attribute `armature` of <motor> must be 0 or left out",
-    ),
-    "a delay": (
-        robot("", "", '<motor joint="swing" delay="0.1" nsample="3"/>'),
-        "Attribute `delay` of <motor> must be 0 or left",
-    ),
-    "a tendon": (
-        robot("", "", '<motor tendon="t"/>'),
-        "Attribute `tendon` of <motor> must be left out, because a `joint` is the only",
-    ),
-    "seven gears": (
-        robot("", "", '<motor joint="swing" gear="1 0 0 0 0 0 0"/>'),
-        "`gear` of <motor> must be up to 6 numbers",
-    ),
-    "a cubic spring": (
-        robot("", 'stiffness="1 0 2"'),
-        '`stiffness` of <joint name="swing"> must be a number, because springs and dampers are linear',
-    ),
-    "a range alone": (
-        robot('<compiler autolimits="false"/>', 'range="-1 1"'),
-        '<joint name="swing"> must have `limited` beside `range`',
-    ),
-    "a falling range": (
-        robot("", "", '<motor joint="swing" ctrllimited="true" ctrlrange="1 -1"/>'),
-        "`ctrlrange` of <motor> must increase",
-    ),
-    "bits": (
-        robot().replace('type="plane"', 'type="plane" contype="2" conaffinity="4"'),
-        "must have a bit of the `conaffinity` of the other",
-    ),
-    "excluded": (
-        robot('<contact><exclude body1="world" body2="hull"/></contact>'),
-        "Element <exclude> must not be of the world and the shell, because the plane holds the shell here",
-    ),
-    "excluding nothing": (robot('<contact><exclude body1="hull" body2="arn"/></contact>'), 'names is "arn"'),
-    "a moving surface": (
-        robot().replace('type="plane"', 'type="plane" surfacevel="1 0 0 0 0 0"'),
-        '`surfacevel` of <geom name="floor"> must be 0',
-    ),
-    "an activation": (robot().replace("<key ", '<key act="1" '), "Attribute `act` of <key> must be 0 or left out"),
+    "a flag": (robot('<option><flag gravitty="disable"/></option>'), "gravitty"),
+    "the word of a flag": (robot('<option><flag spring="off"/></option>'), "spring"),
+    "contact": (robot('<option><flag contact="disable"/></option>'), "contact"),
+    "coordinate": (robot('<compiler coordinate="global"/>'), "coordinate"),
+    "a rotor": (robot("", "", '<motor joint="swing" armature="0.1"/>'), "armature"),
+    "a delay": (robot("", "", '<motor joint="swing" delay="0.1" nsample="3"/>'), "delay"),
+    "a tendon": (robot("", "", '<motor tendon="t"/>'), "tendon"),
+    "seven gears": (robot("", "", '<motor joint="swing" gear="1 0 0 0 0 0 0"/>'), "gear"),
+    "a cubic spring": (robot("", 'stiffness="1 0 2"'), "stiffness"),
+    "a range alone": (robot('<compiler autolimits="false"/>', 'range="-1 1"'), "limited"),
+    "a falling range": (robot("", "", '<motor joint="swing" ctrllimited="true" ctrlrange="1 -1"/>'), "ctrlrange"),
+    "bits": (robot().replace('type="plane"', 'type="plane" contype="2" conaffinity="4"'), "conaffinity"),
+    "excluded": (robot('<contact><exclude body1="world" body2="hull"/></contact>'), "Element <exclude>"),
+    "excluding nothing": (robot('<contact><exclude body1="hull" body2="arn"/></contact>'), "arn"),
+    "a moving surface": (robot().replace('type="plane"', 'type="plane" surfacevel="1 0 0 0 0 0"'), "surfacevel"),
+    "an activation": (robot().replace("<key ", '<key act="1" '), "act"),
     "two joints of one name": (
         robot().replace('<geom type="capsule"', '<joint name="swing" axis="1 0 0"/><geom type="capsule"'),
-        'Joints must have names of their own, but 2 are called "swing"',
+        "swing",
     ),
-    "an aligned ball": (
-        ALONE,
-        "must not be aligned with its principal axes, because the numbers of <key> are then of other axes",
-    ),
-    "half a springdamper": (robot("", 'springdamper="0.5 0"'), "`springdamper` of <joint"),
-    "a sequence": (
-        robot('<compiler eulerseq="xyw"/>'),
-        "`eulerseq` of <compiler> must be three of the letters x, y, z",
-    ),
+    "an aligned ball": (ALONE, "align"),
+    "half a springdamper": (robot("", 'springdamper="0.5 0"'), "springdamper"),
+    "a sequence": (robot('<compiler eulerseq="xyw"/>'), "eulerseq"),
 }
 
 
-@pytest.mark.parametrize(("text", "sentence"), REFUSED.values(), ids=REFUSED)
-def test_what_is_unknown_or_cannot_act_here_is_refused_by_name(text, sentence):
-    with pytest.raises(MJCFError) as caught:
+@pytest.mark.parametrize(("text", "named"), REFUSED.values(), ids=REFUSED)
+def test_what_is_unknown_or_cannot_act_here_is_refused_by_name(text, named):
+    with refuses(MJCFError, named):
         read_mjcf(text)
-    assert sentence in str(caught.value)
 
 
 @pytest.mark.parametrize("actuator", ACTUATORS)
 @pytest.mark.parametrize("name", ["ctrlrnge", "stiffness", "kd"])
 def test_no_kind_of_actuator_has_other_attributes(actuator, name):
-    with pytest.raises(MJCFError, match=f"Attribute `{name}` of <{actuator}> must be one that MuJoCo has"):
+    with refuses(MJCFError, name):
         read_mjcf(robot("", "", f'<{actuator} joint="swing" {name}="1 1"/>'))
 
 

@@ -21,33 +21,33 @@ from jaxball import (
     Motor,
     PDServo,
     PiecewiseSignal,
-    ReleasedState,
-    SpeedLimitedMotor,
     load_scenario,
     simulate,
 )
-from jaxball.classical import FreeRigidBody
-from jaxball.mjcf import MJCFError, from_mjcf, read_mjcf, to_mjcf
-from jaxball.urdf import URDFError, from_urdf
+from jaxball.files.mjcf import MJCFError, read_mjcf, to_mjcf
+from jaxball.files.urdf import URDFError, read_urdf
+from jaxball.physics import ReleasedState, SpeedLimitedMotor
+from jaxball.physics.classical import FreeRigidBody
 from tests.mjcf.robots import SWAY, free_ball, free_disk, loaded, prescribed_ball, random_state, scenario, simple_ball
 from tests.mjcf.test_corpus import saved_by_mujoco
 from tests.mjcf.test_round_trip import BY_GEOMS, FOREIGN
+from tests.support.sentences import refuses
 from tests.urdf.robots import URDF
 
 BUILTIN = ("three-rotors", "pendulum-and-yoke", "disk", "bouncing-ball")
-READERS = [(from_mjcf, FOREIGN, MJCFError, "an MJCF file"), (from_urdf, URDF, URDFError, "a URDF file")]
+READERS = [(read_mjcf, FOREIGN, MJCFError, "an MJCF file"), (read_urdf, URDF, URDFError, "a URDF file")]
 
 
 @pytest.mark.parametrize(("read", "text", "error", "kind"), READERS, ids=["mjcf", "urdf"])
 def test_a_path_is_read_as_its_text_is(read, text, error, kind, tmp_path):
     path = tmp_path / "robot.xml"
     path.write_text("\ufeff" + text, encoding="utf-8")  # with the mark that some editors put first
-    expected = float(read(text).system.mass)
-    assert float(read(path).system.mass) == float(read(str(path)).system.mass) == expected
-    with pytest.raises(error, match=f"`source` must be the path of {kind}, or its text, but it is .* \\(No such file"):
+    expected = float(read(text).scenario.system.mass)
+    assert float(read(path).scenario.system.mass) == float(read(str(path)).scenario.system.mass) == expected
+    with refuses(error, "source"):
         read(tmp_path / "none.xml")
     path.write_bytes(b"\xff\xfe<")
-    with pytest.raises(error, match="it is not UTF-8 text"):
+    with refuses(error, "source"):
         read(path)
 
 
@@ -58,13 +58,13 @@ def test_a_file_that_would_grow_is_refused(read, text, error, kind):
         f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in zip("abcdefgh", "bcdefghi", strict=True)
     )
     root = text.index("<mujoco") if "<mujoco" in text else text.index("<robot")
-    with pytest.raises(error, match="must have no document type and no entities"):
+    with refuses(error, "The file"):
         read(f"{text[:root]}<!DOCTYPE robot [{entities}]>{text[root:]}")
 
 
 def test_a_text_that_is_no_xml_says_so():
-    with pytest.raises(MJCFError, match="The file must be XML, but it is not: "):
-        from_mjcf("<mujoco>")
+    with refuses(MJCFError, "The file"):
+        read_mjcf("<mujoco>")
 
 
 def nested(count, joint="", default=""):
@@ -76,15 +76,15 @@ def nested(count, joint="", default=""):
 
 def test_a_file_may_be_nested_deeply():
     """2,000 bodies in each other, whose places add up, and 3,000 classes, of which the last has what all gave."""
-    masses = from_mjcf(nested(2000)).system.point_masses
+    masses = read_mjcf(nested(2000)).scenario.system.point_masses
     assert len(masses) == 2000
     np.testing.assert_allclose(masses[-1].motion.position, [0.0, 0.0, 0.02], rtol=1e-10)  # 2,000 roundings
     opening = "".join(f'<default class="c{k}"><joint damping="{k + 1}"/>' for k in range(3000))
     default = f"<default>{opening}{'</default>' * 3000}</default>"
-    read = from_mjcf(nested(1, '<joint class="c2999" axis="0 1 0"/>', default))
+    read = read_mjcf(nested(1, '<joint class="c2999" axis="0 1 0"/>', default)).scenario
     assert float(read.system.mechanisms[0].drives[0].coefficient) == 3000.0
     count = 150  # of joints, each on the one before
-    chain = from_mjcf(nested(count, '<joint axis="0 1 0"/>')).system.mechanisms[0]
+    chain = read_mjcf(nested(count, '<joint axis="0 1 0"/>')).scenario.system.mechanisms[0]
     assert chain.n_joints == count
     assert chain.carriers(count - 1) == tuple(range(count))
 
@@ -99,7 +99,7 @@ def test_a_chain_of_links_in_urdf_may_be_long():
         f'<child link="l{k}"/><axis xyz="0 1 0"/></joint>'
         for k, kind in enumerate(kinds)
     )
-    read = from_urdf(URDF.replace("</robot>", f"{links}{joints}</robot>"))
+    read = read_urdf(URDF.replace("</robot>", f"{links}{joints}</robot>")).scenario
     assert [mechanism.n_joints for mechanism in read.system.mechanisms] == [3, 2]
     many = "".join(joints.replace('type="fixed"', 'type="continuous"').splitlines())
     few = 120
@@ -108,7 +108,7 @@ def test_a_chain_of_links_in_urdf_may_be_long():
     )
     for k in range(few, count):
         text = text.replace(f'<link name="l{k}">{inertial}</link>', "")
-    assert [mechanism.n_joints for mechanism in from_urdf(text).system.mechanisms] == [3, few]
+    assert [mechanism.n_joints for mechanism in read_urdf(text).scenario.system.mechanisms] == [3, few]
 
 
 def test_an_exported_file_keeps_its_times_and_controls():
@@ -139,7 +139,7 @@ def test_an_exported_file_keeps_its_times_and_controls():
     for at, close in ((times, 1e-4), (middle, second * 0.1**2 / 8 * 1.01)):
         np.testing.assert_allclose(again.controls_at(at), exported.controls_at(at), rtol=0, atol=close)
     np.testing.assert_allclose(again.controls_at(times)[:, linear], exported.controls_at(times)[:, linear], rtol=1e-14)
-    np.testing.assert_array_equal(from_mjcf(exported.text, times=[0.0, 1.0]).times, [0.0, 1.0])
+    np.testing.assert_array_equal(read_mjcf(exported.text, times=[0.0, 1.0]).scenario.times, [0.0, 1.0])
 
 
 def test_a_signal_that_jumps_comes_back_without_ringing():
@@ -147,24 +147,24 @@ def test_a_signal_that_jumps_comes_back_without_ringing():
     pendulum = Mechanism([Hinge((0.0, 1.0, 0.0), drive=steps)], [CarriedMass(0.5, (0.1, 0.0, -0.5))])
     system = Ball(mass=1.0, inertia=(0.5, 0.4, 0.45), mechanisms=[pendulum])
     case = dataclasses.replace(scenario(system), times=np.linspace(0.0, 1.0, 11))
-    (motor,) = from_mjcf(to_mjcf(case).text).system.mechanisms[0].drives
+    (motor,) = read_mjcf(to_mjcf(case).text).scenario.system.mechanisms[0].drives
     assert np.max(np.abs([motor.signal(jnp.asarray(t)) for t in np.linspace(0.0, 0.99, 50)])) <= 0.5
 
 
 def test_times_of_a_file_that_do_not_increase_are_refused():
     numbers = '<custom><numeric name="jaxball.times" data="0 1 1"/></custom></mujoco>'
     text = FOREIGN.replace("</mujoco>", numbers)
-    with pytest.raises(MJCFError, match=r'<numeric name="jaxball\.times"> must increase'):
-        from_mjcf(text)
+    with refuses(MJCFError, "jaxball.times"):
+        read_mjcf(text)
     control = '<numeric name="jaxball.control aim" data="0 1 1"/></custom>'
     other = text.replace("0 1 1", "0 1").replace("</custom>", control)
-    with pytest.raises(MJCFError, match="must be 2 numbers"):
-        from_mjcf(other)
+    with refuses(MJCFError, "data"):
+        read_mjcf(other)
 
 
 def test_the_time_of_a_keyframe_is_that_of_the_start():
     text = FOREIGN.replace("</mujoco>", '<keyframe><key time="2.5"/></keyframe></mujoco>')
-    np.testing.assert_allclose(from_mjcf(text).times[[0, -1]], [2.5, 12.5])
+    np.testing.assert_allclose(read_mjcf(text).scenario.times[[0, -1]], [2.5, 12.5])
 
 
 def written(make):
@@ -226,7 +226,7 @@ def test_a_body_and_a_run_are_written_as_their_scenario_is():
     of_scenario = load_scenario("three-rotors")
     short = dataclasses.replace(of_scenario, times=np.array([0.0, 0.1]))
     assert to_mjcf(short.simulate()).text == to_mjcf(short).text
-    with pytest.raises(MJCFError, match="Key `kind` must be a ball or a disk"):
+    with refuses(MJCFError, "kind"):
         to_mjcf(FreeRigidBody(inertia=(1.0, 2.0, 3.0)))
 
 
@@ -235,8 +235,8 @@ def test_a_run_that_slips_has_its_law_in_the_file_and_a_batch_is_refused():
     ball = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4))
     state = ReleasedState(ball.default_state(), V=(1.0, 0.0, 0.0))
     run = simulate(ball, [0.0, 0.1], state, contact=Contact(friction=0.3))
-    assert float(from_mjcf(to_mjcf(run).text).contact.friction) == 0.3
+    assert float(read_mjcf(to_mjcf(run).text).scenario.contact.friction) == 0.3
     disk = Disk(mass=1.0, inertia=0.5)
     batch = jax.vmap(lambda phidot: simulate(disk, [0.0, 0.1], DiskState(phidot=phidot)))(jnp.array([-1.0, -2.0]))
-    with pytest.raises(ValueError, match="`to_mjcf` is for one trajectory, but this is a batch"):
+    with refuses(ValueError, "to_mjcf"):
         to_mjcf(batch)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.numerics.calculus import with_derivatives, with_second_derivatives
+from jaxball.numerics.calculus import move_to_peak, move_to_zero, rates_along, with_derivatives, with_second_derivatives
 from jaxball.numerics.directions import diverging
-from jaxball.numerics.flows import move_to_peak, move_to_zero, rates_along
+from tests.support.sentences import refuses
 
 HESSIANS = {"forward over forward": lambda f: jax.jacfwd(jax.jacfwd(f)), "forward over reverse": jax.hessian}
 
@@ -89,7 +89,7 @@ def test_derivatives_have_rows_where_a_value_has_none():
     first = along(jax.vmap(part))
     np.testing.assert_allclose(first(rows), 1 / jnp.tan(rows), rtol=1e-15)
     np.testing.assert_allclose(along(first)(rows), -np.ones(3), rtol=1e-15)
-    with pytest.raises(TypeError, match=r"There are no third derivatives of a test\. Second derivatives exist of"):
+    with refuses(TypeError):
         along(along(first))(rows)
 
 
@@ -111,7 +111,7 @@ def test_first_and_second_derivatives_may_come_from_different_functions():
     np.testing.assert_array_equal(jax.jacfwd(part)(p), [4.0, 0.0])
     for around in (lambda f: f, jax.jit, jaxball.jit):
         np.testing.assert_array_equal(around(jax.jacfwd(jax.jacfwd(part)))(p), [[2.0, 2.0], [2.0, 0.0]])
-    with pytest.raises(TypeError, match=r"There are no third derivatives of a test\. Second derivatives exist of"):
+    with refuses(TypeError):
         jax.jacfwd(jax.jacfwd(jax.jacfwd(part)))(p)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.physics.dynamics import momentum
+from jaxball.physics.dynamics import locked
 from jaxball.physics.dynamics.equations import angles_in_state
 from jaxball.physics.dynamics.load import load
 from jaxball.physics.dynamics.moments import moments
@@ -41,9 +41,9 @@ def momentum_quantities(ball, t, state):
     at = moments(ball, t, angles_in_state(ball, t, state))
     place = at, ball.radius, state.Omega, state.Gamma
     Ftilde = state.Lambda.T @ ball.force(t)
-    Pi = momentum.contact_momentum(*place)
-    Pi_rate = momentum.contact_momentum_rate(at, ball.radius, load(ball, t, state), Pi, state.Omega)
-    return (Pi, momentum.jellett(*place)), (Pi_rate, momentum.jellett_rate(*place, Ftilde))
+    Pi = locked.contact_momentum(*place)
+    Pi_rate = locked.contact_momentum_rate(at, ball.radius, load(ball, t, state), Pi, state.Omega)
+    return (Pi, locked.jellett(*place)), (Pi_rate, locked.jellett_rate(*place, Ftilde))
 
 
 @jax.jit
@@ -56,7 +56,7 @@ def balances_of_balls(ball, t, state):
 
     ((energy, power), ((Pi, _), predicted)), ((rate, _), (changed, _)) = along_flow(seen, ball, t, state)
     angles = angles_in_state(ball, t, state)
-    P = momentum.linear_momentum(moments(ball, t, angles), ball.radius, state.Omega, state.Gamma)
+    P = locked.linear_momentum(moments(ball, t, angles), ball.radius, state.Omega, state.Gamma)
     return (energy, rate, power), (changed, predicted), (Pi, P, state.Gamma, all_masses(ball, t, angles))
 
 
@@ -114,6 +114,6 @@ def test_jellett_is_the_angular_momentum_about_the_centre_of_mass_along_s():
     )
     at = jax.jit(moments)(ball, jnp.asarray(0.0), (jnp.zeros(0),) * 3)
     Omega, Gamma = jnp.asarray([0.3, -0.7, 1.1]), jnp.asarray([0.6, 0.0, 0.8])
-    general = momentum.jellett(at, ball.radius, Omega, Gamma)
-    special = momentum.routh_integrals(at, ball.radius, Omega, Gamma).jellett
+    general = locked.jellett(at, ball.radius, Omega, Gamma)
+    special = locked.routh_integrals(at, ball.radius, Omega, Gamma).jellett
     np.testing.assert_allclose(general, special, rtol=1e-14)

@@ -13,23 +13,20 @@ from jaxball import (
     Bowl,
     ConstantRate,
     Contact,
-    Cylinder,
     Disk,
     DiskState,
     Ground,
     HeightField,
-    LimitSurface,
-    MovingFrame,
     PiecewiseAcceleration,
     Pulse,
-    ReleasedState,
     Resistance,
-    TiltingPlane,
-    Turn,
     Turntable,
     simulate,
 )
+from jaxball.physics import Cylinder, LimitSurface, MovingFrame, ReleasedState, TiltingPlane, Turn
 from jaxball.physics.dynamics.footing import footing
+from tests.support.differences import jacobian
+from tests.support.sentences import refuses, said
 
 G, D = 9.81, 0.4
 K = D  # the moment of inertia over m r², of a solid ball
@@ -172,7 +169,7 @@ def test_energy_on_a_belt_over_waves():
 
     ground = HeightField(swelling, 0.2, belt=Belt(Pulse(0.0, height=1.0, rate=1.0), heading=0.4))
     start = BallState(z=(0.5, 0.2), Omega=(0.4, -0.8, 1.3), theta=(0.2,), thetadot=(0.1,))
-    report = jaxball.verify.verify(jaxball.Scenario("waves", loaded(ground=ground), start, TIMES[:4]))
+    report = jaxball.analysis.verify.check_laws(jaxball.Scenario("waves", loaded(ground=ground), start, TIMES[:4]))
     assert report.ok
     assert {row.law for row in report.rows if row.applies} >= {"energy", "momentum", "rolling", "error"}
 
@@ -204,7 +201,7 @@ def test_a_steady_belt_is_a_plane_seen_in_passing(contact):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("shape", [jaxball.Ellipsoid((1.0, 1.1, 1.5))])
+@pytest.mark.parametrize("shape", [jaxball.physics.Ellipsoid((1.0, 1.1, 1.5))])
 def test_a_convex_body_on_a_steady_belt(shape):
     """Galileo's principle for an ellipsoid, whose contact point is not under its centre."""
 
@@ -284,20 +281,19 @@ def test_derivatives_by_the_speed_of_a_belt(mode):
         ground = HeightField(waves, 0.3, belt=Belt(ConstantRate(0.0, rate=numbers[0]), heading=numbers[1]))
         return simulate(solid(ground=ground), [0.0, 1.5], BallState(Omega=(0.1, 1.0, 0.0)), **TIGHT).state.z[-1]
 
-    at, step = jnp.array([0.7, 0.3]), 1e-4
-    columns = [(end(at + step * e) - end(at - step * e)) / (2 * step) for e in jnp.eye(2)]
-    np.testing.assert_allclose(mode(end)(at), jnp.stack(columns, axis=1), rtol=1e-6, atol=1e-7)
+    at = jnp.array([0.7, 0.3])
+    np.testing.assert_allclose(mode(end)(at), jacobian(end, at, 1e-4, points=2), rtol=1e-6, atol=1e-7)
 
 
 def test_what_a_disk_may_have(no_type_checks):
-    with pytest.raises(ValueError, match="`ground` must have no turntable under a disk"):
+    with refuses(ValueError, "ground"):
         Disk(mass=1.0, inertia=0.5, ground=Bowl(3.0, turntable=Turntable(ConstantRate(0.0))))
     across = Disk(mass=1.0, inertia=0.5, ground=Ground(belt=Belt(ConstantRate(0.0), heading=0.3)))
     (problem,) = jaxball.problems(across)
-    assert problem == "Argument `ground.belt.heading` must be 0 or π for a disk, which rolls along e1, but it is 0.3."
-    with pytest.raises(TypeError, match="Argument `belt` must be a Belt or None"):
+    said(problem, "ground.belt.heading")
+    with refuses(TypeError, "belt"):
         Ground(belt=3.0)
-    with pytest.raises(TypeError, match="Argument `travel` must be a schedule of the length"):
+    with refuses(TypeError, "travel"):
         Belt(1.0)
 
 

@@ -49,7 +49,7 @@ def test_a_top_heavy_ball_stands_if_it_spins_fast_enough(ratio, stable):
     threshold = 2 * np.sqrt((d1 + M * (r + l) ** 2) * M * g * l) / (d3 + M * r * (r + l))
 
     def field(x):
-        rates = jaxball.vector_field(ball, jnp.asarray(0.0), jaxball.ReducedState(x[:3], x[3:]))
+        rates = jaxball.physics.vector_field(ball, jnp.asarray(0.0), jaxball.physics.ReducedState(x[:3], x[3:]))
         return jnp.concatenate([rates.Omega, rates.Gamma])
 
     upright = jnp.asarray([0.0, 0.0, ratio * threshold, 0.0, 0.0, 1.0])

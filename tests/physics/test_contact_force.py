@@ -77,7 +77,7 @@ def test_friction_of_the_disk_is_minus_the_papers():
         inertia=d2,
         radius=r,
         gravity=g,
-        force=jaxball.HarmonicForce([push, 0.0, lift]),
+        force=jaxball.physics.HarmonicForce([push, 0.0, lift]),
         masses=[jaxball.PointMass(m1, jaxball.OnRail(jaxball.Circle(r1), jaxball.ConstantRate(theta, rate)))],
     )
     seen = jax.jit(jaxball.observe)(disk, jnp.asarray(0.0), jaxball.DiskState(phi, phidot))

@@ -15,25 +15,26 @@ from jaxball import (
     ConstantRate,
     Contact,
     ConvexBody,
-    Ellipsoid,
     Free,
     Ground,
-    HarmonicForce,
-    Mode,
     OnRail,
     PointMass,
-    ReleasedState,
     Resistance,
+    Scenario,
+    ScenarioError,
     Status,
-    SupportFunction,
     planar_pendulum,
     plot,
+    read_scenario,
     simulate,
+    write_scenario,
 )
-from jaxball.classical import EllipsoidState, RollingEllipsoid
+from jaxball.analysis.verify import check_laws
+from jaxball.physics import Ellipsoid, HarmonicForce, Mode, ReleasedState, SupportFunction
+from jaxball.physics.classical import EllipsoidState, RollingEllipsoid
 from jaxball.plot.view.rolling import rolling_scene
-from jaxball.scenario import Scenario, ScenarioError, read_scenario, write_scenario
-from jaxball.verify import verify
+from tests.support.precision import X64
+from tests.support.sentences import refuses
 
 AXES = np.array([1.0, 1.3, 0.7])
 INERTIA = (0.5, 0.6, 0.7)
@@ -203,8 +204,9 @@ def test_derivatives_where_it_stands_still(jit):
 @pytest.mark.any_precision
 def test_one_at_rest_stays_there():
     body = ConvexBody(shape=Ellipsoid(AXES), mass=1.2, inertia=INERTIA, gravity=9.81)
+    tolerance = 1e-10 if X64 else 1e-6  # the finest of float32 is 9.5e-7
     for contact in (None, Contact(friction=0.3)):
-        run = simulate(body, [0.0, 10.0], contact=contact, throw=True)
+        run = simulate(body, [0.0, 10.0], contact=contact, rtol=tolerance, atol=tolerance, throw=True)
         assert np.all(np.asarray(run.state.Omega) == 0)
         assert np.all(np.asarray(run.state.z) == 0)
         assert int(run.steps) < 10
@@ -281,19 +283,19 @@ def test_it_stands_in_files():
 @pytest.mark.parametrize(
     ("old", "new", "named"),
     [
-        ("1.3", "-1.3", "`body.shape.semiaxes` must be a list of 3 positive numbers"),
-        ('"ellipsoid"', '"egg"', "`body.shape.kind`"),
-        ("mass = 1.2", "mass = 1.2, radius = 1.0", "`body.radius`"),
-        (ELLIPSOID, function_of("egg_arm"), "`body.shape.function` must give a single"),
-        (ELLIPSOID, function_of("support"), "`body.shape.function` must name a function that fits"),
-        ("angle = 0.1", 'kind = "bowl", radius = 5.0', "`ground` must be a plane under a convex body"),
-        ("angle = 0.1", TURNTABLE, "`ground.turntable` must be left out for a convex body"),
+        ("1.3", "-1.3", "body.shape.semiaxes"),
+        ('"ellipsoid"', '"egg"', "body.shape.kind"),
+        ("mass = 1.2", "mass = 1.2, radius = 1.0", "body.radius"),
+        (ELLIPSOID, function_of("egg_arm"), "body.shape.function"),
+        (ELLIPSOID, function_of("support"), "body.shape.function"),
+        ("angle = 0.1", 'kind = "bowl", radius = 5.0', "ground"),
+        ("angle = 0.1", TURNTABLE, "ground.turntable"),
     ],
 )
 def test_what_no_file_may_say_of_it(old, new, named):
     text = in_file(ELLIPSOID)
     assert old in text
-    with pytest.raises(ScenarioError, match=named):
+    with refuses(ScenarioError, named):
         read_scenario(text.replace(old, new))
 
 
@@ -305,7 +307,7 @@ def test_verify_finds_it_right(contact):
     body = ConvexBody(shape=SupportFunction(egg), masses=[mass], force=force, ground=Ground(angle=0.1), **numbers)
     scenario = Scenario("an egg", body, BallState(q=Q, Omega=OMEGA), np.linspace(0.0, 2.0, 5), contact=contact)
     balances = ["energy"] if contact else ["energy", "momentum", "rolling"]
-    report = verify(scenario, laws=[*balances, "contact"])
+    report = check_laws(scenario, laws=[*balances, "contact"])
     assert report["contact"].ok  # N > 0, and friction within its limit
     for name in balances:
         assert report[name].residual < 1e-8
@@ -355,9 +357,9 @@ def test_what_cannot_be():
         TypeError, match=r"`ground` must be a Ground or None under a body that is no|parameter 'ground'"
     ):
         ConvexBody(shape=Ellipsoid(AXES), ground=Bowl(5.0), **numbers)
-    with pytest.raises(TypeError, match=r"`function` must give a single number"):
+    with refuses(TypeError, "function"):
         SupportFunction(lambda Gamma: Gamma)
-    with pytest.raises(TypeError, match=r"`function` must be a function of"):
+    with refuses(TypeError, "function"):
         SupportFunction(lambda: 1.0)
     dented = ConvexBody(shape=SupportFunction(lambda Gamma: 1 + 0.9 * Gamma[2] ** 4), **numbers)
     assert "`shape` must be convex" in jaxball.problems(dented, BallState(), [0.0, 1.0])[0]

@@ -10,7 +10,6 @@ from jaxball import (
     Bowl,
     CarriedMass,
     ConstantRate,
-    Cylinder,
     Detachment,
     Disk,
     DiskState,
@@ -18,27 +17,31 @@ from jaxball import (
     Free,
     FunctionSchedule,
     Ground,
-    HarmonicForce,
     HeightField,
     Hinge,
     Mechanism,
-    MovingFrame,
-    Paraboloid,
-    ParametricSurface,
     PointMass,
     Resistance,
-    SphereOutside,
     Spring,
     Status,
-    TiltingPlane,
-    Turn,
-    Washboard,
     observe,
     problems,
     simulate,
+)
+from jaxball.physics import (
+    Cylinder,
+    HarmonicForce,
+    MovingFrame,
+    Paraboloid,
+    ParametricSurface,
+    SphereOutside,
+    TiltingPlane,
+    Turn,
+    Washboard,
     vector_field,
 )
-from jaxball.ensemble import simulate_ensemble
+from jaxball.simulation.ensemble import simulate_ensemble
+from tests.support.differences import slope
 
 G = 9.81
 SOLID = {"mass": 1.0, "radius": 0.1, "inertia": 0.005, "gravity": G}
@@ -305,7 +308,7 @@ def test_rows_of_an_ensemble_and_derivatives():
         disk = Disk(**SOLID, offset=(0.02, 0.0, -0.03), ground=Washboard(amplitude, wavelength=1.0))
         return simulate(disk, [0.0, 1.0], DiskState(phidot=-9.0), rtol=1e-11, atol=1e-12)
 
-    sizes, step = jnp.array([0.01, 0.02, 0.03]), 1e-5
+    sizes = jnp.array([0.01, 0.02, 0.03])
     disks, states = jax.vmap(
         lambda size: (
             Disk(**SOLID, offset=(0.02, 0.0, -0.03), ground=Washboard(size, wavelength=1.0)),
@@ -314,10 +317,13 @@ def test_rows_of_an_ensemble_and_derivatives():
     )(sizes)
     rows = simulate_ensemble(disks, [0.0, 1.0], states, rtol=1e-11, atol=1e-12)
     np.testing.assert_allclose(rows.state.z[:, -1], [end(size).state.z[-1] for size in sizes], atol=1e-9)
-    slope = jax.jacfwd(lambda size: end(size).state.z[-1])(0.02)
-    differences = (end(0.02 + step).state.z[-1] - end(0.02 - step).state.z[-1]) / (2 * step)
-    np.testing.assert_allclose(slope, differences, rtol=1e-6)
-    np.testing.assert_allclose(jax.jacrev(lambda size: end(size).state.z[-1])(0.02), slope, rtol=1e-8)
+
+    def place(size):
+        return end(size).state.z[-1]
+
+    forward = jax.jacfwd(place)(0.02)
+    np.testing.assert_allclose(forward, slope(place, 0.02, 1e-5, points=2), rtol=1e-6)
+    np.testing.assert_allclose(jax.jacrev(place)(0.02), forward, rtol=1e-8)
 
 
 @pytest.mark.thorough

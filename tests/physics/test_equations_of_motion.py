@@ -28,8 +28,8 @@ from tests.support.systems import (
 pytestmark = pytest.mark.any_precision
 
 ROUNDING = scaled(1e-13)
-rate_of = jax.jit(jaxball.vector_field)
-rates_of = jax.jit(jax.vmap(jaxball.vector_field))
+rate_of = jax.jit(jaxball.physics.vector_field)
+rates_of = jax.jit(jax.vmap(jaxball.physics.vector_field))
 
 
 def in_float64(leaf):
@@ -49,7 +49,7 @@ def sums_and_rates(system, t, state):
     """What the direct sum needs, and the library's rates."""
     Fe = system.force(t)
     masses = all_masses(system, t, angles_in_state(system, t, state))
-    return masses, Fe, jaxball.vector_field(system, t, state)
+    return masses, Fe, jaxball.physics.vector_field(system, t, state)
 
 
 @pytest.fixture(scope="module", params=KINDS)
@@ -147,7 +147,7 @@ def test_versor_matrix_and_reduced_forms_agree():
     matrices = jax.vmap(jaxball.numerics.versor.rotation_matrix)(state.q)
     versor = rates_of(system, t, state)
     angles = (state.theta, state.thetadot)
-    matrix = rates_of(system, t, jaxball.RotationState(matrices, state.Omega, state.z, *angles))
+    matrix = rates_of(system, t, jaxball.physics.RotationState(matrices, state.Omega, state.z, *angles))
     assert np.max(relative(matrix.Omega, versor.Omega)) < ROUNDING
     assert np.max(relative(matrix.z, versor.z)) < ROUNDING
     for Lambda, Omega, rate in zip(*map(np.asarray, (matrices, state.Omega, matrix.Lambda)), strict=True):
@@ -156,7 +156,7 @@ def test_versor_matrix_and_reduced_forms_agree():
     free = without_force(system)
     Gamma = matrices[:, 2]
     unforced = rates_of(free, t, state)
-    reduced = rates_of(free, t, jaxball.ReducedState(state.Omega, Gamma, *angles))
+    reduced = rates_of(free, t, jaxball.physics.ReducedState(state.Omega, Gamma, *angles))
     assert np.max(relative(reduced.Omega, unforced.Omega)) < ROUNDING
     np.testing.assert_allclose(reduced.Gamma, np.cross(Gamma, state.Omega), atol=scaled(1e-14))
 
@@ -201,7 +201,7 @@ def test_the_disk_embedded_in_a_ball_rolls_alike():
 @jax.jit
 @jax.vmap
 def embedded_rates(disk, t, state):
-    return jaxball.vector_field(disk.embed(), t, state.in_space())
+    return jaxball.physics.vector_field(disk.embed(), t, state.in_space())
 
 
 def test_newtons_laws_give_the_disk_with_one_mass():
@@ -216,7 +216,7 @@ def test_newtons_laws_give_the_disk_with_one_mass():
             inertia=d2,
             radius=r,
             gravity=g,
-            force=jaxball.HarmonicForce([push, 0.0, 0.0]),
+            force=jaxball.physics.HarmonicForce([push, 0.0, 0.0]),
             masses=[jaxball.PointMass(m1, jaxball.OnRail(jaxball.Circle(r1), schedule))],
         )
         found = rate_of(disk, jnp.asarray(0.0), jaxball.DiskState(phi, phidot)).phidot

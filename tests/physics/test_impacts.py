@@ -12,6 +12,7 @@ import jaxball
 from jaxball.physics.contact.impact import collision, impact
 from jaxball.physics.contact.released import ReleasedState, energy_of_released, response, slip_velocity
 from tests.support import newton_euler, robots, routh
+from tests.support.differences import slope
 from tests.support.precision import differences_need_float64
 from tests.support.robot_balls import ball_of, state_of
 from tests.support.robots import Pushed
@@ -156,8 +157,8 @@ def test_what_comes_straight_down_sticks_or_slips_as_the_contact_does():
             np.testing.assert_allclose(found.impulse, held, rtol=1e-13)
 
 
-def differences(function, h=1e-4):
-    return (8 * (function(h) - function(-h)) - (function(2 * h) - function(-2 * h))) / (12 * h)
+def differences(function):
+    return slope(function, 0.0, 1e-4)
 
 
 @pytest.mark.thorough
@@ -183,8 +184,8 @@ def test_derivatives(make):
         slopes += [(by_slip[:, k], differences(lambda h, k=k: moved(1, h * jnp.eye(3)[k]).slip)) for k in range(3)]
         for i, j in ((0, 1), (0, 2), (2, 2)):
             unit = jnp.zeros((3, 3)).at[i, j].add(0.5).at[j, i].add(0.5)
-            slope = differences(lambda h, unit=unit: moved(0, h * unit).slip)
-            slopes.append(((by_D[:, i, j] + by_D[:, j, i]) / 2, slope))
+            by_unit = differences(lambda h, unit=unit: moved(0, h * unit).slip)
+            slopes.append(((by_D[:, i, j] + by_D[:, j, i]) / 2, by_unit))
         for found, expected in slopes:
             np.testing.assert_allclose(found, expected, atol=3e-7 * max(1.0, np.max(np.abs(expected))))
     assert len(kinds) > 1 or make is contact

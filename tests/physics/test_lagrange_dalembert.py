@@ -53,7 +53,7 @@ def variation(ball, t, state, Omegadot):
 @jax.jit
 @jax.vmap
 def variations(ball, t, state):
-    Omegadot = jaxball.vector_field(ball, t, state).Omega
+    Omegadot = jaxball.physics.vector_field(ball, t, state).Omega
     both = jnp.stack([Omegadot, Omegadot + 1e-3])
     found, scale = jax.vmap(lambda Omegadot: variation(ball, t, state, Omegadot))(both)
     return found / scale[:, None]

@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import Accelerated, BallState, DiskState, LinearLaw, ReducedState, RotationState, Sinusoids
+from jaxball import Accelerated, BallState, DiskState, LinearLaw, Sinusoids
+from jaxball.physics import ReducedState, RotationState
+from tests.support.sentences import refuses
 
 THETA, THETADOT = np.array([[-4.0, 0.5], [0.2, -3.0]]), np.array([[-1.0, 0.0], [0.1, -2.0]])
 OMEGA, GAMMA = np.array([[0.1, 0.2, 0.3], [0.0, -0.1, 0.4]]), np.array([[0.5, 0.0, 0.1], [0.0, 0.3, -0.2]])
@@ -51,7 +53,7 @@ def test_a_run_is_that_of_the_same_function():
 @pytest.mark.thorough
 def test_joints_have_rows_after_the_masses():
     state = BallState(theta=(0.2, -0.1), thetadot=(0.0, 0.1))
-    rates = jaxball.vector_field(with_an_arm(LinearLaw(signals=[0.25, -0.5])), jnp.array(0.0), state)
+    rates = jaxball.physics.vector_field(with_an_arm(LinearLaw(signals=[0.25, -0.5])), jnp.array(0.0), state)
     np.testing.assert_array_equal(rates.thetadot, [0.25, -0.5])
 
 
@@ -71,7 +73,7 @@ def test_omega_is_in_space_axes():
     law = LinearLaw(omega=[[1.0, 2.0, 4.0]])
     np.testing.assert_allclose(law(jnp.array(0.0), turned), [2 * 0.3 + 4 * 0.2], rtol=1e-12)
     np.testing.assert_allclose(law(jnp.array(0.0), DiskState(phi=0.4, phidot=-0.5)), [2 * 0.5], rtol=1e-12)
-    with pytest.raises(TypeError, match="Argument `omega` of the law must be None for a ReducedState"):
+    with refuses(TypeError, "omega"):
         law(jnp.array(0.0), turned.reduce())
 
 
@@ -79,25 +81,21 @@ def test_states_without_versors():
     at = {"Omega": (0.1, 0.2, 0.3), "theta": (0.1, 0.2), "thetadot": (0.3, 0.4)}
     expected = LAW(jnp.array(0.4), BallState(**at, z=(1.0, 2.0)))
     np.testing.assert_allclose(LAW(jnp.array(0.4), RotationState(**at, z=(1.0, 2.0))), expected, rtol=1e-15)
-    with pytest.raises(
-        TypeError, match="Argument `z` of the law must be None for a ReducedState, which has no position"
-    ):
+    with refuses(TypeError, "z"):
         LAW(jnp.array(0.4), BallState(**at).reduce())
     assert LinearLaw(Gamma=GAMMA)(jnp.array(0.0), ReducedState(**at, Gamma=(0.0, 0.0, 1.0))).shape == (2,)
 
 
 def test_what_does_not_fit():
-    with pytest.raises(ValueError, match="there are 2 in `theta`, 1 in `signals`"):
+    with refuses(ValueError, "theta"):
         LinearLaw(theta=THETA, signals=[1.0])
-    with pytest.raises(ValueError, match="there are none in any of them"):
+    with refuses(ValueError, "theta"):
         LinearLaw()
-    with pytest.raises(ValueError, match="Argument `Gamma` must be an array of shape"):
+    with refuses(ValueError, "Gamma"):
         LinearLaw(Gamma=[[1.0, 2.0]])
-    with pytest.raises(
-        ValueError, match="Argument `theta` of the law must have 2 entries, one for each driven coordinate"
-    ):
+    with refuses(ValueError, "theta"):
         ball(LinearLaw(theta=[[1.0, 2.0]]))
-    with pytest.raises(TypeError, match=r"Argument `signals\[0\]` must be a number"):
+    with refuses(TypeError, "signals[0]"):
         LinearLaw(signals=["text"])
-    with pytest.raises(ValueError, match="Argument `theta` of the law must have 2 columns, one for each number"):
+    with refuses(ValueError, "theta"):
         LinearLaw(theta=[[1.0]])(jnp.array(0.0), BallState(theta=(0.1, 0.2), thetadot=(0.0, 0.0)))

@@ -409,7 +409,7 @@ class TestGyroscopicPendulum:
 
     def made(self):
         drives = (None, None, jaxball.Motor(self.torque))
-        return jaxball.gyroscopic_pendulum(self.m, self.l, self.radius, drives=drives, count=6)
+        return jaxball.physics.gyroscopic_pendulum(self.m, self.l, self.radius, drives=drives, count=6)
 
     def test_the_ring_spins_up_by_its_motor_alone(self):
         """Along its axis n, carried by the yoke, C n·(Ω + the yoke's turning) + C θ̇₃ grows by the motor's torque."""
@@ -476,7 +476,7 @@ def test_efforts_of_a_prescribed_run_move_free_joints_alike():
     ]
 
     def ball(drives):
-        robot = jaxball.turning_rail(0.6, rail, drives=drives)
+        robot = jaxball.physics.turning_rail(0.6, rail, drives=drives)
         return body(mechanisms=[robot], ground=None, **UNBALANCED)
 
     start = {"Omega": np.array([0.3, 0.5, -0.7])}
@@ -486,7 +486,7 @@ def test_efforts_of_a_prescribed_run_move_free_joints_alike():
     coefficients = np.polynomial.chebyshev.chebfit(2 * points / until - 1, seen.joint_efforts, 64)
     assert np.max(np.abs(coefficients[-8:])) < 1e-11
     forces = [
-        jaxball.FunctionJointForce(chebyshev, {"coefficients": jnp.asarray(c), "until": jnp.asarray(until)})
+        jaxball.physics.FunctionJointForce(chebyshev, {"coefficients": jnp.asarray(c), "until": jnp.asarray(until)})
         for c in coefficients.T
     ]
     angles = {"theta": seen.joint_angles[0], "thetadot": seen.joint_rates[0]}

@@ -67,7 +67,7 @@ def test_branches_are_what_a_function_of_their_places_makes_of_them():
         ],
         [*masses, jaxball.CarriedMass(0.4, (0.0, 0.5, 0.1), 3)],
     )
-    function = jaxball.FunctionMechanism(of_branches, BRANCHES, drives)
+    function = jaxball.physics.FunctionMechanism(of_branches, BRANCHES, drives)
     state = jaxball.BallState(Omega=(0.3, -0.5, 0.7), theta=[0.4, 0.9, 0.2, -0.3], thetadot=[0.6, -0.8, 0.3, 0.5])
     law = jaxball.FunctionLaw(follow, jnp.asarray([0.7]))
     found, wanted = (
@@ -108,6 +108,18 @@ def all_of(ball, t, state):
 @pytest.fixture(scope="module")
 def evaluated(cases):
     return [all_of(ball_of(*case[:3]).prepare(), jnp.array(0.0), state_of(case[2])) for case in cases]
+
+
+def test_what_is_drawn_has_every_kind():
+    """Hinges and sliders, free and given, in chains of one, two and three; fixed masses or none."""
+    drawn = [robots.random_robot(np.random.default_rng(seed)) for seed in range(20)]
+    chains = [chain for robot in drawn for chain in robot.chains]
+    assert {(joint.kind, joint.free) for chain in chains for joint in chain.joints} == {
+        (kind, free) for kind in ("hinge", "slider") for free in (True, False)
+    }
+    assert {len(chain.joints) for chain in chains} == {len(chain.masses) for chain in chains} == {1, 2, 3}
+    assert {len(robot.chains) for robot in drawn} == {1, 2, 3}
+    assert {len(robot.still) for robot in drawn} == {0, 1, 2}
 
 
 @pytest.mark.long

@@ -67,7 +67,7 @@ def test_the_disk_is_the_papers_disk(disk_trajectory):
 )
 def test_integrated_angles_give_the_same_run(make, kind, name, tolerance, bound):
     """The paper's own form, in which θ and θ̇ belong to the state."""
-    system, angles = jaxball.with_integrated_angles(make())
+    system, angles = make().with_integrated_angles()
     trajectory = jaxball.simulate(system, SECONDS, kind(**angles), rtol=tolerance, atol=tolerance, step_to_times=True)
     expected, names = reference(name)
     assert names[: system.n_masses] == [f"theta[{i}]" for i in range(system.n_masses)]

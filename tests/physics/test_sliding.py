@@ -20,6 +20,7 @@ from jaxball.physics.contact.released import (
 )
 from jaxball.physics.dynamics.equations import angles_in_state
 from jaxball.physics.dynamics.moments import moments
+from tests.support.differences import slope
 from tests.support.precision import differences_need_float64
 from tests.support.systems import ball_state, disk_state, random_cases, random_disks, stacked
 
@@ -147,7 +148,7 @@ def test_a_state_with_a_rotation_matrix_slides_alike():
     V = jnp.asarray((0.7, -0.2, 0.0))
     body = sliding_state(V, (0.3, 0.5, -0.4)).body
     ball = homogeneous(offset=(0.1, -0.2, 0.1))
-    rotation = jaxball.RotationState(body.Lambda, body.Omega, body.z)
+    rotation = jaxball.physics.RotationState(body.Lambda, body.Omega, body.z)
     found, expected = (
         jax.jit(sliding_rates)(ball, jnp.zeros(()), ReleasedState(x, V, jnp.zeros(())), jnp.asarray(MU))[1]
         for x in (rotation, body)
@@ -296,7 +297,7 @@ def test_the_disk_slides_and_flies_as_the_ball_that_it_is_in():
 def test_what_holds_a_disk_upright_takes_forces_across_it():
     """A force along e2 changes nothing of a disk that slides or rolls."""
     disk = jaxball.Disk(mass=M, inertia=D, radius=R, gravity=G, offset=(0.1, 0.0, -0.2))
-    pushed = jaxball.Disk(**{**disk.arguments, "force": jaxball.HarmonicForce([0.0, 0.7, 0.0])})
+    pushed = jaxball.Disk(**{**disk.arguments, "force": jaxball.physics.HarmonicForce([0.0, 0.7, 0.0])})
     state = ReleasedState(disk_state(np.random.default_rng(3)), jnp.asarray([0.4, 0.0, 0.0]), jnp.zeros(()))
     found = [jax.jit(sliding_rates)(system, jnp.zeros(()), state, jnp.asarray(MU)) for system in (disk, pushed)]
     for x, y in zip(*map(jax.tree.leaves, found), strict=True):
@@ -316,14 +317,11 @@ def test_derivatives_of_sliding():
         changes = sliding_rates(ball, jnp.zeros(()), ReleasedState(body, V, jnp.zeros(())), mu)[1]
         return jnp.concatenate([changes.V, changes.body.Omega, changes.body.thetadot])
 
-    def difference(function, h=1e-3):
-        return (8 * (function(h) - function(-h)) - (function(2 * h) - function(-2 * h))) / (12 * h)
-
     by_V, by_mu = jax.jit(jax.jacrev(rate, argnums=(0, 1)))(V, jnp.asarray(MU))
     for k in range(2):
-        found = difference(lambda h, k=k: rate(V.at[k].add(h), jnp.asarray(MU)))
+        found = slope(lambda h, k=k: rate(V.at[k].add(h), jnp.asarray(MU)), 0.0, 1e-3)
         np.testing.assert_allclose(by_V[:, k], found, atol=1e-9)
-    np.testing.assert_allclose(by_mu, difference(lambda h: rate(V, jnp.asarray(MU + h))), atol=1e-9)
+    np.testing.assert_allclose(by_mu, slope(lambda mu: rate(V, jnp.asarray(mu)), MU, 1e-3), atol=1e-9)
 
 
 def test_derivatives_where_nothing_slips_are_numbers():

@@ -7,19 +7,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from jaxball import (
-    Bowl,
-    CarriedMass,
-    Contact,
-    HeightField,
-    Hinge,
-    Mechanism,
-    Mode,
-    ReleasedState,
-    Resistance,
-    Spring,
-    programs,
-)
+from jaxball import Bowl, CarriedMass, Contact, HeightField, Hinge, Mechanism, Resistance, Spring, programs
+from jaxball.physics import Mode, ReleasedState
 from jaxball.physics.contact.body_on_plane import BodyOnPlane
 from jaxball.physics.contact.modes import ContactState
 from jaxball.physics.contact.released import release, with_rise

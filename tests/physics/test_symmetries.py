@@ -10,8 +10,8 @@ import jaxball
 from jaxball.numerics import versor
 from tests.support.systems import ball_state, random_cases, scheduled_ball, shell
 
-rate_of = jax.jit(jaxball.vector_field)
-rates_of = jax.jit(jax.vmap(jaxball.vector_field))
+rate_of = jax.jit(jaxball.physics.vector_field)
+rates_of = jax.jit(jax.vmap(jaxball.physics.vector_field))
 
 
 @pytest.fixture(scope="module")

@@ -13,14 +13,15 @@ import pyarrow.parquet
 import pytest
 from scipy.linalg import expm
 
-import jaxball
-from jaxball import Disk, DiskState, Motor, OwnStates, ring_rotor, simulate
-from jaxball.control import closed_loop, mpc, tvlqr
-from jaxball.environments import Environment, HoldSpeed, ObservedState, Uniform
-from jaxball.estimation import ErrorStateFilter
-from jaxball.scenario import Scenario, ScenarioError, Units, read_scenario, write_scenario
-from jaxball.sensors import AbstractSensor, Gyroscope, SensorErrors
-from jaxball.sweep import open_dataset, open_grid, sweep
+from jaxball import Disk, DiskState, Motor, Scenario, ScenarioError, read_scenario, ring_rotor, simulate, write_scenario
+from jaxball.control import tvlqr
+from jaxball.control.environments import Environment, HoldSpeed, ObservedState, Uniform
+from jaxball.control.estimation import ErrorStateFilter
+from jaxball.files.scenario import Units
+from jaxball.physics import OwnStates
+from jaxball.physics.sensors import AbstractSensor, Gyroscope, SensorErrors
+from jaxball.studies.sweep import open_store
+from tests.support.sentences import refuses
 from tests.sweep.studies import study
 
 M, D, R, G = 1.1, 0.5, 0.9, 2.0
@@ -84,11 +85,11 @@ def test_feedback_of_them_is_that_of_the_linear_system():
     np.testing.assert_allclose(track.linear.A[3], A, rtol=0, atol=1e-8)
     np.testing.assert_allclose(track.linear.B[3], B, rtol=0, atol=1e-8)
     start = {"phidot": 0.1, "own[0]": -0.2}
-    held = closed_loop(track, start)
+    held = track.closed_loop(start)
     assert abs(float(held.u[0, 0])) > 0.01
     np.testing.assert_allclose(held.xi[1:], held.xi[:-1] @ A.T + held.u @ B.T, rtol=0, atol=1e-8)
     # Where no limit is reached, the plan of the whole rest is the regulator.
-    ahead = closed_loop(mpc(track, track.nominal.samples), start)
+    ahead = track.mpc(track.nominal.samples).closed_loop(start)
     np.testing.assert_allclose(ahead.xi, held.xi, rtol=0, atol=1e-6)
 
 
@@ -121,7 +122,8 @@ def test_runs_side_by_side_compiled_or_not_have_the_closed_form():
 
 IN_SINGLE = """
 import jax.numpy as jnp, numpy as np
-from jaxball import Ball, BallState, OwnStates, odometer, simulate
+from jaxball import Ball, BallState, simulate
+from jaxball.physics import OwnStates, odometer
 ball = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), radius=0.5, own_states=OwnStates(odometer, names=("turned", "rolled")))
 run = simulate(ball, [0.0, 10.0], BallState(Omega=(0.0, -3.0, 0.0), own=(0.0, 0.0)), rtol=1e-5, atol=1e-5)
 assert run.ok and run.state.own.dtype == "float32"
@@ -151,27 +153,25 @@ def scenario(units=None, states=("length", "A s", "energy")):
     ids=["dimensions", "units"],
 )
 def test_files_and_figures_have_their_units(units, expected):
-    from jaxball import plot
 
     run = scenario(units).simulate()
-    saved = jaxball.to_dataset(run)
+    saved = run.to_dataset()
     assert list(saved.own_unit.values) == expected
     assert list(saved.own.own_unit.sel(own_state="heat").values.reshape(-1)) == expected[2:]
     assert saved.own.attrs["units" if units is None else "comment"] == "length or A s or energy"
-    labels = [line.get_label() for line in plot.own_states(run).lines[:3]]
+    labels = [line.get_label() for line in run.plot("own_states").lines[:3]]
     assert labels == (["way", "charge (A s)", "heat"] if units is None else ["way (m)", "charge (A s)", "heat (J)"])
 
 
 def test_one_unit_of_all_is_that_of_the_variable_and_of_the_axis():
-    from jaxball import plot
 
     run = scenario(Units("m", "kg", "s"), ("power", "power", "power")).simulate()
-    assert jaxball.to_dataset(run).own.attrs["units"] == "W"
-    assert plot.own_states(run).get_ylabel() == "own states (W)"
+    assert run.to_dataset().own.attrs["units"] == "W"
+    assert run.plot("own_states").get_ylabel() == "own states (W)"
     alone = simulate(wheel_disk(units="rad/time"), [0.0, 1.0], state())
-    assert jaxball.to_dataset(alone).own.attrs["units"] == "rad/time"
-    assert plot.own_states(alone).get_ylabel() == "filtered (rad)"
-    plain = jaxball.to_dataset(simulate(wheel_disk(), [0.0, 1.0], state()))
+    assert alone.to_dataset().own.attrs["units"] == "rad/time"
+    assert alone.plot("own_states").get_ylabel() == "filtered (rad)"
+    plain = simulate(wheel_disk(), [0.0, 1.0], state()).to_dataset()
     assert plain.own.attrs["units"] == ""
     assert "own_unit" not in plain.coords
 
@@ -191,7 +191,7 @@ gravity = 9.81
 [own_states]
 names = ["turned", "rolled"]
 units = ["rad", ""]
-function = "jaxball:odometer"
+function = "jaxball.physics:odometer"
 
 [time]
 start = 0.0
@@ -204,11 +204,11 @@ def test_a_file_states_them():
     read = read_scenario(IN_FILE)
     assert read.system.own_states.units == ("rad", "")
     assert read_scenario(write_scenario(read)).system.own_states.units == ("rad", "")
-    with pytest.raises(ScenarioError, match=r"`own_states.units` must be a list with one for each of `names`"):
+    with refuses(ScenarioError, "own_states.units"):
         read_scenario(IN_FILE.replace('["rad", ""]', '["rad"]'))
-    with pytest.raises(ValueError, match=r"`units` must have 2 entries, one for each of `names`, but it is \('A',\)"):
+    with refuses(ValueError, "units"):
         OwnStates(with_losses, names=("a", "b"), units="A")
-    with pytest.raises(TypeError, match="`units` must be the unit or dimension of each state"):
+    with refuses(TypeError, "units"):
         OwnStates(with_losses, names="a", units=3)
 
 
@@ -220,8 +220,8 @@ def test_a_file_states_them():
 def test_a_store_of_a_sweep_and_its_table_have_them(tmp_path, of_file, expected):
     text = of_file.replace('["rad", ""]', '["length", "A s"]')
     axes = '[[axes]]\npath = "body.mass"\nvalues = [1.0, 2.0]\n'
-    sweep(study(tmp_path, axes, 'find = ["distance"]', text), tmp_path / "s.zarr")
-    for saved in (open_dataset(tmp_path / "s.zarr"), open_grid(tmp_path / "s.zarr")):
+    study(tmp_path, axes, 'find = ["distance"]', text).run(tmp_path / "s.zarr")
+    for saved in (open_store(tmp_path / "s.zarr").dataset(), open_store(tmp_path / "s.zarr").grid()):
         assert list(saved.own_unit.values) == expected
         assert saved.own.own_unit.sel(own_state="rolled") == expected[1]
         assert saved.distance.attrs["units"] == expected[0]

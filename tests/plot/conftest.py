@@ -49,14 +49,14 @@ def hopeless_trajectory(ball_trajectory):
 def reduced_trajectory():
     """A ball of which Ω and Γ are known, and nothing else."""
     ball = jaxball.Ball(mass=1.0, inertia=(0.9, 1.0, 1.1))
-    return jaxball.simulate(ball, np.array([0.0, 1.0]), jaxball.ReducedState(), rtol=1e-6, atol=1e-6)
+    return jaxball.simulate(ball, np.array([0.0, 1.0]), jaxball.physics.ReducedState(), rtol=1e-6, atol=1e-6)
 
 
 @pytest.fixture(scope="session")
 def thrown_trajectory():
     """A homogeneous ball that is thrown with backspin: it bounces from t = 1 on, slides, and rolls at the end."""
     ball = jaxball.Ball(mass=1.0, inertia=(0.4, 0.4, 0.4))
-    thrown = jaxball.ReleasedState(jaxball.BallState(Omega=(0.0, -8.0, 0.0)), V=(2.0, 0.5, 0.0), height=0.5)
+    thrown = jaxball.physics.ReleasedState(jaxball.BallState(Omega=(0.0, -8.0, 0.0)), V=(2.0, 0.5, 0.0), height=0.5)
     contact = jaxball.Contact(friction=0.3, static_friction=0.35, restitution=0.6, slowest=0.05)
     times = np.linspace(0.0, 11.0, 111)
     return jaxball.simulate(ball, times, thrown, contact=contact, rtol=1e-8, atol=1e-8)

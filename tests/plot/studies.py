@@ -8,7 +8,6 @@ import numpy as np
 import xarray
 
 from jaxball import Status
-from jaxball.sweep import sweep
 from tests.sweep.studies import GRAVITIES, pretend, study
 
 MASSES = '[[axes]]\npath = "body.mass"\nlog = { from = 0.5, to = 2.0, count = 5 }\n'
@@ -39,7 +38,7 @@ def heavy_ones_fail(scenarios, wanted):
 
 def store(folder, axes=GRID, settings="", engine=heavy_ones_fail, **options):
     """The store of a study of disks."""
-    return sweep(study(folder, axes, settings), folder / "s.zarr", engine=engine, **options).store
+    return study(folder, axes, settings).run(folder / "s.zarr", engine=engine, **options).store
 
 
 @functools.cache

@@ -8,10 +8,11 @@ from scipy.stats import chi2
 
 import jaxball
 from jaxball import plot
-from jaxball.control import Feedforward, basin, closed_loop, tvlqr
-from jaxball.estimation.estimate import Followed, LoopEstimate
+from jaxball.control import tvlqr
+from jaxball.control.estimation.estimate import Followed, LoopEstimate
 from jaxball.plot.style import subject
 from tests.control import robots
+from tests.support.sentences import refuses
 
 PHI, PHIDOT = r"$\phi$", r"$\dot{\phi}$"
 
@@ -24,20 +25,20 @@ def track():
 
 @pytest.fixture(scope="module")
 def loops(track):
-    without = Feedforward(track.sampled, track.nominal)
-    return {name: closed_loop(one, {"phi": 0.3}) for name, one in (("without", without), ("with", track))}
+    without = track.feedforward()
+    return {name: one.closed_loop({"phi": 0.3}) for name, one in (("without", without), ("with", track))}
 
 
 @pytest.mark.long
 def test_gains_are_drawn_but_those_that_are_zero(track):
     """z has weight 0, and no gain."""
-    lines = {line.get_label(): line.get_ydata() for line in plot.gains(track).lines}
+    lines = {line.get_label(): line.get_ydata() for line in track.plot().lines}
     assert {PHI, PHIDOT, r"$\theta_{1, 1}$", r"$\dot{\theta}_{1, 1}$"} == {
         name for name in lines if not name.startswith("_")
     }
     np.testing.assert_allclose(lines[PHIDOT], track.gains[:, 0, 1], rtol=0, atol=1e-12)
-    with pytest.raises(ValueError, match="must be one of mechanisms"):
-        plot.gains(track, "mechanisms[1].joints[0]")
+    with refuses(ValueError):
+        track.plot("mechanisms[1].joints[0]")
 
 
 @pytest.mark.long
@@ -46,7 +47,7 @@ def test_paths_are_those_of_the_loops_and_of_the_motion(track, loops):
     np.testing.assert_allclose(lines["with"], loops["with"].states.z, rtol=0, atol=1e-12)
     np.testing.assert_allclose(lines["without"], loops["without"].states.z, rtol=0, atol=1e-12)
     np.testing.assert_allclose(lines["motion"], track.nominal.states.z, rtol=0, atol=1e-12)
-    with pytest.raises(ValueError, match="must have one closed loop or more, but it is empty"):
+    with refuses(ValueError):
         plot.held_paths({})
 
 
@@ -62,14 +63,14 @@ def test_inputs_are_steps_within_lines_at_their_limits(loops):
 
 @pytest.mark.thorough
 def test_a_map_shows_which_starts_come_back(track):
-    found = basin(track, {"phi": [-1.0, 0.0, 1.0], "phidot": [0.0, 3.0]}, Q={"phi": 1.0}, within=0.3)
-    ax = plot.basin_map(found)
+    found = track.basin({"phi": [-1.0, 0.0, 1.0], "phidot": [0.0, 3.0]}, Q={"phi": 1.0}, within=0.3)
+    ax = found.plot()
     np.testing.assert_array_equal(np.ravel(ax.collections[0].get_array()), found.returned.astype(float))
     assert (ax.get_ylabel(), ax.get_xlabel()) == (PHI, PHIDOT)
     assert ax.figure.get_suptitle() == subject(track.sampled.system)
-    apart = basin(track, np.zeros((2, 5)))
-    with pytest.raises(ValueError, match="must be a dictionary of two directions"):
-        plot.basin_map(apart)
+    apart = track.basin(np.zeros((2, 5)))
+    with refuses(ValueError, "starts"):
+        apart.plot()
 
 
 @pytest.mark.thorough
@@ -81,11 +82,11 @@ def test_an_estimate_shows_normalised_squares_with_their_bounds():
     nis = jnp.array([1.0, jnp.nan, 9.0])
     followed = Followed(states, jnp.zeros((count, 0)), P, nis, jnp.array([2, 0, 2]))
     found = LoopEstimate(jnp.arange(3.0), ("phi", "phidot", "z"), (), followed)
-    of_errors, of_innovations = plot.estimate(found, truth).axes[-2:]
+    of_errors, of_innovations = found.plot(truth).axes[-2:]
     for ax, squares, degrees in ((of_errors, [0.0, 16.0, 0.0], 1), (of_innovations, nis, 2)):
         shown, low, high = (line.get_ydata() for line in ax.lines[:3])
         np.testing.assert_allclose(shown, squares, rtol=1e-12)
         expected = chi2.ppf([[0.025], [0.975]], degrees) * np.ones(count)
         expected[:, ~np.isfinite(squares)] = np.nan
         np.testing.assert_allclose([low, high], expected, rtol=1e-12)
-    assert len(plot.estimate(found).axes) == 4  # without the truth there are no errors to normalise
+    assert len(found.plot().axes) == 4  # without the truth there are no errors to normalise

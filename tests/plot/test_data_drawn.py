@@ -6,11 +6,12 @@ import pytest
 from matplotlib.figure import Figure
 
 import jaxball
-from jaxball import plot
+from jaxball import load_scenario, plot
+from jaxball.plot import space as in_space, time_series
 from jaxball.plot.palette import mass_colour
-from jaxball.scenario import load_scenario
 from tests.plot.lines import drawn
 from tests.support.paper import DISK_RADII, paper_ball, paper_disk
+from tests.support.sentences import refuses
 
 
 def space():
@@ -40,19 +41,19 @@ def travelled(t):
         (plot.acceleration, "ball", plane),
         (plot.configuration, "ball", space),
         (plot.configuration, "disk", plane),
-        (plot.body_paths, "ball", space),
-        (plot.body_paths, "disk", space),
-        (plot.body_paths, "disk", plane),
-        (plot.space_paths, "ball", space),
-        (plot.space_paths, "disk", plane),
-        (plot.angular_velocity, "ball", plane),
-        (plot.angular_velocity, "disk", plane),
-        (plot.centre_path, "ball", plane),
-        (plot.centre_path, "disk", plane),
-        (plot.energies, "ball", plane),
-        (plot.power, "ball", plane),
-        (plot.contact_force, "ball", plane),
-        (plot.friction_ratio, "ball", plane),
+        (in_space.body_paths, "ball", space),
+        (in_space.body_paths, "disk", space),
+        (in_space.body_paths, "disk", plane),
+        (in_space.space_paths, "ball", space),
+        (in_space.space_paths, "disk", plane),
+        (time_series.angular_velocity, "ball", plane),
+        (time_series.angular_velocity, "disk", plane),
+        (in_space.centre_path, "ball", plane),
+        (in_space.centre_path, "disk", plane),
+        (time_series.energies, "ball", plane),
+        (time_series.power, "ball", plane),
+        (time_series.contact_force, "ball", plane),
+        (time_series.friction_ratio, "ball", plane),
     ],
 )
 def test_every_function_draws_into_the_axes_that_it_is_given(draw, body, kind, request):
@@ -64,7 +65,7 @@ def test_every_function_draws_into_the_axes_that_it_is_given(draw, body, kind, r
 
 
 def test_masses_that_are_pushed_alike_share_a_line(disk_trajectory):
-    ax = plot.acceleration(disk_trajectory)
+    ax = disk_trajectory.plot("acceleration")
     t, size = drawn(ax, r"$i = 1, \ldots, 4$").T
     np.testing.assert_allclose(size, pulse(t), atol=1e-12)
     assert {0.1, 0.2} <= set(t)
@@ -100,10 +101,10 @@ def test_the_colours_of_masses_on_one_rail_are_all_seen():
 @pytest.mark.thorough
 def test_a_driven_mass_is_drawn_as_the_law_drives_it():
     mass = jaxball.PointMass(1.0, jaxball.OnRail(jaxball.Circle(0.5), jaxball.Pulse(0.3)))
-    ball, angles = jaxball.with_integrated_angles(jaxball.Ball(mass=1.0, inertia=(1, 1, 1), masses=[mass]))
+    ball, angles = jaxball.Ball(mass=1.0, inertia=(1, 1, 1), masses=[mass]).with_integrated_angles()
     times = np.array([0.0, 0.05, 0.15, 0.18, 0.3])
     run = jaxball.simulate(ball, times, jaxball.BallState(**angles), rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(drawn(plot.acceleration(run), "$i = 1$")[:, 1], pulse(times), atol=1e-12)
+    np.testing.assert_allclose(drawn(run.plot("acceleration"), "$i = 1$")[:, 1], pulse(times), atol=1e-12)
 
 
 def test_the_disk_starts_with_its_masses_below_the_centre():
@@ -131,12 +132,12 @@ def test_a_system_is_drawn_at_any_time_and_with_any_driven_angle():
     later = drawn(plot.configuration(paper_disk(), t=5.0), "CM")
     angles = -np.pi / 2 + np.array([-1, 1, -1, 1]) * travelled(5.0)
     np.testing.assert_allclose(later[0, 0], np.sum(DISK_RADII * np.cos(angles)) / 5, atol=1e-14)
-    with pytest.raises(ValueError, match=r"^Argument `theta` must have 1 entry, .* but its shape is \(0,\)\.$"):
+    with refuses(ValueError, "theta"):
         plot.configuration(ball)
 
 
 def test_the_disk_in_its_own_frame_over_time(disk_trajectory):
-    ax = plot.body_paths(disk_trajectory)
+    ax = disk_trajectory.plot("body_paths")
     for i, radius in enumerate(DISK_RADII, start=1):
         t, x, z = drawn(ax, f"$m_{{{i}}}$").T
         theta = -np.pi / 2 + (-1) ** i * travelled(t)
@@ -145,8 +146,8 @@ def test_the_disk_in_its_own_frame_over_time(disk_trajectory):
 
 
 def test_the_disk_in_space_is_with_turning_phi(disk_trajectory):
-    inside = plot.body_paths(disk_trajectory, plane())
-    outside = plot.space_paths(disk_trajectory, plane())
+    inside = disk_trajectory.plot("body_paths", plane())
+    outside = disk_trajectory.plot("space_paths", plane())
     phi = np.asarray(disk_trajectory.state.phi)
     for label in ("$m_{1}$", "$m_{2}$", "CM"):
         x, z = drawn(inside, label).T
@@ -155,13 +156,13 @@ def test_the_disk_in_space_is_with_turning_phi(disk_trajectory):
 
 
 def test_the_centre_of_mass_is_the_mean_of_shell_and_masses(ball_trajectory):
-    ax = plot.body_paths(ball_trajectory)
+    ax = ball_trajectory.plot("body_paths")
     masses = [drawn(ax, f"$m_{{{i}}}$") for i in (1, 2, 3)]
     np.testing.assert_allclose(drawn(ax, "CM"), np.add(np.sum(masses, axis=0), [0.0, 0.0, -0.05]) / 4, atol=1e-14)
 
 
 def test_rotation_to_space_keeps_lengths_and_the_start(ball_trajectory):
-    inside, outside = plot.body_paths(ball_trajectory), plot.space_paths(ball_trajectory)
+    inside, outside = ball_trajectory.plot("body_paths"), ball_trajectory.plot("space_paths")
     for label in ("$m_{1}$", "$m_{3}$", "CM"):
         a, b = drawn(inside, label), drawn(outside, label)
         np.testing.assert_allclose(np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1), rtol=1e-9)
@@ -170,17 +171,17 @@ def test_rotation_to_space_keeps_lengths_and_the_start(ball_trajectory):
 
 def test_rates_and_paths_are_those_of_the_state(ball_trajectory, disk_trajectory):
     times, state = ball_trajectory.times, ball_trajectory.state
-    ax = plot.angular_velocity(ball_trajectory)
+    ax = ball_trajectory.plot("angular_velocity")
     for j in range(3):
         np.testing.assert_array_equal(drawn(ax, rf"$\Omega_{j + 1}$"), np.column_stack([times, state.Omega[:, j]]))
-    np.testing.assert_array_equal(plot.centre_path(ball_trajectory).lines[0].get_xydata(), state.z)
+    np.testing.assert_array_equal(ball_trajectory.plot("centre_path").lines[0].get_xydata(), state.z)
     disk = disk_trajectory.state
-    np.testing.assert_array_equal(plot.angular_velocity(disk_trajectory).lines[0].get_ydata(), disk.phidot)
-    np.testing.assert_array_equal(plot.centre_path(disk_trajectory).lines[0].get_ydata(), disk.z)
+    np.testing.assert_array_equal(disk_trajectory.plot("angular_velocity").lines[0].get_ydata(), disk.phidot)
+    np.testing.assert_array_equal(disk_trajectory.plot("centre_path").lines[0].get_ydata(), disk.z)
 
 
 def test_energies_are_those_of_the_reference(ball_trajectory):
-    ax = plot.energies(ball_trajectory)
+    ax = ball_trajectory.plot("energies")
     T, V, E = (drawn(ax, label)[:, 1] for label in ("$T$", "$V$", "$E = T + V$"))
     np.testing.assert_allclose(T + V, E, atol=1e-14)
     # From the 30-digit reference states, given to 8 decimals.
@@ -190,24 +191,24 @@ def test_energies_are_those_of_the_reference(ball_trajectory):
 
 def test_power_and_forces_are_the_observables(ball_trajectory):
     observables = ball_trajectory.observables
-    np.testing.assert_array_equal(plot.power(ball_trajectory).lines[0].get_ydata(), observables.power)
-    forces = plot.contact_force(ball_trajectory)
+    np.testing.assert_array_equal(ball_trajectory.plot("power").lines[0].get_ydata(), observables.power)
+    forces = ball_trajectory.plot("contact_force")
     np.testing.assert_array_equal(drawn(forces, "$N$")[:, 1], observables.normal_force)
     friction = drawn(forces, r"$|\,\mathbf{f}\,|$")[:, 1]
     np.testing.assert_allclose(friction, np.hypot(*np.asarray(observables.friction).T), rtol=1e-12)
-    ratio = plot.friction_ratio(ball_trajectory)
+    ratio = ball_trajectory.plot("friction_ratio")
     np.testing.assert_allclose(ratio.lines[0].get_ydata(), friction / observables.normal_force, rtol=1e-12)
 
 
 def test_the_largest_friction_ratio_is_marked(ball_trajectory):
-    mark = plot.friction_ratio(ball_trajectory).lines[-1]
+    mark = ball_trajectory.plot("friction_ratio").lines[-1]
     np.testing.assert_allclose(mark.get_ydata(), [ball_trajectory.friction_needed], rtol=1e-12)
     assert rf"$\mu_{{\min}} = {mark.get_ydata()[0]:.4g}$" in mark.get_label()
 
 
 @pytest.mark.thorough
 def test_a_ball_that_would_leave_the_plane_has_no_ratio_there(bare_trajectory):
-    ax = plot.friction_ratio(bare_trajectory)
+    ax = bare_trajectory.plot("friction_ratio")
     lifted = np.asarray(bare_trajectory.observables.normal_force) <= 0
     assert 0 < lifted.sum() < lifted.size
     np.testing.assert_array_equal(np.isnan(ax.lines[0].get_ydata()), lifted)
@@ -220,11 +221,13 @@ def test_a_mass_has_one_colour_in_every_figure(disk_trajectory):
         label = f"$m_{{{i}}}$"
         colours = {
             line.get_color()
-            for draw in (plot.body_paths, plot.space_paths)
+            for draw in (in_space.body_paths, in_space.space_paths)
             for line in draw(disk_trajectory).lines
             if line.get_label() == label
         }
-        colours |= {text.get_color() for text in plot.configuration(disk_trajectory).texts if text.get_text() == label}
+        colours |= {
+            text.get_color() for text in disk_trajectory.plot("configuration").texts if text.get_text() == label
+        }
         assert len(colours) == 1
 
 
@@ -234,7 +237,7 @@ def test_downhill_is_where_a_ball_at_rest_begins_to_roll(heading):
     slope = jaxball.Ground(angle=0.2, heading=heading)
     ball = jaxball.Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=slope)
     run = jaxball.simulate(ball, [0.0, 0.5, 1.0], rtol=1e-6, atol=1e-6)
-    ax = plot.centre_path(run)
+    ax = run.plot("centre_path")
     (arrow,) = (one for one in ax.collections if hasattr(one, "U"))
     moved = np.asarray(run.state.z[-1])
     np.testing.assert_allclose([arrow.U[0], arrow.V[0]], moved / np.linalg.norm(moved), atol=1e-6)
@@ -247,7 +250,7 @@ def test_the_velocity_of_the_centre_is_the_rate_of_its_place():
     table = load_scenario("turntable")
     times = np.linspace(0.0, 2.0, 401)
     run = jaxball.simulate(table.system, times, table.state, rtol=1e-10, atol=1e-10)
-    ax = plot.centre_velocity(run)
+    ax = run.plot("centre_velocity")
     for j in (0, 1):
         rate = np.gradient(np.asarray(run.state.z)[:, j], times)
         np.testing.assert_allclose(drawn(ax, f"$V_{j + 1}$")[1:-1, 1], rate[1:-1], atol=1e-4)

@@ -4,12 +4,12 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from jaxball import plot
+from jaxball.files.results import OutputError
 from jaxball.plot.files import check_others, run_mark, save_figure, scenario_mark
 from jaxball.plot.record import record
 from jaxball.plot.scene import scene
-from jaxball.results import OutputError
 from tests.plot.geometry import overlaps
+from tests.support.sentences import refuses
 
 QUANTITIES = [
     "configuration",
@@ -33,7 +33,7 @@ def ink(path):
 
 @pytest.mark.thorough
 def test_all_figures_of_the_disk(disk_trajectory, tmp_path):
-    paths = plot.figures(disk_trajectory, tmp_path / "new" / "folder")
+    paths = disk_trajectory.save_figures(tmp_path / "new" / "folder")
     assert [path.name for path in paths] == [
         f"disk_{name}.png" for name in ["acceleration", "mass_angles", *QUANTITIES]
     ]
@@ -48,22 +48,20 @@ def test_a_ball_without_masses_has_no_figure_of_a_dot(bare_trajectory, thrown_tr
         (bare_trajectory, {"body_paths"}),
         (thrown_trajectory, {"body_paths", "space_paths", "configuration"}),
     ):
-        names = {path.stem.removeprefix("ball_") for path in plot.figures(run, tmp_path, replace=True)}
+        names = {path.stem.removeprefix("ball_") for path in run.save_figures(tmp_path, replace=True)}
         assert names & {"acceleration", "mass_angles", *QUANTITIES} == set(QUANTITIES) - without
 
 
 @pytest.mark.long
 def test_figures_of_another_run_stay(disk_trajectory, ball_trajectory, tmp_path):
-    first = plot.figures(disk_trajectory, tmp_path, name="my run")
+    first = disk_trajectory.save_figures(tmp_path, name="my run")
     assert {path.name.partition("_")[0] for path in first} == {"my-run"}
     kept = {path: path.read_bytes() for path in first}
-    assert plot.figures(disk_trajectory, tmp_path, name="my run") == first
-    with pytest.raises(
-        OutputError, match=r"is not a figure of this run, .*; choose another folder, or give replace=True to"
-    ):
-        plot.figures(ball_trajectory, tmp_path, name="my run")
+    assert disk_trajectory.save_figures(tmp_path, name="my run") == first
+    with refuses(OutputError):
+        ball_trajectory.save_figures(tmp_path, name="my run")
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == kept
-    plot.figures(ball_trajectory, tmp_path, name="my run", replace=True)
+    ball_trajectory.save_figures(tmp_path, name="my run", replace=True)
     assert all(path.read_bytes() != kept[path] for path in first)
 
 
@@ -71,7 +69,7 @@ def test_figures_of_another_run_stay(disk_trajectory, ball_trajectory, tmp_path)
 @pytest.mark.parametrize("suffix", ["png", "pdf", "svg"])
 def test_a_file_says_of_which_run_it_is_in_every_format(suffix, ball_trajectory, tmp_path):
     path = tmp_path / f"figure.{suffix}"
-    save_figure(plot.energies(ball_trajectory), path, run_mark(ball_trajectory))
+    save_figure(ball_trajectory.plot("energies"), path, run_mark(ball_trajectory))
     check_others([path], run_mark(ball_trajectory), "")
     with pytest.raises(OutputError):
         check_others([path], scenario_mark("another"), "")
@@ -79,7 +77,7 @@ def test_a_file_says_of_which_run_it_is_in_every_format(suffix, ball_trajectory,
 
 @pytest.mark.thorough
 def test_text_of_pdf_is_truetype_and_that_of_svg_is_text_if_asked_for(ball_trajectory, tmp_path):
-    ax = plot.energies(ball_trajectory)
+    ax = ball_trajectory.plot("energies")
     for name in ("figure.pdf", "figure.svg"):
         save_figure(ax, tmp_path / name)
     pdf, outlines = (tmp_path / "figure.pdf").read_bytes(), (tmp_path / "figure.svg").read_text()
@@ -92,7 +90,7 @@ def test_text_of_pdf_is_truetype_and_that_of_svg_is_text_if_asked_for(ball_traje
 
 @pytest.mark.thorough
 def test_the_overview_is_one_page_of_six_panels(ball_trajectory, tmp_path):
-    figure = plot.overview(ball_trajectory)
+    figure = ball_trajectory.plot()
     assert len(figure.axes) == 6
     figure.savefig(tmp_path / "page.png", dpi=60)
     assert 0.01 < ink(tmp_path / "page.png") < 0.3

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import jaxball
-from jaxball import BallState, ConstantRate, Ground, HarmonicSeries, Oscillating, Turntable, plot
+from jaxball import BallState, ConstantRate, Ground, HarmonicSeries, Oscillating, Turntable
 from jaxball.plot.record import record
 from jaxball.plot.scene import scene
 from tests.plot.geometry import overlaps
@@ -18,7 +18,7 @@ TIMES = np.linspace(0.0, 4.0, 21)
 def ball_on_a_ground():
     """A ball on a tilted turntable that is shaken."""
     shaken = Oscillating(HarmonicSeries((0.0, 0.0, 0.0), [(0.5, 0.0, 0.2)], [2.0]))
-    ground = Ground(ANGLE, HEADING, shaken, Turntable(ConstantRate(0.2, rate=RATE), CENTRE))
+    ground = Ground(ANGLE, HEADING, shaken, turntable=Turntable(ConstantRate(0.2, rate=RATE), CENTRE))
     ball = jaxball.Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), offset=(0.0, 0.0, -0.2), gravity=0.5, ground=ground)
     return jaxball.simulate(ball, TIMES, BallState(Omega=(0.3, 0.0, 0.0)), rtol=1e-6, atol=1e-6)
 
@@ -86,6 +86,6 @@ def test_the_velocity_over_a_plane_that_vibrates_is_relative_to_it():
     shaken = Oscillating(HarmonicSeries((0.0, 0.0, 0.0), [(0.5, 0.0, 0.0)], [2.0]))
     disk = jaxball.Disk(mass=1.0, inertia=0.5, offset=(0.0, 0.0, -0.3), ground=Ground(0.0, motion=shaken))
     run = jaxball.simulate(disk, TIMES, jaxball.DiskState(), rtol=1e-6, atol=1e-6)
-    drawn = plot.centre_velocity(run).lines[0].get_ydata()
+    drawn = run.plot("centre_velocity").lines[0].get_ydata()
     assert np.ptp(drawn) > 0.1
     np.testing.assert_allclose(drawn, -np.asarray(run.state.phidot), atol=1e-12)

@@ -5,9 +5,9 @@ import pytest
 from PIL import Image
 
 import jaxball
-from jaxball import plot
-from jaxball.classical import ChaplyginSleigh, LagrangianState
+from jaxball.physics.classical import ChaplyginSleigh, LagrangianState
 from tests.support.pages import arrays_of
+from tests.support.sentences import refuses
 
 TIMES = np.linspace(0.0, 2.0, 9)
 
@@ -45,12 +45,12 @@ def test_positions_angles_and_rates_are_apart(sleigh):
 
 @pytest.mark.thorough
 def test_a_picture_shows_what_the_function_draws(sleigh, tmp_path):
-    figure = plot.snapshot(sleigh, 1.0, picture=blade)
+    figure = sleigh.snapshot(1.0, picture=blade)
     point, along = figure.axes[0].get_lines()[-2:]
     q = np.asarray(sleigh.state.q)[4]
     np.testing.assert_allclose(point.get_xydata(), q[None, :2])
     np.testing.assert_allclose(np.diff(along.get_xydata(), axis=0), [[np.cos(q[2]), np.sin(q[2])]])
-    with Image.open(plot.animate(sleigh, tmp_path / "film.gif", fps=2, dpi=20, picture=blade).path) as film:
+    with Image.open(sleigh.animate(tmp_path / "film.gif", fps=2, dpi=20, picture=blade).path) as film:
         assert film.n_frames == 5
 
 
@@ -79,26 +79,26 @@ def test_a_view_has_what_the_function_draws(sleigh):
 
 @pytest.mark.thorough
 def test_a_picture_may_be_in_space(sleigh):
-    figure = plot.snapshot(sleigh, picture=lambda t, q: [np.column_stack([line, line[:, :1]]) for line in blade(t, q)])
+    figure = sleigh.snapshot(picture=lambda t, q: [np.column_stack([line, line[:, :1]]) for line in blade(t, q)])
     x, y, z = figure.axes[0].get_lines()[-2].get_data_3d()
     np.testing.assert_allclose([x, y, z], np.asarray(sleigh.state.q)[-1][[0, 1, 0], None])
 
 
 @pytest.mark.thorough
 def test_what_is_no_picture_is_told(sleigh):
-    with pytest.raises(ValueError, match=r"Argument `picture` must be given for a Chaplygin sleigh"):
-        plot.snapshot(sleigh)
-    with pytest.raises(TypeError, match=r"`picture` must be a function of \(t, q\)"):
-        plot.animate(sleigh, picture=lambda t: [])._repr_html_()
+    with refuses(ValueError, "picture"):
+        sleigh.snapshot()
+    with refuses(TypeError, "picture"):
+        sleigh.animate(picture=lambda t: [])._repr_html_()
     for wrong in ([], np.zeros((2, 2)), [np.zeros((2, 4))], [np.zeros((1, 2)), np.zeros((1, 3))]):
-        with pytest.raises(TypeError, match=r"`picture\(t, q\)` must be a list of points and lines"):
-            plot.snapshot(sleigh, picture=lambda t, q, wrong=wrong: wrong)
+        with refuses(TypeError, "picture(t, q)"):
+            sleigh.snapshot(picture=lambda t, q, wrong=wrong: wrong)
     ball = jaxball.simulate(jaxball.Disk(mass=1.0, inertia=0.5), [0.0, 1.0], jaxball.DiskState(phidot=-1.0))
-    with pytest.raises(ValueError, match="must be of a system with a Lagrangian, but it is of a Disk"):
-        plot.snapshot(ball, picture=blade)
-    with pytest.raises(ValueError, match=r"Argument `picture` must be left out for a body that rolls"):
+    with refuses(ValueError):
+        ball.snapshot(picture=blade)
+    with refuses(ValueError, "picture"):
         ball.view(picture=blade)
-    with pytest.raises(ValueError, match=r"Argument `picture` must be given for a system with a Lagrangian: a func"):
+    with refuses(ValueError, "picture"):
         sleigh.view()
-    with pytest.raises(ValueError, match=r"2 as at t = 0, but at t = 1.25 it has 1"):
+    with refuses(ValueError):
         sleigh.view(picture=lambda t, q: blade(t, q)[: 1 if t > 1 else 2])

@@ -1,18 +1,36 @@
 """Every figure says what it shows, and none of its texts lies on another, on a curve or beyond the page."""
 
 import tomllib
+from typing import get_args
 
 import matplotlib.ticker
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from jaxball import Ball, BallState, Circle, ConstantRate, OnRail, PointMass, ReleasedState, Tube, plot, simulate
-from jaxball.plot.report import STANDARD, standard_figures
+from jaxball import (
+    Ball,
+    BallState,
+    Circle,
+    ConstantRate,
+    OnRail,
+    PointMass,
+    Scenario,
+    Tube,
+    load_scenario,
+    plot,
+    simulate,
+)
+from jaxball.files.scenario import Units, builtin_scenarios
+from jaxball.files.scenario.sources import builtin_text
+from jaxball.physics import ReleasedState
+from jaxball.physics.sensors import Gyroscope
+from jaxball.plot import report, space, time_series
+from jaxball.plot.report import PANELS, STANDARD, standard_figures
 from jaxball.plot.style import DASH, caption, plane_axes, up_to_ticks
-from jaxball.scenario import Scenario, Units, builtin_scenarios, builtin_text, load_scenario
-from jaxball.sensors import Gyroscope
+from jaxball.simulation.trajectory_methods import Panel
 from tests.plot.geometry import boxes, overlaps
+from tests.support.sentences import refuses
 
 SCENARIOS = builtin_scenarios()
 # By their texts: to make all systems takes each process of the tests seconds.
@@ -74,7 +92,7 @@ def test_names_of_crowded_masses_are_apart(motions):
 def test_numbers_at_the_corner_of_a_cube_are_apart(radius):
     ball = Ball(mass=1.0, inertia=(0.4 * radius**2,) * 3, radius=radius, offset=(0.0, 0.0, -0.1 * radius))
     run = simulate(ball, np.linspace(0.0, 1.0, 11), BallState(Omega=(0.5, 0.0, 0.0)))
-    figure = plot.overview(run)
+    figure = run.plot()
     assert overlaps(figure) == []
     assert [label.get_text() for label in figure.axes[0].get_zticklabels()] == [
         f"\N{MINUS SIGN}{radius:g}",
@@ -87,7 +105,7 @@ def test_numbers_at_the_corner_of_a_cube_are_apart(radius):
 def test_the_page_of_an_empty_body_has_no_panel_without_a_motion():
     """A homogeneous shell has its centre of mass in the middle at all times."""
     run = simulate(Ball(mass=1.0, inertia=(0.4,) * 3), np.linspace(0.0, 1.0, 11), BallState(Omega=(0.5, 0.0, 0.0)))
-    figure = plot.overview(run)
+    figure = run.plot()
     labels = ["$z_2$", "$V_i$", r"$\Omega_i$", "energy"]
     assert [ax.get_ylabel() for ax in figure.axes[:4]] == labels
     assert overlaps(figure) == []
@@ -106,7 +124,7 @@ def test_joints_that_move_alike_all_show():
     """Where four curves are one, each has dashes in the gaps of the others."""
     scenario = load_scenario("spokes")
     run = scenario.simulate()
-    drawn = plot.joint_angles(run).lines
+    drawn = run.plot("joint_angles").lines
     patterns = [line._unscaled_dash_pattern for line in drawn]
     assert [pattern[0] / DASH for pattern in patterns] == [0, 1, 2, 3]
     assert all(on == DASH and off == 3 * DASH for _, (on, off) in patterns[1:])
@@ -114,7 +132,7 @@ def test_joints_that_move_alike_all_show():
 
 def test_masses_that_move_alike_all_show(disk_trajectory):
     """The paper's disk has two pairs, whose own dashes have gaps too narrow to see the other line through."""
-    first, second, third, fourth = plot.mass_angles(disk_trajectory).lines[:4]
+    first, second, third, fourth = disk_trajectory.plot("mass_angles").lines[:4]
     assert [line.is_dashed() for line in (first, second, third, fourth)] == [False, False, True, True]
     assert {line._unscaled_dash_pattern[1] for line in (third, fourth)} == {(DASH, DASH)}
 
@@ -130,8 +148,14 @@ def test_a_constant_lies_between_two_numbers(value):
     assert (ticks[0], ticks[-1]) == (low, high)
 
 
+def test_a_run_draws_each_panel_that_its_plot_names(ball_trajectory):
+    assert get_args(Panel) == tuple(PANELS)
+    with refuses(ValueError, "panel"):
+        ball_trajectory.plot("energy")
+
+
 @pytest.mark.long
-@pytest.mark.parametrize("draw", [*STANDARD, plot.overview])
+@pytest.mark.parametrize("draw", [*STANDARD, report.overview])
 @pytest.mark.parametrize("body", ["ball", "disk"])
 def test_texts_of_the_paper_s_runs_are_apart(body, draw, request):
     trajectory = request.getfixturevalue(f"{body}_trajectory")
@@ -148,7 +172,7 @@ def test_texts_of_every_scenario_are_apart(name):
     scenario = load_scenario(name)
     rolling = name in ROLLING
     trajectory = scenario.simulate(dense=rolling, throw=True)
-    for draw in (*standard_figures(trajectory), *([plot.overview] if rolling else ())):
+    for draw in (*standard_figures(trajectory), *([report.overview] if rolling else ())):
         figure = figure_of(draw(trajectory))
         caption(figure, scenario.system, scenario.title)
         assert overlaps(figure) == [], draw
@@ -178,7 +202,9 @@ def test_reports_without_a_violation_are_marked():
     np.testing.assert_allclose(height, 0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize("draw", [plot.friction_ratio, plot.energies, plot.angular_velocity, plot.contact_force])
+@pytest.mark.parametrize(
+    "draw", [time_series.friction_ratio, time_series.energies, time_series.angular_velocity, time_series.contact_force]
+)
 @pytest.mark.parametrize("body", ["ball", "disk"])
 def test_all_that_is_drawn_lies_between_two_numbers(body, draw, request):
     ax = draw(request.getfixturevalue(f"{body}_trajectory"))
@@ -192,7 +218,7 @@ def test_all_that_is_drawn_lies_between_two_numbers(body, draw, request):
     assert isinstance(ax.yaxis.get_major_locator(), matplotlib.ticker.MaxNLocator)
 
 
-@pytest.mark.parametrize("draw", [plot.body_paths, plot.space_paths, plot.centre_path])
+@pytest.mark.parametrize("draw", [space.body_paths, space.space_paths, space.centre_path])
 def test_starts_and_ends_of_curves_are_in_the_legend(draw, ball_trajectory):
     ax = draw(ball_trajectory)
     assert {"start", "end"} <= {text.get_text() for text in ax.get_legend().get_texts()}
@@ -207,7 +233,7 @@ def test_starts_and_ends_of_curves_are_in_the_legend(draw, ball_trajectory):
 
 
 def test_a_title_is_shown_as_it_is_written(ball_trajectory):
-    ax = plot.energies(ball_trajectory)
+    ax = ball_trajectory.plot("energies")
     caption(ax.figure, ball_trajectory.system, "Costs $5, or $6")
     assert ax.figure.get_suptitle().startswith(r"Costs \$5, or \$6; dimensionless")
     ax.figure.draw_without_rendering()
@@ -225,10 +251,16 @@ def test_figures_of_one_panel_have_the_caption_of_those_with_several():
     ball, start = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), radius=0.5, gravity=9.81), BallState(Omega=(0.0, 1.0, 0.2))
     scenario = Scenario("A shell", ball, start, np.array([0.0, 1.0]), units=Units("m", "kg", "s"))
     run, told = scenario.simulate(), "A shell; in m, kg, s"
-    assert plot.overview(run).get_suptitle() == told
-    for draw in (plot.angular_velocity, plot.energies, plot.friction_ratio, plot.centre_path, plot.space_paths):
+    assert run.plot().get_suptitle() == told
+    for draw in (
+        time_series.angular_velocity,
+        time_series.energies,
+        time_series.friction_ratio,
+        space.centre_path,
+        space.space_paths,
+    ):
         assert draw(run).figure.get_suptitle() == told
-    assert plot.configuration(run).figure.get_suptitle() == told
+    assert run.plot("configuration").figure.get_suptitle() == told
     assert plot.configuration(ball).figure.get_suptitle() == "Ball with no point masses; in the units of its parameters"
     sensors = {"gyro": Gyroscope()}
     assert plot.measurements(run, sensors).get_suptitle() == told

@@ -10,24 +10,27 @@ import pytest
 from mpl_toolkits.mplot3d import proj3d
 from scipy.spatial.transform import Rotation
 
-from jaxball import Contact, Mode, plot
-from jaxball.plot.modes import BANDS, PATHS, modes_of, track_of
+from jaxball import Contact
+from jaxball.physics import Mode
+from jaxball.plot import time_series
+from jaxball.plot.over_time import BANDS, PATHS, modes_of, track_of
 from jaxball.plot.palette import TRAIL
 from jaxball.plot.record import record
 from jaxball.plot.scene import SHADOW, scene
-from jaxball.plot.view.document import view_document
+from jaxball.plot.view.page import view_document
 from tests.plot.geometry import overlaps
 from tests.plot.lines import drawn
 from tests.support.pages import arrays_of
+from tests.support.sentences import refuses
 
 OVER_TIME = (
-    plot.angular_velocity,
-    plot.energies,
-    plot.power,
-    plot.contact_force,
-    plot.friction_ratio,
-    plot.height,
-    plot.slip_speed,
+    time_series.angular_velocity,
+    time_series.energies,
+    time_series.power,
+    time_series.contact_force,
+    time_series.friction_ratio,
+    time_series.height,
+    time_series.slip_speed,
 )
 
 
@@ -75,7 +78,7 @@ def test_bands_and_lines_are_where_the_modes_are(draw, thrown_trajectory, histor
 
 @pytest.mark.thorough
 def test_height_is_that_of_a_fall(thrown_trajectory):
-    t, h = line_of(plot.height(thrown_trajectory)).T
+    t, h = line_of(thrown_trajectory.plot("height")).T
     falls = t < 1
     np.testing.assert_allclose(h[falls], 0.5 - t[falls] ** 2 / 2, atol=1e-12)
     assert h[-1] == 0.0
@@ -84,13 +87,13 @@ def test_height_is_that_of_a_fall(thrown_trajectory):
 @pytest.mark.thorough
 def test_impacts_are_upright_and_reach_the_plane(thrown_trajectory, history):
     """At t = 1 it falls at the speed 1 and rebounds at 0.6; friction turns it, and h is 0 on both sides."""
-    t, h = line_of(plot.height(thrown_trajectory)).T
+    t, h = line_of(thrown_trajectory.plot("height")).T
     count = int(history.switches.count)
     for when in np.asarray(history.switches.times)[:count]:
         assert h[t == when].tolist() == [0.0, 0.0]
-    V = drawn(plot.centre_velocity(thrown_trajectory), "$V_3$")
+    V = drawn(thrown_trajectory.plot("centre_velocity"), "$V_3$")
     np.testing.assert_allclose(V[V[:, 0] == float(history.switches.times[0])][:, 1], [-1.0, 0.6], atol=1e-9)
-    E = drawn(plot.energies(thrown_trajectory), "$E = T + V$")
+    E = drawn(thrown_trajectory.plot("energies"), "$E = T + V$")
     before, after = E[E[:, 0] == float(history.switches.times[0])][:, 1]
     np.testing.assert_allclose(before - after, history.switches.lost[0], rtol=1e-6)
 
@@ -98,14 +101,14 @@ def test_impacts_are_upright_and_reach_the_plane(thrown_trajectory, history):
 @pytest.mark.thorough
 def test_slip_speed_is_that_of_the_throw(thrown_trajectory, landed):
     """v_s = V − r ω × e3 = (2 + 8, ½) while nothing touches the ball, and 0 at the end."""
-    t, speed = line_of(plot.slip_speed(thrown_trajectory)).T
+    t, speed = line_of(thrown_trajectory.plot("slip_speed")).T
     np.testing.assert_allclose(speed[t < 1], np.hypot(10.0, 0.5), rtol=1e-12)
     assert np.all(speed[t > landed[1]] == 0.0)
 
 
 def test_what_friction_and_impacts_took_is_what_is_missing(thrown_trajectory):
     """½ m V² + ½ 0.4 ω² + m g h at the start."""
-    ax = plot.energies(thrown_trajectory)
+    ax = thrown_trajectory.plot("energies")
     E, friction_loss, impact_loss = (drawn(ax, name)[:, 1] for name in ("$E = T + V$", "to friction", "to impacts"))
     np.testing.assert_allclose(E + friction_loss + impact_loss, (4.25 + 0.4 * 64) / 2 + 0.5, rtol=1e-6)
     assert friction_loss[-1] > 1
@@ -115,7 +118,7 @@ def test_what_friction_and_impacts_took_is_what_is_missing(thrown_trajectory):
 @pytest.mark.thorough
 def test_friction_is_that_of_the_law(thrown_trajectory, landed):
     """|f| = μ N where the ball slides, none where it rolls on a level, and nothing is drawn of flight."""
-    ax = plot.friction_ratio(thrown_trajectory)
+    ax = thrown_trajectory.plot("friction_ratio")
     for label, value in ((r"$\mu_s = 0.35$", 0.35), (r"$\mu = 0.3$", 0.3)):
         assert drawn(ax, label)[:, 1].tolist() == [value, value]
     t, ratio = line_of(ax, 2).T
@@ -124,7 +127,7 @@ def test_friction_is_that_of_the_law(thrown_trajectory, landed):
     np.testing.assert_allclose(ratio[t > landed[1]], 0.0, atol=1e-6)
     for change, before, after in ((landed[0], np.nan, 0.3), (landed[1], 0.3, 0.0)):
         np.testing.assert_allclose(ratio[t == change], [before, np.nan, after], atol=1e-6)  # both sides, and a gap
-    force = plot.contact_force(thrown_trajectory)
+    force = thrown_trajectory.plot("contact_force")
     np.testing.assert_array_equal(drawn(force, r"$\mu_s N$")[:, 1], 0.35 * drawn(force, "$N$")[:, 1])
     t, N = drawn(force, "$N$").T
     np.testing.assert_allclose(N[(t < landed[0]) | (t > landed[0])][[0, -1]], [0.0, 1.0], atol=1e-9)
@@ -133,12 +136,12 @@ def test_friction_is_that_of_the_law(thrown_trajectory, landed):
 def test_one_coefficient_is_one_line(thrown_trajectory):
     law = Contact(0.3)
     alike = eqx.tree_at(lambda run: run.contact.law, thrown_trajectory, dataclasses.replace(law, restitution=0.6))
-    assert drawn(plot.friction_ratio(alike), r"$\mu_s = \mu = 0.3$")[0, 1] == 0.3
+    assert drawn(alike.plot("friction_ratio"), r"$\mu_s = \mu = 0.3$")[0, 1] == 0.3
 
 
 @pytest.mark.thorough
 def test_the_path_has_a_line_for_each_mode_and_marks_at_switches(thrown_trajectory, history):
-    ax = plot.centre_path(thrown_trajectory)
+    ax = thrown_trajectory.plot("centre_path")
     count = int(history.switches.count)
     np.testing.assert_allclose(drawn(ax, "switch"), history.switches.after.body.z[:count], atol=1e-9)
     pieces = [drawn(ax, mode.name.lower()) for mode in PATHS]
@@ -174,20 +177,20 @@ def test_modes_after_the_last_switch_that_is_kept_are_those_of_the_saved_times(t
 
 @pytest.mark.long
 def test_the_page_has_a_row_for_the_contact_and_names_its_bands_once(thrown_trajectory, ball_trajectory, tmp_path):
-    page = plot.overview(thrown_trajectory)
+    page = thrown_trajectory.plot()
     assert len(page.axes) == 8
     (legend,) = page.legends
     assert [text.get_text() for text in legend.get_texts()] == ["sliding", "flight"]
     assert overlaps(page) == []
-    names = {path.stem for path in plot.figures(thrown_trajectory, tmp_path)}
+    names = {path.stem for path in thrown_trajectory.save_figures(tmp_path)}
     assert {"ball_height", "ball_slip_speed"} < names
-    rolling = plot.overview(ball_trajectory)
+    rolling = ball_trajectory.plot()
     assert (len(rolling.axes), len(rolling.legends), sum(len(ax.patches) for ax in rolling.axes[3:])) == (6, 0, 0)
 
 
 def test_a_run_without_a_law_has_no_slip_to_draw(ball_trajectory):
-    for draw in (plot.height, plot.slip_speed):
-        with pytest.raises(ValueError, match=r"^Argument `trajectory` must be of a run with a law of contact, but it"):
+    for draw in (time_series.height, time_series.slip_speed):
+        with refuses(ValueError, "trajectory"):
             draw(ball_trajectory)
 
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from jaxball import plot
-from jaxball.plot.modes import BANDS
+from jaxball.plot import time_series
+from jaxball.plot.over_time import BANDS
 from jaxball.plot.palette import COMPONENTS, INK, TAKEN, mass_look
-from jaxball.plot.view.document import view_document
+from jaxball.plot.view.page import view_document
 from tests.support.colour_vision import contrast, distance, nearest
 
 APART = 12.0  # in CIELAB: far more than is just seen, for thin lines that are not side by side
@@ -40,12 +40,12 @@ def test_masses_and_components_are_told_apart():
 @pytest.mark.parametrize(
     "draw",
     [
-        plot.energies,
-        plot.contact_force,
-        plot.angular_velocity,
-        plot.attitude,
-        plot.centre_velocity,
-        plot.friction_ratio,
+        time_series.energies,
+        time_series.contact_force,
+        time_series.angular_velocity,
+        time_series.attitude,
+        time_series.centre_velocity,
+        time_series.friction_ratio,
     ],
 )
 def test_lines_of_one_panel_are_told_apart(draw, thrown_trajectory, ball_trajectory):
@@ -64,7 +64,7 @@ def test_lines_of_one_graph_of_a_view_are_told_apart(thrown_trajectory, ball_tra
 @pytest.mark.thorough
 def test_a_view_has_the_looks_of_the_figures(thrown_trajectory):
     energies = {one["name"]: one["colour"] for one in view_document(thrown_trajectory)["plots"][0]["series"]}
-    figure = {line.get_label(): line.get_color() for line in plot.energies(thrown_trajectory).lines}
+    figure = {line.get_label(): line.get_color() for line in thrown_trajectory.plot("energies").lines}
     assert [energies[name] for name in TAKEN] == [figure[name] for name in TAKEN]
     assert (energies["T"], energies["V"]) == (figure["$T$"], figure["$V$"])
 

@@ -6,34 +6,17 @@ import pytest
 from mpl_toolkits.mplot3d import proj3d
 from scipy.spatial.transform import Rotation
 
-from jaxball import (
-    Ball,
-    BallState,
-    Bowl,
-    Contact,
-    Cylinder,
-    Disk,
-    DiskState,
-    FunctionSchedule,
-    HeightField,
-    Mode,
-    MovingFrame,
-    SignedDistance,
-    SphereOutside,
-    TiltingPlane,
-    Turn,
-    Washboard,
-    plot,
-    simulate,
-)
-from jaxball.plot.floor import place
+from jaxball import Ball, BallState, Bowl, Contact, Disk, DiskState, FunctionSchedule, HeightField, simulate
+from jaxball.physics import Cylinder, Mode, MovingFrame, SignedDistance, SphereOutside, TiltingPlane, Turn, Washboard
 from jaxball.plot.palette import TRAIL
 from jaxball.plot.record import record
 from jaxball.plot.scene import scene
+from jaxball.plot.shapes import place
 from jaxball.plot.surface import curve_under, mesh_under
-from jaxball.plot.view.document import view_document
+from jaxball.plot.view.page import view_document
 from tests.plot.geometry import overlaps
 from tests.support.pages import arrays_of, unpacked
+from tests.support.sentences import refuses
 from tests.support.signed_distances import inside_ellipsoid, inside_sphere
 
 r, R = 0.1, 1.0
@@ -165,13 +148,13 @@ def test_several_balls_on_one_surface_and_what_is_marked_on_it(runs):
     np.testing.assert_allclose(DISTANCES["bowl"](0.0, edge), 0.0, atol=1e-12)
     # Where the edge is farthest from the lowest point, it is at 1.2 too.
     np.testing.assert_allclose(edge[:, 2].max(), 1 - np.cos(phi), atol=1e-3)
-    with pytest.raises(ValueError, match=r'on the same ground, but the ground of "b" differs from that of "a"'):
+    with refuses(ValueError, "b"):
         view_document({"a": runs("bowl"), "b": runs("hill")})
 
 
 @pytest.mark.thorough
 def test_an_animation_of_a_moving_surface_is_written(runs, tmp_path):
-    path = plot.animate(runs("plate"), tmp_path / "plate.gif", 5, size=(200, 150)).path
+    path = runs("plate").animate(tmp_path / "plate.gif", 5, size=(200, 150)).path
     assert path.stat().st_size > 1000
 
 

@@ -13,6 +13,7 @@ from matplotlib.patches import PathPatch, StepPatch
 
 from jaxball import plot
 from jaxball.cli import main
+from jaxball.files.scenario.initial import INITIAL
 from jaxball.plot.sweeps import figures
 from jaxball.plot.sweeps.rows import (
     NUMBERS,
@@ -23,12 +24,13 @@ from jaxball.plot.sweeps.rows import (
     rows_of,
     sample,
     standard_results,
+    sweep_scale,
 )
-from jaxball.scenario.initial import INITIAL
-from jaxball.sweep.outputs import layout_of
+from jaxball.studies.sweep.outputs import layout_of
 from tests.plot.geometry import overlaps
 from tests.plot.lines import drawn
 from tests.plot.studies import DESIGN, GRID, HEAVY, MASSES, balls, disks, g, heavy_ones_fail, m, store
+from tests.support.sentences import refuses, said
 from tests.sweep.studies import GRAVITIES, pretend, study
 
 OVER_MASS, TIMES = "body.mass", 'save = "times"'
@@ -310,7 +312,7 @@ def test_functions_draw_into_the_axes_that_they_are_given():
     ):
         ax = Figure().add_subplot()
         assert draw(ax) is ax
-        with pytest.raises(ValueError, match=r"^Argument `ax` must be a plane Axes, but it is a Axes3D;"):
+        with refuses(ValueError, "ax"):
             draw(Figure().add_subplot(projection="3d"))
 
 
@@ -319,36 +321,24 @@ def altered(**status):
 
 
 @pytest.mark.parametrize(
-    ("draw", "sentence"),
+    ("draw", "named"),
     [
-        (lambda: plot.sweep_slice(disks(), "ph", OVER_MASS), r"^Result `ph` must be .* results; did you mean `phi`\?$"),
-        (lambda: plot.sweep_slice(disks(), "q", OVER_MASS), r"^Result `q` must be one .* it has z, phi, .*steps\.$"),
-        (lambda: plot.sweep_slice(balls([0]), "z", "initial.speed"), r"^Result `z` must be .* z\[0\], z\[1\], "),
-        (
-            lambda: plot.sweep_slice(disks(), "phi", "mass"),
-            r"^Path `mass` must be one .* changes; did you mean `body\.mass`\?$",
-        ),
-        (lambda: plot.sweep_slice(disks(DESIGN), "phi", OVER_MASS, by="body.gravity"), r"^Argument `by` must be a num"),
-        (lambda: plot.sweep_slice(disks(), "phi", OVER_MASS, at={OVER_MASS: 1.0}), r"^Argument `at` must have no"),
-        (lambda: plot.sweep_map(disks(), "phi", OVER_MASS, OVER_MASS), r"^Argument `up` must be a number other than"),
-        (
-            lambda: plot.sweep_fan(disks(), OVER_MASS),
-            r"saved at all times, .* none: the study needs `save",
-        ),
-        (
-            lambda: plot.sweep_matrix(disks(), ["phi"] * 7),
-            r"^Arguments `results` and `numbers` must be 2 to 8 tog",
-        ),
-        (lambda: plot.sweep_slice(disks()[["phi"]].assign_attrs(shape=[]), "phi", OVER_MASS), r"has no status\.$"),
-        (
-            lambda: plot.sweep_slice(xarray.Dataset(), "phi", OVER_MASS),
-            r"must be the store of a study, .* no shape",
-        ),
-        (lambda: plot.sweep_slice(altered(status=3), "phi", OVER_MASS), r"all 15 that are done failed: 15 IMPOSSIBLE;"),
+        (lambda: plot.sweep_slice(disks(), "ph", OVER_MASS), "ph"),
+        (lambda: plot.sweep_slice(disks(), "q", OVER_MASS), "q"),
+        (lambda: plot.sweep_slice(balls([0]), "z", "initial.speed"), "z"),
+        (lambda: plot.sweep_slice(disks(), "phi", "mass"), "mass"),
+        (lambda: plot.sweep_slice(disks(DESIGN), "phi", OVER_MASS, by="body.gravity"), "by"),
+        (lambda: plot.sweep_slice(disks(), "phi", OVER_MASS, at={OVER_MASS: 1.0}), "at"),
+        (lambda: plot.sweep_map(disks(), "phi", OVER_MASS, OVER_MASS), "up"),
+        (lambda: plot.sweep_fan(disks(), OVER_MASS), "z"),
+        (lambda: plot.sweep_matrix(disks(), ["phi"] * 7), "results"),
+        (lambda: plot.sweep_slice(disks()[["phi"]].assign_attrs(shape=[]), "phi", OVER_MASS), "data"),
+        (lambda: plot.sweep_slice(xarray.Dataset(), "phi", OVER_MASS), "data"),
+        (lambda: plot.sweep_slice(altered(status=3), "phi", OVER_MASS), "data"),
     ],
 )
-def test_what_cannot_be_drawn_is_a_sentence(draw, sentence):
-    with pytest.raises(plot.PictureError, match=sentence):
+def test_what_cannot_be_drawn_is_a_sentence(draw, named):
+    with refuses(plot.PictureError, named):
         draw()
 
 
@@ -391,7 +381,7 @@ def test_labels_and_formats_are_those_that_are_given(command, tmp_path, capsys):
     assert ">M (kg)<" in text
     assert ">turned (rad)<" in text
     assert command(*chosen[:-3], "--label", "mass=M") == 2
-    assert "Result `mass` must be one of the study's results" in capsys.readouterr().err
+    said(capsys.readouterr().err, "mass")
 
 
 def test_names_of_files_have_no_brackets():
@@ -411,7 +401,7 @@ def test_symbols_count_from_one_and_have_units():
 
 def test_the_scale_of_a_view_has_symbols_and_units_in_plain_text():
     data = disks()
-    assert [plot.sweep_scale(data, [0, 1, 2], by).name for by in (None, "body.gravity", "phi")] == [
+    assert [sweep_scale(data, [0, 1, 2], by).name for by in (None, "body.gravity", "phi")] == [
         "g (length/time²)",
         "g (length/time²)",
         "φ at the end (rad)",
@@ -442,21 +432,21 @@ def test_the_command_draws_standard_results_of_one_number(command, tmp_path, cap
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("arguments", "sentence"),
+    ("arguments", "named"),
     [
-        (["none.zarr"], 'must be the store of a study at "none.zarr", but nothing is there'),
-        (["."], "must be the store of a study, but it is something else"),
-        (["s.zarr", "--result", "steps", "psi"], "Result `psi` must be one of the study's results; did you mean"),
-        (["s.zarr", "--against", "body.masses"], "Path `body.masses` must be one of the numbers"),
-        (["begun.zarr"], "must have a row that was computed, but none of its rows is done yet"),
+        (["none.zarr"], "none.zarr"),
+        (["."], '"."'),
+        (["s.zarr", "--result", "steps", "psi"], "psi"),
+        (["s.zarr", "--against", "body.masses"], "body.masses"),
+        (["begun.zarr"], "STORE"),
     ],
 )
-def test_bad_input_of_the_command(command, tmp_path, capsys, arguments, sentence):
+def test_bad_input_of_the_command(command, tmp_path, capsys, arguments, named):
     (tmp_path / "other").mkdir()
     store(tmp_path, MASSES, "chunk = 4", shard=(1, 2)).rename("s.zarr")
     store(tmp_path / "other", MASSES, shard=(2, 2)).rename("begun.zarr")
     assert command(*arguments, "--out", "figures") == 2
-    assert sentence in capsys.readouterr().err
+    said(capsys.readouterr().err, named)
     assert not (tmp_path / "figures").exists()
 
 
@@ -464,8 +454,4 @@ def test_the_command_needs_a_folder(command, tmp_path, capsys):
     store(tmp_path, MASSES, engine=heavy_ones_fail)
     (tmp_path / "file").write_text("")
     assert command("s.zarr", "--out", "file") == 2
-    assert 'Argument `--out` must be a folder, but "file" is a file.' in capsys.readouterr().err
-    with pytest.raises(SystemExit):
-        command("s.zarr")
-    with pytest.raises(SystemExit):
-        main(["sweep", "study.toml", "--out", "s.zarr", "--result", "phi"])
+    said(capsys.readouterr().err, "--out")

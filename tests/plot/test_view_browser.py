@@ -13,18 +13,13 @@ from selenium.webdriver.common.keys import Keys
 
 import jaxball
 from jaxball import BallState, plot
-from jaxball.plot.view.document import view_document
+from jaxball.plot.style import ColourScale
+from jaxball.plot.view.page import View, view_document
 from tests.plot.test_view_page import HOSTILE
-from tests.support.browser import SOFTWARE, chromium, needs_chromium
+from tests.support.browser import chromium, needs_chromium, pose
 from tests.support.colour_vision import contrast
 
 pytestmark = needs_chromium
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium(*SOFTWARE) as driver:
-        yield driver
 
 
 @pytest.fixture(scope="module")
@@ -355,15 +350,11 @@ def several(browser, ball_trajectory, others, tmp_path):
     """Three bodies on one plane, coloured by a number whose name is no HTML."""
     runs = {"row 3": ball_trajectory, **others}
     wanted = np.array([[0.0, 0.0], [2.0, 1.0]])
-    scale = plot.ColourScale(HOSTILE, [1.0, 2.0, 4.0])
+    scale = ColourScale(HOSTILE, [1.0, 2.0, 4.0])
     discs = [(np.array([3.0, -1.5]), 1.0)]
     plot.write_view(runs, tmp_path / "runs.html", wanted=wanted, discs=discs, scale=scale)
     browser.get((tmp_path / "runs.html").as_uri())
     return browser
-
-
-def pose(page, body):
-    return page.execute_script("return jaxball.pose(arguments[0])", body)
 
 
 @pytest.mark.long
@@ -425,7 +416,7 @@ def test_the_momentum_the_wanted_path_and_obstacles_are_switched(several):
 @pytest.mark.long
 def test_a_run_that_was_thinned_says_so(browser, ball_trajectory, tmp_path):
     document = view_document(ball_trajectory, room=0.0)
-    browser.get(plot.View(document).save(tmp_path / "thin.html").as_uri())
+    browser.get(View(document).save(tmp_path / "thin.html").as_uri())
     assert browser.find_element(By.ID, "note").text.startswith("Shown are 2 of the 21 saved times, evenly spaced")
     go_to(browser, 3.0)
     assert time(browser) == 0.0

@@ -6,7 +6,7 @@ from selenium.webdriver.common.by import By
 
 import jaxball
 from jaxball import plot
-from jaxball.classical import (
+from jaxball.physics.classical import (
     ChaplyginSleigh,
     HeavyTop,
     LagrangianState,
@@ -14,15 +14,15 @@ from jaxball.classical import (
     ParticleState,
     RigidBodyState,
 )
-from tests.plot.test_view_browser import (  # noqa: F401 (skips without a browser)
-    browser as browser,  # the fixture
+from tests.plot.test_view_browser import (
     choose,
     go_to,
     picture,
-    pytestmark,
     shown_names,
 )
+from tests.support.browser import needs_chromium, pose
 
+pytestmark = needs_chromium
 TIMES = np.linspace(0.0, 4.0, 41)
 
 
@@ -57,10 +57,6 @@ def check_scene(page):
     assert np.any(picture(page) != second)
     assert page.get_log("browser") == []
     assert page.execute_script("return performance.getEntriesByType('resource').length") == 0
-
-
-def pose(page, body=0):
-    return page.execute_script("return jaxball.pose(arguments[0])", body)
 
 
 @pytest.mark.long

@@ -10,8 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from jaxball.control import FeedbackHistory
-from jaxball.estimation.estimate import Followed, LoopEstimate
+from jaxball.control.estimation.estimate import Followed, LoopEstimate
+from jaxball.control.loop import FeedbackHistory
 from jaxball.physics.hybrid import NO_HISTORY
 from jaxball.plot.view.feedback import half_axes
 from tests.support.browser import SOFTWARE, chromium, needs_chromium
@@ -32,7 +32,7 @@ def run(ball_trajectory):
     followed = Followed(thought, zero[:, None][:, :0], P, zero, zero.astype(int))
     estimate = LoopEstimate(times, DIRECTIONS, (), followed)
     return dataclasses.replace(
-        ball_trajectory, history=FeedbackHistory(NO_HISTORY.switches, nominal, zero[:, None], estimate, ("u",))
+        ball_trajectory, history=FeedbackHistory(NO_HISTORY, nominal, zero[:, None], estimate, ("u",))
     )
 
 
@@ -71,7 +71,7 @@ def test_graphs_show_deviations_and_innovations_with_their_bounds(run):
     """Deviations are those of the history. Bounds are the quantiles of as many squared normal numbers as are read."""
     estimate = dataclasses.replace(
         run.history.estimate,
-        followed=run.history.estimate.followed._replace(read=jnp.arange(len(run.times)) % 3),
+        filtered=run.history.estimate.filtered._replace(read=jnp.arange(len(run.times)) % 3),
     )
     document = dataclasses.replace(run, history=dataclasses.replace(run.history, estimate=estimate)).view().document
     titles = [one["title"] for one in document["plots"]]

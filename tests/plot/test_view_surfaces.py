@@ -4,10 +4,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball import BallState, FunctionSchedule, HeightField, TiltingPlane, simulate
+from jaxball import BallState, FunctionSchedule, HeightField, simulate
+from jaxball.physics import TiltingPlane
 from tests.plot.test_surfaces import TIMES, marble, swing, waves
 from tests.plot.test_view_browser import go_to, picture
-from tests.support.browser import SOFTWARE, chromium, needs_chromium
+from tests.support.browser import needs_chromium
 
 pytestmark = needs_chromium
 
@@ -15,12 +16,6 @@ GROUNDS = {
     "plate": TiltingPlane(about_e1=FunctionSchedule(swing)),
     "waves": HeightField(waves, jnp.array(0.1)),
 }
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium(*SOFTWARE) as driver:
-        yield driver
 
 
 @pytest.mark.thorough

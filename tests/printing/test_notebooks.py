@@ -14,14 +14,14 @@ import pytest
 from PIL import Image
 
 import jaxball
-from jaxball import Ball, BallState, Disk, DiskState, simulate
-from jaxball.design import GradientCheck, Result
-from jaxball.design.optimal_control.confirmed import Controlled
-from jaxball.design.optimal_control.schedules import Resimulated
-from jaxball.interface.html import SIZE, as_html, sketch_of
-from jaxball.scenario import load_scenario
-from jaxball.sweep import Study
-from jaxball.sweep.axes import Listed
+from jaxball import Ball, BallState, Disk, DiskState, load_scenario, simulate
+from jaxball.interface.names import public_packages
+from jaxball.interface.printing import SIZE, as_html, sketch_of
+from jaxball.studies.design.optimal_control.schedules import Controlled, Resimulated
+from jaxball.studies.design.result import Result
+from jaxball.studies.design.search.verify import GradientCheck
+from jaxball.studies.sweep.axes import Listed
+from jaxball.studies.sweep.study import Study
 
 ROLLING = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4))
 
@@ -70,14 +70,8 @@ def test_a_batch_and_other_objects_show_their_text():
 
 def test_whatever_prints_itself_shows_itself():
     """Classes whose text is jaxball's own have it in notebooks too."""
-    packages = [jaxball, *(getattr(jaxball, name) for name in dir(jaxball))]
-    classes = {
-        getattr(package, name)
-        for package in packages
-        if inspect.ismodule(package)
-        for name in package.__all__
-        if inspect.isclass(getattr(package, name))
-    }
+    found = (getattr(package, name) for package in public_packages(jaxball) for name in package.__all__)
+    classes = {one for one in found if inspect.isclass(one)}
     written = {kind: getattr(inspect.unwrap(kind.__repr__), "__code__", None) for kind in classes}
     source = str(Path(jaxball.__file__).parent)
     own = {kind for kind, code in written.items() if code and code.co_filename.startswith(source)}
@@ -123,10 +117,10 @@ disk = jaxball.Disk(mass=1.0, inertia=0.5)
 run = jaxball.simulate(disk, [0.0, 1.0, 2.0], jaxball.DiskState(phidot=-1.0))
 """,
     "overview": "run.plot()",
-    "snapshot": "jaxball.plot.snapshot(run)",
-    "one panel": "jaxball.plot.centre_path(run)",
-    "with pyplot": "import matplotlib.pyplot as plt\njaxball.plot.energies(run)",
-    "animation": "jaxball.plot.animate(run, fps=2, dpi=20)",
+    "snapshot": "run.snapshot()",
+    "one panel": "run.plot('centre_path')",
+    "with pyplot": "import matplotlib.pyplot as plt\nrun.plot('energies')",
+    "animation": "run.animate(fps=2, dpi=20)",
 }
 
 
@@ -166,7 +160,7 @@ def test_a_notebook_plays_animations(shown):
 
 def test_an_animation_is_shown_as_it_was_saved(tmp_path):
     run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], DiskState(phidot=-1.0))
-    film = jaxball.plot.animate(run, fps=1, dpi=20)
+    film = run.animate(fps=1, dpi=20)
     assert film.path is None
     assert repr(film) == "Animation of a disk from t = 0 to t = 2"
     path = film.save(tmp_path / "film.gif")

@@ -8,9 +8,10 @@ import pytest
 
 import jaxball
 from jaxball import Ball, BallState, Circle, OnRail, PointMass, Pulse, SphericalFrame
-from jaxball.chaos import LyapunovSpectrum, PoincareMap
-from jaxball.ensemble import Ensemble
-from jaxball.stability import SteadyMotion
+from jaxball.analysis.chaos.poincare import PoincareMap
+from jaxball.analysis.chaos.result import LyapunovSpectrum
+from jaxball.analysis.stability.steady import SteadyMotion
+from jaxball.simulation.ensemble.simulate import Ensemble
 
 
 def ball(radius=0.5):
@@ -41,7 +42,7 @@ def test_a_body_prints_its_numbers_and_masses():
 
 
 def test_masses_are_printed_in_their_order_and_no_more_than_a_screen_shows():
-    system = jaxball.with_masses(ball(), [*ball().point_masses] * 10)
+    system = ball().with_masses([*ball().point_masses] * 10)
     lines = str(system).splitlines()
     assert lines[2].startswith("  masses[1]: PointMass(mass=0.125")
     assert lines[-1] == "  and 8 masses more"
@@ -104,12 +105,16 @@ def test_other_results_print_what_they_found():
     )
     crossings = PoincareMap(np.array([1.25, 7.5]), BallState(), 2, 0, 10.0, 10.0)
     angles = jnp.array([[0.5], [2.5]])
-    sought = jaxball.Balance(True, angles[0], True, 0.0, angles, jnp.array([True, False]), "With the angles (0.5) ...")
+    sought = jaxball.simulation.equilibrium.Balance(
+        True, angles[0], True, 0.0, angles, jnp.array([True, False]), "With the angles (0.5) ..."
+    )
     one, none = jnp.ones(1), jnp.zeros((1, 1))
     spectrum = LyapunovSpectrum(
         one, one / 8, one, none, none, one, none, *(jnp.array(x) for x in (0, 9.0, 5, 0.0, 0.0))
     )
-    force = jaxball.ContactExtremes(*(jnp.asarray(float(x)) for x in (0.5, 1, 0.25, 2, 0.125, 3, 1)))
+    force = jaxball.simulation.extremes.ContactExtremes(
+        *(jnp.asarray(float(x)) for x in (0.5, 1, 0.25, 2, 0.125, 3, 1))
+    )
     assert repr(top).splitlines()[1:] == ["  The motion is unstable.", "  eigenvalues 0.5+0j, -0.5+0j"]
     assert repr(crossings).startswith("Poincaré map of 2 crossings, the first at t = 1.25, the last at t = 7.5")
     assert repr(sought) == "Balance: With the angles (0.5) ...\n  and one other solution, in `solutions`"

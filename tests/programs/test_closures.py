@@ -10,6 +10,7 @@ import jaxball
 from jaxball import Contact, Disk, DiskState, Event, FunctionForce, programs, simulate
 from jaxball.programs.identity.closures import put_captures, take_captures
 from jaxball.programs.native.tracing import Lowered
+from tests.support.sentences import refuses
 
 X = jnp.asarray(2.0)
 
@@ -249,7 +250,7 @@ def test_what_cannot_be_taken_out_has_rows_but_no_derivatives():
     levels = jnp.array([0.25, 1.0])
     np.testing.assert_allclose(jax.vmap(time)(levels), levels, rtol=1e-12)
     for derivative in (jax.grad, jax.jacfwd):
-        with pytest.raises(TypeError, match="traced number that is hidden in a function"):
+        with refuses(TypeError):
             jax.jit(derivative(time))(X)
 
 

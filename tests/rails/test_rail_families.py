@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import jaxball
 from tests.support.precision import differences_need_float64, scaled
+from tests.support.sentences import refuses
 from tests.support.systems import rails
 
 pytestmark = pytest.mark.any_precision
@@ -19,7 +20,7 @@ THETA = sympy.Symbol("theta")
 ANGLES = np.linspace(-7.0, 7.0, 29)
 CENTRE = (0.1, -0.2, 0.05)
 TURN = Rotation.from_rotvec([0.3, -0.8, 0.5])
-FRAME = jaxball.VersorFrame(np.roll(TURN.as_quat(), 1))
+FRAME = jaxball.physics.VersorFrame(np.roll(TURN.as_quat(), 1))
 COSINES = np.array([[0.3, 0.1, -0.2], [0.05, -0.1, 0.02]])
 SINES = np.array([[-0.1, 0.4, 0.3], [0.1, 0.05, -0.07]])
 
@@ -49,8 +50,8 @@ DIRECTION = np.array([1.0, -2.0, 2.0])
 FAMILIES = {
     "circle": (jaxball.Circle(0.7, CENTRE, FRAME), in_plane(0.7 * c(THETA), 0.7 * s(THETA))),
     "ellipse": (jaxball.Ellipse([0.7, 0.4], CENTRE, FRAME), in_plane(0.7 * c(THETA), 0.4 * s(THETA))),
-    "gerono": (jaxball.GeronoEight([0.7, 0.4], CENTRE, FRAME), in_plane(0.7 * c(THETA), 0.4 * s(2 * THETA))),
-    "bernoulli": (jaxball.BernoulliEight(0.7, CENTRE, FRAME), in_plane(*lemniscate(0.7))),
+    "gerono": (jaxball.physics.GeronoEight([0.7, 0.4], CENTRE, FRAME), in_plane(0.7 * c(THETA), 0.4 * s(2 * THETA))),
+    "bernoulli": (jaxball.physics.BernoulliEight(0.7, CENTRE, FRAME), in_plane(*lemniscate(0.7))),
     "tube": (jaxball.Tube(DIRECTION, CENTRE), sympy.Matrix(CENTRE) + THETA * sympy.Matrix(DIRECTION / 3)),
     "fourier": (
         jaxball.FourierRail(COSINES, SINES, CENTRE),
@@ -98,7 +99,7 @@ def test_a_prepared_rail_is_the_same_rail(family):
 def test_the_lemniscate_has_the_foci_of_bernoulli():
     """The product of the distances to (±a/√2, 0) is a²/2."""
     a = 0.8
-    points = np.asarray(jaxball.BernoulliEight(a).points(jnp.asarray(ANGLES)))
+    points = np.asarray(jaxball.physics.BernoulliEight(a).points(jnp.asarray(ANGLES)))
     foci = np.array([[a / np.sqrt(2), 0, 0], [-a / np.sqrt(2), 0, 0]])
     distances = [np.linalg.norm(points - focus, axis=1) for focus in foci]
     np.testing.assert_allclose(distances[0] * distances[1], a**2 / 2, atol=scaled(1e-14))
@@ -148,15 +149,12 @@ def test_slopes_are_those_of_chords(index, theta):
 
 
 @pytest.mark.parametrize(
-    ("make", "sentence"),
+    ("make", "named"),
     [
-        (
-            lambda: jaxball.FourierRail(np.zeros((2, 3)), np.zeros((3, 3))),
-            r"`cosine` and `sine` must .*\(2, 3\)",
-        ),
-        (lambda: jaxball.SplineRail(np.zeros((2, 3))), r"`points_on_rail` must .*at least three.*\(2, 3\)"),
+        (lambda: jaxball.FourierRail(np.zeros((2, 3)), np.zeros((3, 3))), "cosine"),
+        (lambda: jaxball.SplineRail(np.zeros((2, 3))), "points_on_rail"),
     ],
 )
-def test_shapes_that_do_not_fit_are_refused_in_a_sentence(make, sentence):
-    with pytest.raises(ValueError, match=sentence):
+def test_shapes_that_do_not_fit_are_refused_in_a_sentence(make, named):
+    with refuses(ValueError, named):
         make()

@@ -8,7 +8,7 @@ import pytest
 
 import jaxball
 from jaxball.paper.reproduce.experiments import Counter, CountingSolver
-from jaxball.solvers import MassMatrixTerm, RadauIIA, SimplifiedNewton
+from jaxball.simulation.solvers import MassMatrixTerm, RadauIIA, SimplifiedNewton
 
 STEPS = 10
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import paper
+from jaxball import load_scenario, paper
 from jaxball.physics.observables import observe
-from jaxball.scenario import load_scenario
 
 START = jnp.asarray(0.0)
 

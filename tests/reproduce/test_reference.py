@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from jaxball.paper import reference
+from tests.support.sentences import refuses
 
 BOTH = pytest.mark.parametrize("load", [reference.ball, reference.disk])
 
@@ -25,7 +26,7 @@ def test_values_are_the_nearest_doubles_of_the_decimals(load):
 
 @BOTH
 def test_the_arrays_cannot_be_changed(load):
-    with pytest.raises(ValueError, match="read-only"):
+    with refuses(ValueError, "assignment destination"):
         load().values[0, 0] = 1.0
 
 
@@ -52,7 +53,7 @@ def test_columns_are_found_by_symbol():
     ball, disk = reference.ball(), reference.disk()
     assert [ball.columns(symbol).shape[1] for symbol in ("theta", "q", "Omega", "z")] == [3, 4, 3, 2]
     np.testing.assert_array_equal(disk.columns("phi")[:, 0], disk.column("phi"))
-    with pytest.raises(KeyError, match=r"must be one of theta\[0\]"):
+    with refuses(KeyError, "name"):
         ball.column("q[4]")
-    with pytest.raises(KeyError, match=r"must name a part of theta\[0\]"):
+    with refuses(KeyError, "symbol"):
         disk.columns("q")

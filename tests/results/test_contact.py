@@ -1,25 +1,14 @@
 """A run with a law of contact is saved with its modes and switches, and read back with all of them."""
 
-import jax
 import numpy as np
 import pytest
 import xarray
 
-from jaxball import (
-    Ball,
-    BallState,
-    Contact,
-    Disk,
-    DiskState,
-    Fixed,
-    Mode,
-    PointMass,
-    ReleasedState,
-    load_run,
-    save,
-    simulate,
-)
+from jaxball import Ball, BallState, Contact, Disk, DiskState, Fixed, PointMass, load_run, save, simulate
+from jaxball.files.results import saved_scenario
+from jaxball.physics import Mode, ReleasedState
 from jaxball.simulation.variables import HISTORY
+from tests.results.same import assert_same
 
 LAW = Contact(friction=0.3, static_friction=0.35, restitution=0.4, slowest=0.05, capacity=8)
 
@@ -32,12 +21,8 @@ def disk():
     return simulate(body, np.linspace(0.0, 6.0, 61), thrown, contact=LAW, rtol=1e-6, atol=1e-6)
 
 
-def assert_same(run, trajectory):
-    for one, other in ((run.state, trajectory.state), (run.contact, trajectory.contact)):
-        assert jax.tree.structure(one) == jax.tree.structure(other)
-        for mine, theirs in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
-            assert mine.dtype.kind == theirs.dtype.kind
-            np.testing.assert_array_equal(mine, theirs)
+def assert_same_run(run, trajectory):
+    assert_same((run.state, run.contact), (trajectory.state, trajectory.contact))
 
 
 @pytest.mark.long
@@ -46,7 +31,9 @@ def test_a_run_comes_back_with_its_modes_and_switches(disk, tmp_path, suffix):
     assert set(np.asarray(disk.contact.mode)) == {*Mode} - {Mode.REST}
     assert 3 < disk.contact.switches.count < LAW.capacity
     run = load_run(disk.save(tmp_path / f"run{suffix}"))
-    assert_same(run, disk)
+    assert_same_run(run, disk)
+    scenario = saved_scenario(tmp_path / f"run{suffix}")
+    assert_same((scenario.state, scenario.contact), (disk.start, LAW))
     assert str(run.contact.switches) == str(disk.contact.switches)
     np.testing.assert_array_equal(run.observables.normal_force, disk.observables.normal_force)
     np.testing.assert_array_equal(run.observables.geometric_centre, disk.observables.geometric_centre)
@@ -103,12 +90,12 @@ def test_a_run_without_a_switch_and_one_with_too_many(disk, tmp_path, suffix):
     ball = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4))
     rolls = simulate(ball, [0.0, 0.5, 1.0], BallState(Omega=(0.1, 0.2, 0.0)), contact=LAW, rtol=1e-6, atol=1e-6)
     assert rolls.contact.switches.count == 0
-    assert_same(load_run(save(rolls, tmp_path / f"rolls{suffix}")), rolls)
+    assert_same_run(load_run(save(rolls, tmp_path / f"rolls{suffix}")), rolls)
     few = Contact(LAW.friction, LAW.static_friction, LAW.restitution, LAW.slowest, capacity=2)
     short = simulate(disk.system, disk.times, disk.start, contact=few, rtol=1e-6, atol=1e-6)
     assert short.contact.switches.count == disk.contact.switches.count
     run = load_run(save(short, tmp_path / f"short{suffix}"))
-    assert_same(run, short)
+    assert_same_run(run, short)
     assert run.contact.switches.lines[-1].endswith("which a larger `capacity` of the Contact would keep")
 
 
@@ -118,7 +105,7 @@ def test_a_run_that_failed_has_no_mode_where_it_did_not_come(disk, tmp_path):
     assert not failed.ok
     run = load_run(failed.save(tmp_path / "run.nc"))
     assert run.contact.mode[-1] == -1
-    assert_same(run, failed)
+    assert_same_run(run, failed)
 
 
 @pytest.mark.thorough

@@ -15,8 +15,9 @@ import pytest
 
 import jaxball
 from jaxball import load_run, simulate
-from jaxball.results.files import CHECKSUM, RunError, load_attributes
+from jaxball.files.results.files import CHECKSUM, RunError, load_attributes
 from tests.results.test_stored_runs import STORED
+from tests.support.sentences import refuses, said
 
 TIMES = 31
 DAMAGES = 120
@@ -54,7 +55,7 @@ def test_damage_is_told_and_never_gives_other_numbers(run, tmp_path, suffix):
         path.write_bytes(damaged(good, seed))
         if path.read_bytes() == good:  # zeros in place of zeros
             continue
-        with pytest.raises(RunError, match=r"^The file .* must be a run that jaxball saved, but it is not: .*\.$"):
+        with pytest.raises(RunError, match="damaged"):  # in words that HDF5 has a part in
             load_run(path)
         told += 1
     assert told > 0.8 * DAMAGES
@@ -85,7 +86,7 @@ def test_a_file_that_lost_its_checksum_has_changed(run, tmp_path, suffix):
     path = run.save(tmp_path / f"run{suffix}")
     assert CHECKSUM in load_attributes(path)
     os.truncate(path, path.stat().st_size - 16)  # the checksum alone, which nothing else reads
-    with pytest.raises(RunError, match="it must end with its checksum, so that it has changed since"):
+    with refuses(RunError, f"run{suffix}"):
         load_run(path)
 
 
@@ -99,14 +100,13 @@ def without_checksum(path, **changes):
 
 def test_a_state_for_each_time(run, tmp_path):
     path, z = run.save(tmp_path / "run.npz"), np.asarray(run.state.z)
-    for changes, sentence in {
-        "time": (np.linspace(0.0, 3.0, 17), rf"it has 17 times, but its `state\.\w+` has the shape \({TIMES},.*\)"),
-        "z": (z[:, None], rf"its `z` has the shape \({TIMES}, 1\), but at each time it must have \(\)"),
-        "steps": (np.asarray(["1", "2"]), "it has no `steps`"),
-    }.items():
-        values, match = sentence
-        with pytest.raises(RunError, match=match):
-            load_run(without_checksum(path, **{changes: values}))
+    for changed, values, named in (
+        ("time", np.linspace(0.0, 3.0, 17), "17 times"),
+        ("z", z[:, None], "z"),
+        ("steps", np.asarray(["1", "2"]), "steps"),
+    ):
+        with refuses(RunError, named):
+            load_run(without_checksum(path, **{changed: values}))
 
 
 def test_a_file_that_claims_more_than_it_has(run, tmp_path):
@@ -117,7 +117,7 @@ def test_a_file_that_claims_more_than_it_has(run, tmp_path):
     with h5py.File(path, "r+") as file:
         del file.attrs[CHECKSUM], file["z"]
         file.create_dataset("z", (many,), dtype="f8", chunks=(1024,))
-    with pytest.raises(RunError, match=r"it says that it holds 8e\+11 bytes of numbers, but it has [\d,]+ bytes\.$"):
+    with refuses(RunError, "run.nc"):
         load_run(path)
 
     header = io.BytesIO()
@@ -128,7 +128,7 @@ def test_a_file_that_claims_more_than_it_has(run, tmp_path):
     with zipfile.ZipFile(path, "w") as archive:
         for name, content in (members | {"z.npy": header.getvalue()}).items():
             archive.writestr(name, content)
-    with pytest.raises(RunError, match=r"it says that it holds 8e\+11 bytes of numbers"):
+    with refuses(RunError, "changed.npz"):
         load_run(path)
 
 
@@ -149,7 +149,7 @@ import resource, sys
 from pathlib import Path
 import numpy, xarray
 from jaxball.interface.output import OutputError, replacing
-from jaxball.results.saving import write_netcdf
+from jaxball.files.results.saving import write_netcdf
 
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
 dataset = xarray.Dataset({"z": ("time", numpy.arange(50_000.0))})
@@ -168,6 +168,6 @@ def test_a_full_disk_is_told_by_a_process_that_ends_in_order(tmp_path):
     (tmp_path / "run.nc").write_text("of another day")
     ended = subprocess.run([sys.executable, "-c", FULL], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stdout) == (1, "")
-    assert ended.stderr == 'The file "run.nc" cannot be written: File too large.\n'
+    said(ended.stderr, "run.nc")
     assert [path.name for path in Path(tmp_path).iterdir()] == ["run.nc"]
     assert (tmp_path / "run.nc").read_text() == "of another day"

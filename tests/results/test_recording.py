@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jaxball import Ball, Status, load_scenario, save, simulate
-from jaxball.interface.wording import pip_install
-from jaxball.results import OutputError, RunError, load_run
-from jaxball.scenario import read_scenario
+from jaxball import Ball, Status, load_run, load_scenario, read_scenario, save, simulate
+from jaxball.files.results import OutputError, RunError
 from tests.scenario.documents import BALL, DISK
+from tests.support.sentences import refuses
 
 PENDULUM = (
     BALL
@@ -162,15 +161,11 @@ def test_what_is_not_installed_is_said_before_anything_is_written(monkeypatch, t
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     run = simulate(load_scenario("ball").system, (0.0, 0.1))
     (tmp_path / "run.mcap").write_text("precious")
-    with pytest.raises(OutputError) as refused:
+    with refuses(OutputError, "path"):
         save(run, tmp_path / "run.mcap")
-    assert str(refused.value) == (
-        f'Argument `path` must end in one of .nc, .npz, .csv, but it is "{tmp_path / "run.mcap"}", which needs mcap, '
-        f"and mcap is not installed; {pip_install('mcap')}."
-    )
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("run.mcap", "precious")]
 
 
 def test_a_recording_is_not_read_back(tmp_path):
-    with pytest.raises(RunError, match="holds only messages, not the system that they belong to"):
+    with refuses(RunError, "run.mcap"):
         load_run(tmp_path / "run.mcap")

@@ -8,14 +8,15 @@ import pandas
 import pytest
 import xarray
 
-from jaxball import ReducedState, Status, simulate
+from jaxball import Status, read_scenario, save, simulate, write_scenario
+from jaxball.files.results import OutputError
+from jaxball.files.scenario.paths import check_number, entries
 from jaxball.numerics.arrays import arrays_of
+from jaxball.physics import ReducedState
 from jaxball.plot.sweeps.rows import label_of, result_names
-from jaxball.results import OutputError, save, to_dataset
-from jaxball.scenario import read_scenario, write_scenario
-from jaxball.scenario.paths import check_number, entries
-from jaxball.sweep import open_dataset, open_grid, read_study, sweep
+from jaxball.studies.sweep import open_store, read_study
 from tests.scenario.documents import BALL, DISK
+from tests.support.sentences import refuses
 
 INTEGRATED = BALL + '[force]\nconstant = [0.1, 0.0, 0.0]\n[actuation]\nform = "integrated"\n'
 
@@ -84,7 +85,7 @@ def test_csv(ball, tmp_path):
 def test_runs_and_studies_count_alike(ball, tmp_path):
     """A store of one row, filled with the states of a run, has that run's coordinates, entries and columns."""
     scenario, trajectory = ball
-    run, state = to_dataset(trajectory), {k: np.asarray(leaf) for k, leaf in arrays_of(trajectory.state).items()}
+    run, state = trajectory.to_dataset(), {k: np.asarray(leaf) for k, leaf in arrays_of(trajectory.state).items()}
 
     def engine(batch, wanted):
         counts = np.zeros(batch.rows, dtype=int)
@@ -93,8 +94,8 @@ def test_runs_and_studies_count_alike(ball, tmp_path):
 
     (tmp_path / "ball.toml").write_text(write_scenario(scenario))
     text = 'format = 1\nscenario = "ball.toml"\nsave = "times"\n[[axes]]\npath = "body.mass"\nvalues = [1.0]\n'
-    outcome = sweep(read_study(text, tmp_path), tmp_path / "s.zarr", engine=engine)
-    data = open_dataset(outcome.store)
+    outcome = read_study(text, tmp_path).run(tmp_path / "s.zarr", engine=engine)
+    data = open_store(outcome.store).dataset()
     for name in ("axis", "direction", "component", "driven"):
         xarray.testing.assert_identical(data[name].variable, run[name].variable)
     np.testing.assert_array_equal(data["Omega"].sel(axis=1)[0], run["Omega"].sel(axis=1))
@@ -143,11 +144,11 @@ def test_joints_have_one_name_in_runs_and_in_stores(tmp_path, recwarn):
     (tmp_path / "robot.toml").write_text(ROBOT)
     text = 'format = 1\nscenario = "robot.toml"\nsave = "times"\n[[axes]]\npath = "body.mass"\nvalues = [1.0]\n'
     recwarn.clear()
-    outcome = sweep(read_study(text, tmp_path), tmp_path / "s.zarr", engine=engine)
+    outcome = read_study(text, tmp_path).run(tmp_path / "s.zarr", engine=engine)
     assert [str(item.message) for item in recwarn] == []
-    for data in (open_dataset(outcome.store), open_grid(outcome.store)):
+    for data in (open_store(outcome.store).dataset(), open_store(outcome.store).grid()):
         np.testing.assert_array_equal(np.ravel(data["theta"].sel(driven="mechanisms[0].joints[1]")), free)
-    assert label_of(open_dataset(outcome.store), "theta[0]") == r"$\theta_{1}$ at the end (rad or length)"
+    assert label_of(open_store(outcome.store).dataset(), "theta[0]") == r"$\theta_{1}$ at the end (rad or length)"
     metadata = json.loads((outcome.store / "driven" / "zarr.json").read_text())
     assert metadata["data_type"] == "int64"
     assert metadata["attributes"]["names"] == ["mechanisms[0].joints[1]"]
@@ -178,7 +179,7 @@ def test_failed_solve_is_marked(stopped, tmp_path, suffix):
 
 @pytest.mark.thorough
 def test_disk():
-    data = to_dataset(read_scenario(DISK).simulate())
+    data = read_scenario(DISK).simulate().to_dataset()
     assert data["phi"].dims == data["z"].dims == ("time",)
     assert "theta" not in data
 
@@ -186,7 +187,7 @@ def test_disk():
 @pytest.mark.thorough
 def test_reduced_trajectory_has_its_state_only():
     scenario = read_scenario(BALL)
-    data = to_dataset(simulate(scenario.system, scenario.times, ReducedState()))
+    data = simulate(scenario.system, scenario.times, ReducedState()).to_dataset()
     assert set(data.data_vars) == {"Omega", "Gamma"}
 
 
@@ -201,7 +202,7 @@ def test_failure_leaves_the_file_as_it_was(ball, tmp_path, monkeypatch):
         raise OSError("the disk is full")
 
     monkeypatch.setattr(np, "savetxt", fails)
-    with pytest.raises(OutputError, match=r'^The file "\S+/run\.csv" cannot be written: the disk is full\.$'):
+    with refuses(OutputError, "run.csv"):
         save(trajectory, path)
     assert path.read_text() == "precious"
     assert [item.name for item in tmp_path.iterdir()] == ["run.csv"]
@@ -210,13 +211,9 @@ def test_failure_leaves_the_file_as_it_was(ball, tmp_path, monkeypatch):
 @pytest.mark.thorough
 def test_sentences_of_destinations(ball, tmp_path):
     _, trajectory = ball
-    cases = {
-        "run.xlsx": r"^Argument `path` must end in one of \.nc, \.npz, \.csv, \.mcap, but it is \".*run\.xlsx\"\.$",
-        "none/run.nc": r"^Argument `path` must lie in a folder that exists, but \".*none\" does not; make it first\.$",
-    }
-    for name, sentence in cases.items():
-        with pytest.raises(OutputError, match=sentence):
+    for name in ("run.xlsx", "none/run.nc"):
+        with refuses(OutputError, "path"):
             save(trajectory, tmp_path / name)
     (tmp_path / "folder.nc").mkdir()
-    with pytest.raises(OutputError, match=r'^Argument `path` must be a file, but ".*folder\.nc" is a folder\.$'):
+    with refuses(OutputError, "path"):
         save(trajectory, tmp_path / "folder.nc")

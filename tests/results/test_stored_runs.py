@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxball import Mode, load_run
-from jaxball.scenario import Units
+from jaxball import load_run
+from jaxball.files.scenario import Units
+from jaxball.physics import Mode
 
 STORED = sorted((Path(__file__).parent / "stored").glob("draw-shot-*.*"))
 RADIUS, MASS, FRICTION, GRAVITY = 0.028575, 0.17, 0.2, 9.81

@@ -4,10 +4,12 @@ import tomllib
 
 import pytest
 
+from jaxball import ScenarioError, read_scenario
 from jaxball.cli import main
-from jaxball.scenario import ScenarioError, read_document, read_scenario
-from jaxball.scenario.errors import all_problems
+from jaxball.files.scenario import read_document
+from jaxball.files.scenario.errors import all_problems
 from tests.scenario.documents import BALL, DISK
+from tests.support.sentences import refuses, said
 
 MANY = 100_000
 
@@ -22,7 +24,7 @@ MANY = 100_000
     ids=["a heading", "lists", "tables in lists"],
 )
 def test_a_document_that_is_nested_deeply(text):
-    with pytest.raises(ScenarioError, match=r"must be a TOML document, but it is not: it is nested too deeply\.$"):
+    with refuses(ScenarioError, "A scenario"):
         read_scenario(DISK + text)
 
 
@@ -33,11 +35,10 @@ def test_the_first_of_many_unknown_keys_are_told_and_the_others_counted(place):
     with all_problems() as problems:
         read_document(document)
     path = f"{place}." if place else ""
-    for k, problem in enumerate(problems[:10]):
-        assert str(problem).startswith(f"Key `{path}mystery_{k}` is not known; the keys here are ")
-    assert [str(problem) for problem in problems[10:]] == [
-        f"Key `{path}mystery_10` is not known, and {MANY - 11:,} other keys here are not."
-    ]
+    assert len(problems) == 11
+    for k, problem in enumerate(problems):
+        said(str(problem), f"{path}mystery_{k}")
+    said(str(problems[-1]), f"{MANY - 11:,}")
 
 
 def test_the_first_of_many_problems_are_told_by_a_command(tmp_path, capsys):
@@ -46,23 +47,20 @@ def test_the_first_of_many_problems_are_told_by_a_command(tmp_path, capsys):
         assert main([command, str(tmp_path / "many.toml")]) == 2
         lines = capsys.readouterr().err.splitlines()
         assert len(lines) == 11
-        assert lines[-1].endswith(" more problems are not listed.")
-        assert "Key `masses[1]` must have exactly one of the keys" in lines[0]
+        said(lines[0], "masses[1]")
+        said(lines[-1])
 
 
 def test_a_number_that_overflows_says_so():
-    for text, sentence in {
-        "mass = 1e400": "Key `body.mass` must be a positive number, but it is inf, and the largest number is 1.8e308.",
-        "gravity = -1e999": (
-            "Key `body.gravity` must be a finite number, but it is -inf, and the largest number is 1.8e308."
-        ),
+    for text, named in {
+        "mass = 1e400": "body.mass",
+        "gravity = -1e999": ("body.gravity"),
     }.items():
         key = text.split(" ")[0]
         lines = [line for line in BALL.splitlines() if not line.startswith(f"{key} =")]
         lines.insert(lines.index("[body]") + 1, text)
-        with pytest.raises(ScenarioError) as refused:
+        with refuses(ScenarioError, named):
             read_scenario("\n".join(lines))
-        assert str(refused.value) == sentence
 
 
 EXITS = (
@@ -77,8 +75,7 @@ def test_a_module_that_ends_the_program(tmp_path, monkeypatch, capsys, code):
     monkeypatch.chdir(tmp_path)
     for command in (["validate", "exits.toml"], ["simulate", "exits.toml", "--out", "run.npz"]):
         assert main(command) == 2
-        assert "must name classes that can be imported as" in (told := capsys.readouterr().err)
-        assert '"exits_at_once:Rail" cannot: SystemExit' in told
+        said(capsys.readouterr().err, "exits_at_once:Rail", "SystemExit")
     assert not (tmp_path / "run.npz").exists()
 
 

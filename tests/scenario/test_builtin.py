@@ -8,7 +8,9 @@ import jax
 import numpy as np
 import pytest
 
-from jaxball.scenario import builtin_scenarios, builtin_text, builtin_title, load_scenario
+from jaxball import load_scenario
+from jaxball.files.scenario import builtin_scenarios
+from jaxball.files.scenario.sources import builtin_text, builtin_title
 
 NAMES = (
     "axisymmetric-pendulum",

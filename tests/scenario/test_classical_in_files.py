@@ -5,8 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball import classical
-from jaxball.scenario import Scenario, ScenarioError, builtin_text, read_scenario, write_scenario
+from jaxball import Scenario, ScenarioError, read_scenario, write_scenario
+from jaxball.files.scenario.sources import builtin_text
+from jaxball.physics import classical
+from tests.support.sentences import refuses
 from tests.support.vehicle_files import VEHICLES, in_python
 
 TOP = """\
@@ -75,59 +77,43 @@ def test_what_is_written_reads_the_same(text):
 
 
 @pytest.mark.parametrize(
-    ("text", "old", "new", "sentence"),
+    ("text", "old", "new", "named"),
     [
-        (TOP, "heavy-top", "heavy-tap", '`kind` cannot be "heavy-tap"; did you mean "heavy-top"'),
-        (TOP, '"heavy-top"', '["heavy-top"]', "`kind` must be one of"),
-        (TOP, "chi = [0.0, 0.1, 0.7], ", "", "`body.chi` must be a list of 3 finite numbers, but it is missing"),
-        (TOP, "0.7]", "1.7]", "`body.chi` must be a position where a body of this mass and inertia can have"),
-        (TOP, "0.8]", "2.8]", "`body.inertia` must be three moments of which none exceeds"),
-        (TOP, "gravity", "gravty", "`body.gravty` is not known; did you mean `gravity`"),
-        (TOP, "format = 1", "format = 1\nmasses = []", "`masses` is not known"),
-        (
-            TOP,
-            "axis = [0.0, 0.0, 2.0], angle = 1.0",
-            "versor = [1.0, 1.0, 0.0, 0.0]",
-            "`initial.versor` must be a versor",
-        ),
-        (SUSLOV, "[0.0, 0.0, 1.0]", "[0.1, 0.0, 1.0]", "`initial.Omega` must be orthogonal to xi at the start"),
-        (SUSLOV, "[1.0, 0.0, 0.0]", "[0.0, 0.0, 0.0]", "`body.xi` must be three finite numbers, not all zero"),
-        (SUSLOV, "frequency = [2.0]", "frequency = []", "`body.xi.frequency` must be"),
-        (ELLIPSOID, "[1.0, 0.8", "[1.0, 0.0", "`body.semiaxes` must be a list of 3 positive numbers"),
-        (ELLIPSOID, "turn", "offset = [0.0, 0.0, 0.7], turn", "`body.offset` must be a point inside the surface"),
-        (ELLIPSOID, "rolling = 0.1", "rolling = -0.1", "`resistance.rolling` must be 0 or positive"),
-        (TOP, "time", "resistance = { rolling = 0.1 }\ntime", "`resistance` is not known"),
-        (PARTICLE, "xdot", "xdor", "`initial.xdor` is not known"),
-        (SLEIGH, ", ahead = 0.5", "", "`body.ahead` must be a finite number, but it is missing"),
-        (SLEIGH, "inertia = 0.39", "inertia = 0", "`body.inertia` must be a positive number, but it is 0"),
-        (SLEIGH, "[1.0, 2.0, 0.0]", "[1.0, 2.0]", "`initial.q` must be a list of 3 finite numbers"),
-        (SLEIGH, "[0.5, 0.0, 1.0]", "[0.5, 0.1, 1.0]", "Key `initial.qdot` must keep constraints[0] at the start"),
+        (TOP, "heavy-top", "heavy-tap", "kind"),
+        (TOP, '"heavy-top"', '["heavy-top"]', "kind"),
+        (TOP, "chi = [0.0, 0.1, 0.7], ", "", "body.chi"),
+        (TOP, "0.7]", "1.7]", "body.chi"),
+        (TOP, "0.8]", "2.8]", "body.inertia"),
+        (TOP, "gravity", "gravty", "body.gravty"),
+        (TOP, "format = 1", "format = 1\nmasses = []", "masses"),
+        (TOP, "axis = [0.0, 0.0, 2.0], angle = 1.0", "versor = [1.0, 1.0, 0.0, 0.0]", "initial.versor"),
+        (SUSLOV, "[0.0, 0.0, 1.0]", "[0.1, 0.0, 1.0]", "initial.Omega"),
+        (SUSLOV, "[1.0, 0.0, 0.0]", "[0.0, 0.0, 0.0]", "body.xi"),
+        (SUSLOV, "frequency = [2.0]", "frequency = []", "body.xi.frequency"),
+        (ELLIPSOID, "[1.0, 0.8", "[1.0, 0.0", "body.semiaxes"),
+        (ELLIPSOID, "turn", "offset = [0.0, 0.0, 0.7], turn", "body.offset"),
+        (ELLIPSOID, "rolling = 0.1", "rolling = -0.1", "resistance.rolling"),
+        (TOP, "time", "resistance = { rolling = 0.1 }\ntime", "resistance"),
+        (PARTICLE, "xdot", "xdor", "initial.xdor"),
+        (SLEIGH, ", ahead = 0.5", "", "body.ahead"),
+        (SLEIGH, "inertia = 0.39", "inertia = 0", "body.inertia"),
+        (SLEIGH, "[1.0, 2.0, 0.0]", "[1.0, 2.0]", "initial.q"),
+        (SLEIGH, "[0.5, 0.0, 1.0]", "[0.5, 0.1, 1.0]", "initial.qdot"),
         (
             VEHICLES["rolling-coin"],
             "q = [0.0, 0.0, 0.0, 0.1, 0.0], qdot = [1.0",
             "q = [0.0, 0.0, -1e300, 0.1, 0.0], qdot = [1e300",
-            "Key `initial` must be a state in which the equations of motion can be computed, but it is one in which",
+            "initial",
         ),
-        (RACER, "[1.0, 0.0, 0.0, 0.0]", "[1.0, 0.0, 0.0]", "`initial.qdot` must be a list of 4 finite numbers"),
-        (
-            SLEIGH,
-            "time",
-            "solve = { solver = 'radau5', dae = true }\ntime",
-            "`solve.dae` must be false for a system with a Lagrangian",
-        ),
-        (
-            PARTICLE,
-            "[time]",
-            "[solve]\nsolver = 'radau5'\ndae = true\n[time]",
-            "`solve.dae` must be false for a particle",
-        ),
+        (RACER, "[1.0, 0.0, 0.0, 0.0]", "[1.0, 0.0, 0.0]", "initial.qdot"),
+        (SLEIGH, "time", "solve = { solver = 'radau5', dae = true }\ntime", "solve.dae"),
+        (PARTICLE, "[time]", "[solve]\nsolver = 'radau5'\ndae = true\n[time]", "solve.dae"),
     ],
 )
-def test_what_is_refused(text, old, new, sentence):
+def test_what_is_refused(text, old, new, named):
     assert old in text
-    with pytest.raises(ScenarioError) as refused:
+    with refuses(ScenarioError, named):
         read_scenario(text.replace(old, new, 1))
-    assert sentence in str(refused.value)
 
 
 def fixed(t, parameters):
@@ -137,5 +123,5 @@ def fixed(t, parameters):
 def test_a_function_of_time_cannot_be_written():
     problem = classical.SuslovProblem(inertia=(1.0, 1.6, 2.1), xi=classical.FunctionAxis(fixed))
     scenario = Scenario("", problem, classical.RigidBodyState(), np.array([0.0, 1.0]))
-    with pytest.raises(ScenarioError, match=r"`body.xi` must be one of HarmonicAxis .* but it is a FunctionAxis"):
+    with refuses(ScenarioError, "body.xi"):
         write_scenario(scenario)

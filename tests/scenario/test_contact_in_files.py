@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import BallState, Contact, DiskState, LimitSurface, ReleasedState, SmoothedCoulomb
+from jaxball import BallState, Contact, DiskState, Scenario, ScenarioError, read_scenario, write_scenario
+from jaxball.files.scenario.traced import Structure
+from jaxball.physics import LimitSurface, ReleasedState, SmoothedCoulomb
 from jaxball.physics.contact.body_on_plane import BodyOnPlane
-from jaxball.scenario import Scenario, ScenarioError, read_scenario, write_scenario
-from jaxball.scenario.traced import Structure
+from tests.support.sentences import refuses
 
 from .documents import BALL, DISK
 from .test_round_trip import same_objects
@@ -78,80 +79,44 @@ def test_a_disk_moves_in_its_plane():
 
 
 SENTENCES = {
-    "a velocity without a law": (
-        ["initial = { velocity = [1.0, 0.0, 0.0] }"],
-        "Key `initial.velocity` needs a table [contact], because otherwise the body slides without a law of friction; "
-        "give one, such as `contact = { friction = 0.3 }`.",
-    ),
-    "a height without a law": (
-        ["initial = { height = 1.0 }"],
-        "Key `initial.height` needs a table [contact], because otherwise the body lands without a law of impact; give "
-        "one, such as `contact = { friction = 0.3 }`.",
-    ),
-    "negative friction": (
-        ["contact = { friction = -0.1 }"],
-        "Key `contact.friction` must be 0 or positive, but it is -0.1.",
-    ),
+    "a velocity without a law": (["initial = { velocity = [1.0, 0.0, 0.0] }"], "initial.velocity"),
+    "a height without a law": (["initial = { height = 1.0 }"], "initial.height"),
+    "negative friction": (["contact = { friction = -0.1 }"], "contact.friction"),
     "negative friction of a law": (
         ['contact = { friction = { kind = "smoothed-coulomb", kinetic = -0.2, smoothing = 0.01 } }'],
-        "Key `contact.friction.kinetic` must be 0 or positive, but it is -0.2.",
+        "contact.friction.kinetic",
     ),
     "a law that is not smoothed": (
         ['contact = { friction = { kind = "smoothed-coulomb", kinetic = 0.2, smoothing = 0.0 } }'],
-        "Key `contact.friction.smoothing` must be a positive number, but it is 0.0.",
+        "contact.friction.smoothing",
     ),
     "a law that there is not": (
         ['contact = { friction = { kind = "smooth-coulomb", kinetic = 0.2, smoothing = 0.1 } }'],
-        'Key `contact.friction.kind` cannot be "smooth-coulomb"; did you mean "smoothed-coulomb"?',
+        "contact.friction.kind",
     ),
-    "static below sliding": (
-        ["contact = { friction = 0.3, static_friction = 0.2 }"],
-        "Key `contact.static_friction` must be no less than the coefficient `friction`, because friction cannot be "
-        "larger on a body that slips, but it is 0.2.",
-    ),
-    "impacts that create energy": (
-        ["contact = { friction = 0.3, restitution = 1.1 }"],
-        "Key `contact.restitution` must be from 0 to 1, or impacts would create energy, but it is 1.1.",
-    ),
-    "bounces that never end": (
-        ["contact = { friction = 0.3, slowest = 0.0 }"],
-        "Key `contact.slowest` must be a positive number, or bounces would never end, but it is 0.0.",
-    ),
-    "no capacity": (
-        ["contact = { friction = 0.3, capacity = 0 }"],
-        "Key `contact.capacity` must be a whole number from 1 to 1000000, but it is 0.",
-    ),
-    "no friction": (
-        ["contact = { restitution = 0.5 }"],
-        "Key `contact.friction` must be a finite number, but it is missing.",
-    ),
-    "a start below the plane": (
-        [LAW, "initial = { height = -0.5 }"],
-        "Key `initial.height` must be a non-negative number, because a lower body would be inside the plane, but it is "
-        "-0.5.",
-    ),
-    "differential-algebraic": (
-        [LAW, 'solve = { dae = true, solver = "radau5" }'],
-        "Key `solve.dae` must be false for a body with a law of contact or dry friction, whose modes are differential "
-        "equations, but it is true.",
-    ),
+    "static below sliding": (["contact = { friction = 0.3, static_friction = 0.2 }"], "contact.static_friction"),
+    "impacts that create energy": (["contact = { friction = 0.3, restitution = 1.1 }"], "contact.restitution"),
+    "bounces that never end": (["contact = { friction = 0.3, slowest = 0.0 }"], "contact.slowest"),
+    "no capacity": (["contact = { friction = 0.3, capacity = 0 }"], "contact.capacity"),
+    "no friction": (["contact = { restitution = 0.5 }"], "contact.friction"),
+    "a start below the plane": ([LAW, "initial = { height = -0.5 }"], "initial.height"),
+    "differential-algebraic": ([LAW, 'solve = { dae = true, solver = "radau5" }'], "solve.dae"),
 }
 
 
-@pytest.mark.parametrize(("lines", "sentence"), SENTENCES.values(), ids=SENTENCES.keys())
-def test_what_cannot_be_is_told(lines, sentence):
-    with pytest.raises(ScenarioError) as caught:
+@pytest.mark.parametrize(("lines", "named"), SENTENCES.values(), ids=SENTENCES.keys())
+def test_what_cannot_be_is_told(lines, named):
+    with refuses(ScenarioError, named):
         read_scenario(with_contact(*lines))
-    assert str(caught.value) == sentence
 
 
 def test_a_disk_does_not_leave_its_plane():
-    with pytest.raises(ScenarioError, match=r"^Key `initial.velocity` must be in the plane of a disk, e1 and e3, with"):
+    with refuses(ScenarioError, "initial.velocity"):
         read_scenario(with_contact(LAW, "initial = { velocity = [0.0, 0.1, 0.0] }", text=DISK))
 
 
 def test_a_classical_system_has_no_contact():
-    with pytest.raises(ScenarioError, match=r"^Key `contact` is not known"):
+    with refuses(ScenarioError, "contact"):
         read_scenario(f'format = 1\nkind = "nonholonomic-particle"\n{LAW}\n{TIMES}')
 
 

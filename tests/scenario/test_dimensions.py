@@ -1,32 +1,32 @@
 """The dimensions of numbers in files, against the page of keys; and logs whose unit is not that of the scenario."""
 
 import re
-from pathlib import Path
 
 import pytest
 
-from jaxball.scenario import ScenarioError, Units, builtin_scenarios, builtin_text, read_document, read_scenario
-from jaxball.scenario.dimensions import dimension_of
-from jaxball.scenario.paths import key_of, numbers_of
-from jaxball.scenario.sources import document_of
-from jaxball.scenario.units import parse_unit
-from jaxball.scenario.values import kinds_of_numbers
+from jaxball import ScenarioError, read_scenario
+from jaxball.files.scenario import Units, builtin_scenarios, read_document
+from jaxball.files.scenario.paths import key_of, numbers_of
+from jaxball.files.scenario.sources import builtin_text, document_of
+from jaxball.files.scenario.units import dimension_of, parse_unit
+from jaxball.files.scenario.values import kinds_of_numbers
+from tests.support.keys import entries, meaning, unit
+from tests.support.sentences import refuses
 
-PAGE = (Path(__file__).parents[2] / "docs/reference/keys.md").read_text()
 SI = Units("m", "kg", "s")
 
 
 def units_on_the_page():
-    """The units that the page gives for a key, by the path of its table; several where its kinds differ."""
+    """The units that the page gives for a key, by the path of its table; several where its kinds differ.
+
+    They are those declared, or else what the words of a key end with.
+    """
+    unit_said = re.compile(r", ((?:(?:mass|length|time|rad|or|1)[²³]?[ /()]*)+)(?=[,;]|$)")
     units = {}
-    for section in re.split(r"^### ", PAGE, flags=re.MULTILINE)[1:]:
-        title, *lines = section.splitlines()
-        rows = [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in lines if line.startswith("|")]
-        for path in re.findall(r"`scenario\.?([^`]*)`", title):
-            for row in rows[2:]:
-                cells = dict(zip([*rows[0][:-1], "meaning"], row, strict=True))
-                name = f"{path}.{cells['key'].strip('`')}".lstrip(".")
-                units.setdefault(name, set()).update(re.split("; 1 in.*", cells["unit"])[0].split(", "))
+    for (path, _, name), key in entries().items():
+        in_words = unit_said.search(meaning(key))
+        its_units = unit(key.kind) or (in_words[1] if in_words else "1")
+        units.setdefault(f"{path}.{name}".removeprefix("scenario."), set()).update(its_units.split(" or "))
     return units
 
 
@@ -65,7 +65,7 @@ def test_dimensions_of_keys_are_those_of_the_page(name):
         physical = {unit for unit in on_page if re.search("rad|length|mass|time", unit)}
         if not words:
             assert not physical or UNDECLARED.fullmatch(key), (path, physical)
-        elif key in page and not any("of*the*signal" in unit for unit in on_page):
+        elif key in page and not key.endswith(".values"):  # of a signal, which have the unit of what it drives
             there = on_page.union(*map(along_a_slider, on_page)) if "joints" in key or "masses" in key else on_page
             assert words in there, (path, words, on_page)
 
@@ -186,27 +186,20 @@ def test_a_log_in_the_units_of_the_scenario_is_read(kind, drive, unit, units):
 
 
 @pytest.mark.parametrize(
-    ("kind", "drive", "unit", "sentence"),
+    ("kind", "drive", "unit", "named"),
     [
-        (
-            "hinge",
-            MOTOR,
-            "N",
-            'joints[0].force.signal.unit` must be "N m", because nothing is converted, but it is "N"',
-        ),
-        ("hinge", MOTOR, "N cm", 'must be "N m"'),
-        ("slider", MOTOR, "N m", 'must be "N"'),
-        ("hinge", SCHEDULE, "deg", 'joints[0].schedule.unit` must be "rad"'),
-        ("slider", SCHEDULE, "mm", 'must be "m"'),
+        ("hinge", MOTOR, "N", "mechanisms[0].joints[0].force.signal.unit"),
+        ("hinge", MOTOR, "N cm", "mechanisms[0].joints[0].force.signal.unit"),
+        ("slider", MOTOR, "N m", "mechanisms[0].joints[0].force.signal.unit"),
+        ("hinge", SCHEDULE, "deg", "mechanisms[0].joints[0].schedule.unit"),
+        ("slider", SCHEDULE, "mm", "mechanisms[0].joints[0].schedule.unit"),
     ],
 )
-def test_a_log_in_other_units_is_refused(kind, drive, unit, sentence):
-    with pytest.raises(ScenarioError) as caught:
+def test_a_log_in_other_units_is_refused(kind, drive, unit, named):
+    with refuses(ScenarioError, named):
         robot(kind, drive, unit)
-    assert sentence in str(caught.value)
-    assert str(caught.value).endswith("; convert the column.")
 
 
 def test_a_unit_needs_those_of_the_scenario():
-    with pytest.raises(ScenarioError, match=r"signal\.unit` must be left out, or `units` must state"):
+    with refuses(ScenarioError, "mechanisms[0].joints[0].force.signal.unit", "units"):
         robot("hinge", MOTOR, "N m", units="")

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 import tomli_w
 
-from jaxball import Ball, Disk, Event, Scenario, ScenarioError, Slip, Status, read_scenario, write_scenario
-from jaxball.results import load_run, saved_scenario
-from jaxball.scenario.body import rolling_state
-from jaxball.scenario.errors import all_problems
+from jaxball import Ball, Disk, Event, Scenario, ScenarioError, Slip, Status, load_run, read_scenario, write_scenario
+from jaxball.files.results import saved_scenario
+from jaxball.files.scenario.body import rolling_state
+from jaxball.files.scenario.errors import all_problems
 from tests.support.corpus import EVERY_EVENT
+from tests.support.sentences import refuses
 from tests.support.under_feedback import FEEDFORWARD
 from tests.sweep.test_detachment import WHEEL, detachment
 
@@ -60,7 +61,7 @@ def several(system, t, state):
 def wrong(system, t, state):
     return state.nowhere
 
-class Beyond(jaxball.AbstractEvent):
+class Beyond(jaxball.simulation.AbstractEvent):
     place: float
     direction: int = eqx.field(static=True, default=1)
     terminal: bool = eqx.field(static=True, default=False)
@@ -222,9 +223,7 @@ def test_events_of_a_run_are_besides_those_of_its_scenario():
     scenario = read_scenario(ROLLING + '[events.near]\nof = "z"\nlevel = 0.75')
     run = scenario.simulate(events={"slide": Slip(0.1)})
     assert {*run.events} == {"near", "slide"}
-    with pytest.raises(
-        ScenarioError, match='`events` must have other names than the events of the scenario, but "near"'
-    ):
+    with refuses(ScenarioError, "events"):
         scenario.simulate(events={"near": Slip(0.1)})
 
 
@@ -232,118 +231,46 @@ def test_a_file_cannot_hold_a_function_without_a_name():
     scenario = read_scenario(ROLLING)
     events = {"bend": Event(lambda system, t, state: state.z)}
     whole = Scenario("", scenario.system, scenario.state, scenario.times, events=events)
-    with pytest.raises(ScenarioError, match=r"Key `events\.bend\.of` must be a function that can be imported"):
+    with refuses(ScenarioError, "events.bend.of"):
         write_scenario(whole)
 
 
 POST = '[events.post]\nof = "z"\n'
 ERRORS = {
-    "a name of nothing": (
-        ROLLING + '[events.post]\nof = "zz"',
-        'Key `events.post.of` must be a function or the name of a number of a run, but it is "zz", which a Disk does '
-        'not have; did you mean "z"?',
-    ),
-    "a name near that of an observable": (
-        ROLLING + '[events.post]\nof = "normal_forces"',
-        'Key `events.post.of` must be a function or the name of a number of a run, but it is "normal_forces", which a '
-        'Disk does not have; did you mean "normal_force"?',
-    ),
+    "a name of nothing": (ROLLING + '[events.post]\nof = "zz"', "events.post.of"),
+    "a name near that of an observable": (ROLLING + '[events.post]\nof = "normal_forces"', "events.post.of"),
     "no single number": (
         ROLLING.replace("disk", "ball").replace("0.5", "[0.5, 0.5, 0.5]").replace("phidot = -1.5", "") + POST,
-        'Key `events.post.of` must name one number, but it is "z", and `z` is an array of shape (2,); name one number, '
-        "such as z[0].",
+        "events.post.of",
     ),
-    "a height without a law of contact": (
-        ROLLING + '[events.post]\nof = "height"',
-        'Key `events.post.of` must be a function or the name of a number of a run, but it is "height"',
-    ),
-    "a number": (
-        ROLLING + "[events.post]\nof = 1",
-        'Key `events.post.of` must be the name of a number, such as "z[0]" or "normal_force", or a function, as '
-        '"module:function", but it is 1.',
-    ),
-    "neither a name nor a kind": (
-        ROLLING + "[events.post]\nlevel = 1.0",
-        'Key `events.post.of` must be the name of a number, such as "z[0]" or "normal_force", or a function, as '
-        '"module:function", but it is missing.',
-    ),
-    "no module": (
-        ROLLING + '[events.post]\nof = "no_such_module:f"',
-        'Key `events.post.of` must name functions that can be imported as "module:function"',
-    ),
-    "a function of other arguments": (
-        ROLLING + '[events.post]\nof = "own_events:of_two"',
-        "Key `events.post.of` must be a function of (system, t, state)",
-    ),
-    "a function of several numbers": (
-        ROLLING + '[events.post]\nof = "own_events:several"',
-        "Key `events.post.of` must be a function whose value is one real number that crosses zero, but it gives "
-        "float64 of shape (0,).",
-    ),
-    "a function that raises": (
-        ROLLING + '[events.post]\nof = "own_events:wrong"',
-        "Key `events.post.of` must name a function that fits here, but it raises AttributeError: ",
-    ),
-    "a class that raises": (
-        ROLLING + '[events.post]\nkind = "own_events:Broken"\nplace = 1.0',
-        "Key `events.post.kind` must name a class that these keys can make, but ",
-    ),
-    "a misspelt key": (ROLLING + POST + "levle = 1.0", "Key `events.post.levle` is not known; did you mean `level`?"),
-    "a level of text": (
-        ROLLING + POST + 'level = "high"',
-        'Key `events.post.level` must be a finite number, but it is "high".',
-    ),
-    "a misspelt direction": (
-        ROLLING + POST + 'direction = "risng"',
-        'Key `events.post.direction` cannot be "risng"; did you mean "rising"?',
-    ),
-    "a direction as in Python": (
-        ROLLING + POST + "direction = -1",
-        'Key `events.post.direction` must be one of "rising", "falling", "both", but it is -1.',
-    ),
-    "no capacity": (
-        ROLLING + POST + "capacity = 0",
-        "Key `events.post.capacity` must be a whole number from 1 to 1000000, but it is 0.",
-    ),
-    "a misspelt kind": (
-        ROLLING + '[events.post]\nkind = "slipp"',
-        'Key `events.post.kind` cannot be "slipp"; did you mean "slip"?',
-    ),
-    "a slip without friction": (
-        ROLLING + '[events.slide]\nkind = "slip"',
-        "Key `events.slide.friction` must be a positive number, but it is missing.",
-    ),
-    "a kind of a number": (
-        ROLLING + '[events.lift]\nkind = "detachment"\nof = "z"',
-        "Key `events.lift.of` is not known; the keys here are capacity, terminal.",
-    ),
-    "a name with a dash": (
-        ROLLING + '[events.the-post]\nof = "z"',
-        "Key `events` must have names of letters, digits and underscores that begin with a letter, but it has "
-        '"the-post".',
-    ),
-    "no tables": (
-        ROLLING + "[[events]]",
-        "Key `events` must be a table of tables, each under the heading [events.name], but it is [{}].",
-    ),
-    "a slip of what does not roll": (
-        PARTICLE + '[events.slide]\nkind = "slip"\nfriction = 0.1',
-        "Key `events` must not hold a Detachment or a Slip for a NonholonomicParticle, which does not roll on a ",
-    ),
-    "events with feedback": (
-        ROLLING + '[feedback]\nkind = "feedforward"\n' + POST,
-        "Key `events` must be left out with `feedback`, whose samples are solved one by one; ",
-    ),
+    "a height without a law of contact": (ROLLING + '[events.post]\nof = "height"', "events.post.of"),
+    "a number": (ROLLING + "[events.post]\nof = 1", "events.post.of"),
+    "neither a name nor a kind": (ROLLING + "[events.post]\nlevel = 1.0", "events.post.of"),
+    "no module": (ROLLING + '[events.post]\nof = "no_such_module:f"', "events.post.of"),
+    "a function of other arguments": (ROLLING + '[events.post]\nof = "own_events:of_two"', "events.post.of"),
+    "a function of several numbers": (ROLLING + '[events.post]\nof = "own_events:several"', "events.post.of"),
+    "a function that raises": (ROLLING + '[events.post]\nof = "own_events:wrong"', "events.post.of"),
+    "a class that raises": (ROLLING + '[events.post]\nkind = "own_events:Broken"\nplace = 1.0', "events.post.kind"),
+    "a misspelt key": (ROLLING + POST + "levle = 1.0", "events.post.levle"),
+    "a level of text": (ROLLING + POST + 'level = "high"', "events.post.level"),
+    "a misspelt direction": (ROLLING + POST + 'direction = "risng"', "events.post.direction"),
+    "a direction as in Python": (ROLLING + POST + "direction = -1", "events.post.direction"),
+    "no capacity": (ROLLING + POST + "capacity = 0", "events.post.capacity"),
+    "a misspelt kind": (ROLLING + '[events.post]\nkind = "slipp"', "events.post.kind"),
+    "a slip without friction": (ROLLING + '[events.slide]\nkind = "slip"', "events.slide.friction"),
+    "a kind of a number": (ROLLING + '[events.lift]\nkind = "detachment"\nof = "z"', "events.lift.of"),
+    "a name with a dash": (ROLLING + '[events.the-post]\nof = "z"', "events"),
+    "no tables": (ROLLING + "[[events]]", "events"),
+    "a slip of what does not roll": (PARTICLE + '[events.slide]\nkind = "slip"\nfriction = 0.1', "events"),
+    "events with feedback": (ROLLING + '[feedback]\nkind = "feedforward"\n' + POST, "events"),
 }
 
 
 @pytest.mark.parametrize("name", ERRORS)
 def test_what_is_wrong_is_one_sentence_that_names_the_key(own, name):
-    text, message = ERRORS[name]
-    with pytest.raises(ScenarioError) as caught:
+    text, named = ERRORS[name]
+    with refuses(ScenarioError, named):
         read_scenario(text)
-    assert str(caught.value).startswith(message)
-    assert str(caught.value).endswith((".", "?"))
 
 
 def test_all_that_is_wrong_is_found_at_once():
@@ -355,14 +282,14 @@ def test_all_that_is_wrong_is_found_at_once():
 
 def test_python_refuses_events_with_feedback_too():
     held = dataclasses.replace(read_scenario(FEEDFORWARD), events={"post": Event("z")})
-    with pytest.raises(ScenarioError, match="has no dense output and no events"):
+    with refuses(ScenarioError, "feedback"):
         held.simulate()
 
 
 def test_what_needs_whole_runs_refuses_one_that_an_event_may_end():
     looking = read_scenario(ROLLING + POST)
     assert rolling_state(looking, "a design is") is looking.state
-    with pytest.raises(ScenarioError, match=r"Key `events.post.terminal` must be false here, because a design is for"):
+    with refuses(ScenarioError, "events.post.terminal"):
         rolling_state(read_scenario(ROLLING + POST + "terminal = true"), "a design is")
 
 

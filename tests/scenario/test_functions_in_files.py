@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import Ball, BallState, FunctionWrench, Scenario, ScenarioError, design, read_scenario, write_scenario
-from jaxball.design.files import read_control
+from jaxball import Ball, BallState, FunctionWrench, Scenario, ScenarioError, read_scenario, write_scenario
+from jaxball.studies import design
+from jaxball.studies.design.files import read_control
 from tests.design.test_rolling_control import PROBLEM as CONTROL
+from tests.support.sentences import refuses
 
 ROLLING = """
 format = 1
@@ -26,7 +28,7 @@ parameters = { c = 0.7 }
 MODULE = """
 import equinox as eqx
 import jax.numpy as jnp
-from jaxball import design
+from jaxball.studies import design
 
 def drag(t, motion, parameters):
     return -parameters["c"] * jnp.sqrt(jnp.sum(motion.velocity**2)) * motion.velocity
@@ -134,19 +136,19 @@ def test_own_states_of_a_function_of_a_file(module):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("old", "new", "named"),
     [
-        ("[0.25]", "[0.25, 1.0]", r"Key `initial\.own` must be a list of 1 number, those of `own_states.names`, but"),
-        ('["push"]', '["push", "push"]', r"Key `own_states\.names` must be a list of names, each of them once, but"),
-        ('["push"]', '["push", "pull"]', r"Key `initial\.own` must be a list of 2 numbers"),
-        ("my_forces:lag", "my_forces:number", "cannot: it is not a function"),
-        ("my_forces:lag", "my_forces:pushed", r"Key `own_states\.function` must be a function of \(t, state, param"),
-        ("my_forces:lag", "my_forces:scalar", r"Key `own_states\.function` must give an array of shape \(1,\), but"),
-        ("{ tau = 0.5 }", "{ d = 0.7 }", r"Key `own_states\.function` must name a function .* raises KeyError: 'tau'"),
+        ("[0.25]", "[0.25, 1.0]", "initial.own"),
+        ('["push"]', '["push", "push"]', "own_states.names"),
+        ('["push"]', '["push", "pull"]', "initial.own"),
+        ("my_forces:lag", "my_forces:number", "own_states.function"),
+        ("my_forces:lag", "my_forces:pushed", "own_states.function"),
+        ("my_forces:lag", "my_forces:scalar", "own_states.function"),
+        ("{ tau = 0.5 }", "{ d = 0.7 }", "own_states.function"),
     ],
 )
-def test_what_is_wrong_with_own_states_of_a_file_is_named(module, old, new, words):
-    with pytest.raises(ScenarioError, match=words):
+def test_what_is_wrong_with_own_states_of_a_file_is_named(module, old, new, named):
+    with refuses(ScenarioError, named):
         read_scenario(COUNTED.replace(old, new))
 
 
@@ -156,37 +158,29 @@ def following(t, motion, parameters):
 
 def test_a_script_keeps_its_own_functions():
     ball = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), force=FunctionWrench(lambda t, motion, p: motion.velocity))
-    with pytest.raises(ScenarioError, match=r"Key `force\.function` must be a function that can be imported .* script"):
+    with refuses(ScenarioError, "force.function"):
         write_scenario(Scenario("", ball, BallState(), np.array([0.0, 1.0])))
     listed = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), force=FunctionWrench(following, [jnp.ones(())]))
-    with pytest.raises(ScenarioError, match=r"Key `force\.parameters` must be a number, .* but it is a list"):
+    with refuses(ScenarioError, "force.parameters"):
         write_scenario(Scenario("", listed, BallState(), np.array([0.0, 1.0])))
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("old", "new", "named"),
     [
-        (
-            "my_forces:drag",
-            "no_such_module:drag",
-            "Key `force.function` must name functions .* No module named 'no_such",
-        ),
-        ("my_forces:drag", "my_forces:pull", "cannot: module 'my_forces' has no attribute 'pull'"),
-        ("my_forces:drag", "my_forces:number", "cannot: it is not a function"),
-        ("my_forces:drag", "my_forces:of_two", r"Key `force\.function` must give an array of shape \(3,\), but"),
-        (
-            "my_forces:drag",
-            "my_forces:far",
-            r"Key `force\.function` must be a function of \(t, motion, parameters\), but",
-        ),
-        ("{ c = 0.7 }", "{ d = 0.7 }", "must name a function that fits here, but it raises KeyError: 'c'"),
-        ("{ c = 0.7 }", "{ c = true }", r"Key `force\.parameters\.c` must be a finite number, but it is true"),
-        ('"my_forces:drag"', "3", r"Key `force\.function` must be a function that can be imported, as .* it is 3"),
-        ("{ c = 0.7 }", "{ c = 0.7 }\nconstant = [1.0, 0.0, 0.0]", r"Key `force\.constant` is not known"),
+        ("my_forces:drag", "no_such_module:drag", "force.function"),
+        ("my_forces:drag", "my_forces:pull", "force.function"),
+        ("my_forces:drag", "my_forces:number", "force.function"),
+        ("my_forces:drag", "my_forces:of_two", "force.function"),
+        ("my_forces:drag", "my_forces:far", "force.function"),
+        ("{ c = 0.7 }", "{ d = 0.7 }", "force.function"),
+        ("{ c = 0.7 }", "{ c = true }", "force.parameters.c"),
+        ('"my_forces:drag"', "3", "force.function"),
+        ("{ c = 0.7 }", "{ c = 0.7 }\nconstant = [1.0, 0.0, 0.0]", "force.constant"),
     ],
 )
-def test_what_is_no_such_function_is_named(module, old, new, words):
-    with pytest.raises(ScenarioError, match=words):
+def test_what_is_no_such_function_is_named(module, old, new, named):
+    with refuses(ScenarioError, named):
         read_scenario(ROLLING.replace(old, new))
 
 
@@ -236,23 +230,15 @@ def test_objectives_and_constraints_of_functions_of_a_file(module):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("old", "new", "named"),
     [
-        (
-            "my_forces:far",
-            "my_forces:drag",
-            r"Key `objectives.0.\.function` must be a function of \(run\) or \(run, parameters",
-        ),
-        (
-            "my_forces:fast",
-            "my_forces:slow",
-            r"Key `constraints.0.\.function` .* no attribute 'slow'",
-        ),
-        ("parameters = 0.5", 'parameters = "fast"', r"Key `constraints\[0\]\.parameters` must be a finite number"),
+        ("my_forces:far", "my_forces:drag", "objectives[0].function"),
+        ("my_forces:fast", "my_forces:slow", "constraints[0].function"),
+        ("parameters = 0.5", 'parameters = "fast"', "constraints[0].parameters"),
     ],
 )
-def test_what_is_no_objective_is_named(module, old, new, words):
-    with pytest.raises(ScenarioError, match=words):
+def test_what_is_no_objective_is_named(module, old, new, named):
+    with refuses(ScenarioError, named):
         design.read_problem(PROBLEM.replace(old, new))
 
 
@@ -291,34 +277,22 @@ def test_two_objectives_of_one_class_have_names_of_their_own(module):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("old", "new", "named"),
     [
-        (
-            "my_forces:Far",
-            "my_forces:Fast",
-            r"objectives.* must name a subclass of AbstractObjective with all its methods, but",
-        ),
-        (
-            "my_forces:Fast",
-            "my_forces:Far",
-            r"constraints.* must name a subclass of AbstractConstraint with all its methods, but",
-        ),
-        (
-            "my_forces:Far",
-            "my_forces:far",
-            r"objectives.* must name a subclass of AbstractObjective with all its methods, but",
-        ),
-        ("my_forces:Far", "my_forces:Near", r"`objectives\[0\]\.kind` must name classes .* no attribute 'Near'"),
-        ("my_forces:Far", "my_goals:Far", r"objectives.* must name classes .* No module named 'my_goals'"),
-        ("most = 0.5", "", r"`constraints\[0\]\.most` must be a number, .*, but it is missing"),
-        ("most = 0.5", "least = 0.5", r"`constraints\[0\]\.least` is not known; the keys here are most"),
-        ("most = 0.5", 'most = "fast"', r"`constraints\[0\]\.most` must be a finite number"),
-        ("most = 0.5", "most = -0.5", r"`constraints\[0\].kind` must name a class .* ValueError: .* must be positive"),
-        ("weight = 2.0", "weigth = 2.0", r"`objectives\[0\]\.weigth` is not known; did you mean `weight`"),
+        ("my_forces:Far", "my_forces:Fast", "objectives[0].kind"),
+        ("my_forces:Fast", "my_forces:Far", "constraints[0].kind"),
+        ("my_forces:Far", "my_forces:far", "objectives[0].kind"),
+        ("my_forces:Far", "my_forces:Near", "objectives[0].kind"),
+        ("my_forces:Far", "my_goals:Far", "objectives[0].kind"),
+        ("most = 0.5", "", "constraints[0].most"),
+        ("most = 0.5", "least = 0.5", "constraints[0].least"),
+        ("most = 0.5", 'most = "fast"', "constraints[0].most"),
+        ("most = 0.5", "most = -0.5", "constraints[0].kind"),
+        ("weight = 2.0", "weigth = 2.0", "objectives[0].weigth"),
     ],
 )
-def test_what_is_no_class_of_an_objective_or_constraint_is_named(module, old, new, words):
-    with pytest.raises(ScenarioError, match=words):
+def test_what_is_no_class_of_an_objective_or_constraint_is_named(module, old, new, named):
+    with refuses(ScenarioError, named):
         design.read_problem(CLASSES.replace(old, new))
 
 
@@ -329,5 +303,5 @@ def test_optimal_control_takes_classes_of_a_single_time(module):
     assert [*found.problem.objectives][-1] == "Speeds"
     limited = read_control({**document, "constraints": [{"kind": "my_forces:Fast", "most": 9.0}]})
     assert [*limited.problem.constraints] == ["Fast"]
-    with pytest.raises(ScenarioError, match=r"must be means over the run .* together with `control`, but it is Far"):
+    with refuses(ScenarioError, "control"):
         read_control({**document, "objectives": [*document["objectives"], {"kind": "my_forces:Far"}]})

@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from jaxball import jit, vector_field
-from jaxball.scenario import builtin_text, load_scenario, read_document
+from jaxball import jit, load_scenario
+from jaxball.files.scenario import read_document
+from jaxball.files.scenario.sources import builtin_text
+from jaxball.physics import vector_field
 
 
 def run(name):

@@ -10,11 +10,24 @@ import pytest
 import tomli_w
 
 import jaxball
-from jaxball import Accelerated, BallState, CarriedMass, ConstantRate, Hinge, Mechanism, PiecewiseSignal
-from jaxball.scenario import Scenario, ScenarioError, builtin_text, read_scenario, write_scenario
-from jaxball.scenario.paths import with_numbers
-from jaxball.scenario.traced import Structure
+from jaxball import (
+    Accelerated,
+    BallState,
+    CarriedMass,
+    ConstantRate,
+    Hinge,
+    Mechanism,
+    PiecewiseSignal,
+    Scenario,
+    ScenarioError,
+    read_scenario,
+    write_scenario,
+)
+from jaxball.files.scenario.paths import with_numbers
+from jaxball.files.scenario.sources import builtin_text
+from jaxball.files.scenario.traced import Structure
 from tests.support import corpus
+from tests.support.sentences import refuses
 
 from .documents import BALL, DISK, edited
 from .test_round_trip import same_objects
@@ -78,7 +91,7 @@ FORCES = {
     ),
     "a motor with a speed": (
         'force = { kind = "speed-limited-motor", command = 0.8, stall = 0.3, free_speed = 4 }',
-        jaxball.SpeedLimitedMotor(0.8, 0.3, 4.0),
+        jaxball.physics.SpeedLimitedMotor(0.8, 0.3, 4.0),
     ),
     "a servo": (
         'force = { kind = "pd-servo", target = { kind = "constant-rate", theta = 0.2 }, stiffness = 3, limit = 1 }',
@@ -106,13 +119,16 @@ FORCES = {
     ),
     "friction with five numbers": (
         'force = { kind = "majd-simaan-friction", viscous = 1, kinetic = 2, peak = 3, rate = 4, steepness = 5 }',
-        jaxball.MajdSimaanFriction(1.0, 2.0, 3.0, 4.0, 5.0),
+        jaxball.physics.MajdSimaanFriction(1.0, 2.0, 3.0, 4.0, 5.0),
     ),
     "a sum": (
         'force = [{ kind = "spring", stiffness = 2 }, { kind = "damper", coefficient = 0.1 }]',
         jaxball.Spring(2.0) + jaxball.Damper(0.1),
     ),
-    "a sum of one": ('force = [{ kind = "spring", stiffness = 2 }]', jaxball.JointForces((jaxball.Spring(2.0),))),
+    "a sum of one": (
+        'force = [{ kind = "spring", stiffness = 2 }]',
+        jaxball.physics.JointForces((jaxball.Spring(2.0),)),
+    ),
 }
 
 
@@ -178,7 +194,7 @@ GROUNDS = {
     ),
     "a belt on a plate": (
         'kind = "tilting-plane"\nbelt = { travel = { kind = "constant-rate", theta = 0, rate = 2 } }',
-        jaxball.TiltingPlane(belt=jaxball.Belt(ConstantRate(0.0, 2.0))),
+        jaxball.physics.TiltingPlane(belt=jaxball.Belt(ConstantRate(0.0, 2.0))),
     ),
 }
 
@@ -199,10 +215,13 @@ def test_resistance():
     exact = jaxball.Resistance(dry=0.05, dry_spinning=0.01, exact=True)
     text = with_parts("[resistance]", "dry = 0.05\ndry_spinning = 0.01\nexact = true")
     assert_reads(text, ball(resistance=exact), BallState())
+    sticks = jaxball.Resistance(dry=0.05, static_dry=0.08, stribeck=0.3, exponent=1, exact=True)
+    text = with_parts("[resistance]", "dry = 0.05\nstatic_dry = 0.08\nstribeck = 0.3\nexponent = 1\nexact = true")
+    assert_reads(text, ball(resistance=sticks), BallState())
 
 
 def test_forces_with_powers():
-    force = jaxball.HarmonicForce((0.0, 0.0, 0.0), powers=[(0.1, 0.0, 0.0), (0.0, 0.2, 0.0)])
+    force = jaxball.physics.HarmonicForce((0.0, 0.0, 0.0), powers=[(0.1, 0.0, 0.0), (0.0, 0.2, 0.0)])
     assert_reads(with_parts("[force]\npowers = [[0.1, 0, 0], [0, 0.2, 0]]"), ball(force=force), BallState())
 
 
@@ -314,9 +333,7 @@ def test_balance_knows_the_slope():
     (item,) = read_scenario(with_parts(mass, start, "[ground]\nangle = 0.1\n")).system.point_masses
     angle = 0.1 - np.arccos(-1.5 * np.sin(0.1) / 0.3)
     np.testing.assert_allclose(item.motion.schedule.theta, angle, rtol=0, atol=1e-9)
-    with pytest.raises(
-        ScenarioError, match=r"^Key `initial.balance` must not be combined with `ground.motion`, because"
-    ):
+    with refuses(ScenarioError, "initial.balance"):
         read_scenario(with_parts(mass, start, "[ground.motion.free]\nconstant = [0.0, 0.0, 0.0]\n"))
 
 
@@ -367,7 +384,7 @@ def test_friction_without_a_normal_force_is_refused_in_files():
     structure = Structure(tomllib.loads(text(1.9)), ("resistance.dry",))
     assert jax.jit(structure.conditions)(jnp.array([2.0]))["resistance.dry"]
     assert not jax.jit(structure.conditions)(jnp.array([2.1]))["resistance.dry"]
-    with pytest.raises(ScenarioError, match=r"^Key `resistance.dry` must be so small, or the masses so nearly above"):
+    with refuses(ScenarioError, "resistance.dry"):
         read_scenario(text(2.1))
 
 
@@ -398,8 +415,8 @@ def test_every_number_can_be_traced():
 
 @pytest.mark.parametrize("path", ["mechanisms[0].joints[1].on", "mechanisms[0].masses[0].joint", "sensors.felt.at[0]"])
 def test_what_shapes_a_mechanism_cannot_change(path):
-    with pytest.raises(ScenarioError, match="must be the same in all rows"):
-        jaxball.scenario.paths.check_number(tomllib.loads(corpus.EVERY_MECHANISM), path)
+    with refuses(ScenarioError, path):
+        jaxball.files.scenario.paths.check_number(tomllib.loads(corpus.EVERY_MECHANISM), path)
 
 
 @pytest.mark.thorough
@@ -408,5 +425,5 @@ def test_a_disk_on_a_slope():
     empty = DISK[: DISK.index("[[masses]]")] + "[ground]\nangle = 0.1\n" + TIMES
     run = read_scenario(empty).simulate()
     np.testing.assert_allclose(run.state.z, 0.25 * np.sin(0.1) * np.asarray(run.times) ** 2, rtol=0, atol=1e-9)
-    with pytest.raises(ScenarioError, match=r"Key `ground\.turntable` must be left out for a disk"):
+    with refuses(ScenarioError, "ground.turntable"):
         read_scenario(edited("angle = 0.1", 'turntable = { turning = { kind = "constant-rate", theta = 0 } }', empty))

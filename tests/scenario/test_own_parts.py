@@ -14,11 +14,13 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import Ball, BallState, Contact, ReleasedState, ScenarioError, read_scenario, write_scenario
-from jaxball.design import read_problem
+from jaxball import Ball, BallState, Contact, ScenarioError, read_scenario, write_scenario
+from jaxball.physics import ReleasedState
 from jaxball.physics.contact.released import energy_of_released
-from jaxball.sweep import read_study
+from jaxball.studies.design import read_problem
+from jaxball.studies.sweep import read_study
 from tests.support.documents import make_module, modules_of
+from tests.support.sentences import refuses
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "extending.md"
 MODULES = modules_of(PAGE)
@@ -41,6 +43,7 @@ PARTS = {
     "cable": ("Cable", '[force]\nkind = "cable:Cable"\nstiffness = 1.4\nlength = 0.2\nanchor = [1.0, 0.0, 0.0]\n'
         "point = [0.0, 0.1, 0.2]"),
     "grass": ("Grass", 'initial = { Omega = [0.0, 1.0, 0.0] }\n[resistance]\nkind = "grass:Grass"\nrolling = 0.14'),
+    "mud": ("Mud", 'initial = { Omega = [0.0, 1.0, 0.0] }\n[resistance]\nkind = "mud:Mud"\nlevel = 0.2\nslope = 0.4'),
     "stribeck": ("Stribeck", 'initial = { velocity = [1.0, 0.0, 0.0] }\n[contact]\n'
         'friction = { kind = "stribeck:Stribeck", kinetic = 0.1, static = 0.2, scale = 0.3 }'),
     "scales": ("Scales", '[sensors.scales]\nkind = "scales:Scales"'),
@@ -107,6 +110,14 @@ def test_a_resistance_of_a_file_slows_a_ball():
 
 
 @pytest.mark.thorough
+def test_a_resistance_of_a_file_holds_a_ball():
+    """(d + m r²) ω̇ = −m g r (0.2 + 0.4 ω), from ω = 1."""
+    run = read_scenario(text_of("mud")).simulate(throw=True)
+    k = 1.3 * 2.0 * 0.9 / (0.6 + 1.3 * 0.9**2)
+    np.testing.assert_allclose(run.switches.times[0], np.log(3.0) / (0.4 * k), rtol=1e-9)
+
+
+@pytest.mark.thorough
 def test_a_system_and_a_solver_of_a_file():
     """The pendulum by Heun's method against Dormand and Prince's; 1e-5 is a hundred times the tolerance."""
     scenario = read_scenario(text_of("shaken"))
@@ -126,7 +137,7 @@ def test_a_reduction_of_a_study_and_numbers_of_own_classes_swept():
     (find,) = study.finds
     systems = [study.scenario(row).system for row in range(2)]
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *systems)
-    many = jaxball.ensemble.simulate_ensemble(
+    many = jaxball.simulation.ensemble.simulate_ensemble(
         stacked, (0.0, 3.0), BallState(), reductions={"width": find.reduction()}, in_axes=(0, None), **FINE
     )
     omega = np.sqrt(np.array([1.0, 4.0]) / (1.3 + 0.6 / 0.9**2))
@@ -194,41 +205,41 @@ def test_a_cable_exchanges_energy_with_the_body_as_its_potential():
 
 
 WRONG = {
-    "a misspelt key": ("racetrack", "radius = 0.5", "radios = 0.5", r"`masses\[0\]\.rail\.radios` is not known; did"),
-    "a missing key": ("racetrack", ", radius = 0.5", "", r"`masses\[0\]\.rail\.radius` must be a finite number, but"),
-    "another shape": ("cable", "[1.0, 0.0, 0.0]", "[1.0, 0.0]", r"`force\.anchor` must be a list of 3 finite numbers"),
-    "another contract": ("racetrack", "racetrack:Racetrack", "chirp:Chirp", r"a subclass of AbstractRail .*not one"),
-    "no class": ("grass", "grass:Grass", "grass:jnp", r"`resistance\.kind` must name classes .* it is not a class"),
-    "no module": ("scales", "scales:Scales", "scale:Scales", r"`sensors\.scales\.kind` .* No module named 'scale'"),
-    "a contract": ("racetrack", "racetrack:Racetrack", "jaxball:AbstractRail", r"it lacks __call__, period"),
-    "no solver": ("heun", "heun:Heun3", "chirp:Chirp", r"`solve\.solver` must name a subclass of AbstractAd"),
-    "an impossible number": ("shaken", "length = 2.0", "length = -2.0", r"`body\.length` must be a positive number"),
-    "another state": ("shaken", "theta = 0.2", "phi = 0.2", r"`initial\.phi` is not known"),
+    "a misspelt key": ("racetrack", "radius = 0.5", "radios = 0.5", "masses[0].rail.radios"),
+    "a missing key": ("racetrack", ", radius = 0.5", "", "masses[0].rail.radius"),
+    "another shape": ("cable", "[1.0, 0.0, 0.0]", "[1.0, 0.0]", "force.anchor"),
+    "another contract": ("racetrack", "racetrack:Racetrack", "chirp:Chirp", "masses[0].rail.kind"),
+    "no class": ("grass", "grass:Grass", "grass:jnp", "resistance.kind"),
+    "no module": ("scales", "scales:Scales", "scale:Scales", "sensors.scales.kind"),
+    "a contract": ("racetrack", "racetrack:Racetrack", "jaxball:AbstractRail", "masses[0].rail.kind"),
+    "no solver": ("heun", "heun:Heun3", "chirp:Chirp", "solve.solver"),
+    "an impossible number": ("shaken", "length = 2.0", "length = -2.0", "body.length"),
+    "another state": ("shaken", "theta = 0.2", "phi = 0.2", "initial.phi"),
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "old", "new", "message"), WRONG.values(), ids=WRONG.keys())
-def test_what_is_wrong_is_said_with_the_path_of_the_key(name, old, new, message):
+@pytest.mark.parametrize(("name", "old", "new", "named"), WRONG.values(), ids=WRONG.keys())
+def test_what_is_wrong_is_said_with_the_path_of_the_key(name, old, new, named):
     text = text_of(name)
     assert old in text
-    with pytest.raises(ScenarioError, match=message):
+    with refuses(ScenarioError, named):
         read_scenario(text.replace(old, new))
 
 
 def test_what_a_class_raises_is_said_with_the_path_of_the_key():
     Path("square.py").write_text(re.sub(r"return self.radius.*", "raise ValueError('no side')", MODULES["racetrack"]))
     text = text_of("racetrack").replace("racetrack:Racetrack", "square:Racetrack")
-    with pytest.raises(ScenarioError, match=r"`masses\[0\]\.rail\.kind` must name a class .* ValueError: no side"):
+    with refuses(ScenarioError, "masses[0].rail.kind"):
         read_scenario(text)
 
 
 def test_only_modules_that_are_allowed_are_imported(monkeypatch):
     monkeypatch.setenv("JAXBALL_FILES_IMPORT", "chirp, grass")
     read_scenario(text_of("grass"))
-    with pytest.raises(ScenarioError, match=r"`force\.kind` must name something in a module that JAXBALL_FILES_IMPORT"):
+    with refuses(ScenarioError, "force.kind"):
         read_scenario(text_of("cable"))
     monkeypatch.setenv("JAXBALL_FILES_IMPORT", "")
-    with pytest.raises(ScenarioError, match=r"lists none"):
+    with refuses(ScenarioError, "resistance.kind"):
         read_scenario(text_of("grass"))
     assert "cable" not in sys.modules
 
@@ -239,13 +250,14 @@ def test_a_class_of_a_script_is_not_written():
     class Local(type(scenario.sensors["scales"])):
         pass
 
-    with pytest.raises(ScenarioError, match=r"`sensors\.scales\.kind` must be a class that can be imported"):
+    with refuses(ScenarioError, "sensors.scales.kind"):
         write_scenario(dataclasses.replace(scenario, sensors={"scales": Local()}))
 
 
 WITH_PARTS = """
 import jax.numpy as jnp
-from jaxball import AbstractFrame, AbstractJointForce, AbstractRail, AbstractSchedule, AbstractSignal
+from jaxball import AbstractRail, AbstractSchedule
+from jaxball.physics import AbstractFrame, AbstractJointForce, AbstractSignal
 
 class Turned(AbstractRail):
     frame: AbstractFrame

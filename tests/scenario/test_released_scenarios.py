@@ -5,7 +5,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from jaxball import Detachment, Mode, load_scenario, simulate
+from jaxball import Detachment, load_scenario, simulate
+from jaxball.physics import Mode
 
 
 def run(name):

@@ -9,14 +9,9 @@ import pytest
 import tomli_w
 from hypothesis import Phase, given, settings, strategies as st
 
-from jaxball.scenario import (
-    Scenario,
-    builtin_scenarios,
-    builtin_text,
-    load_scenario,
-    read_scenario,
-    write_scenario,
-)
+from jaxball import Scenario, load_scenario, read_scenario, write_scenario
+from jaxball.files.scenario import builtin_scenarios
+from jaxball.files.scenario.sources import builtin_text
 
 from .documents import DISK
 

@@ -1,45 +1,87 @@
 """JSON Schemas of files, by a validator that knows nothing of jaxball: they accept every file that is read, and refuse
 none that a reader accepts.
+
+``python -m tests.scenario.test_schema`` writes those that come with jaxball, from the tables of keys.
 """
 
 import copy
+import functools
 import json
 import tomllib
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
 
 import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 
+from jaxball import ScenarioError
 from jaxball.cli import main
-from jaxball.cli.commands.schema import KINDS, schema
-from jaxball.scenario import ScenarioError, builtin_scenarios, builtin_text
-from jaxball.scenario.sources import document_of
+from jaxball.cli.commands.schema import KINDS
+from jaxball.files.scenario import builtin_scenarios
+from jaxball.files.scenario.sources import SCHEMAS, builtin_text, document_of
 from tests.support import corpus
 from tests.support.mutations import mutated
+from tests.support.schema import schemas
 
-VALIDATORS = {kind: Draft202012Validator(schema(kind)) for kind in KINDS}
+SHIPPED = {kind: SCHEMAS / f"{kind}.json" for kind in KINDS}
+
+
+def texts_from_keys() -> dict[str, str]:
+    return {kind: json.dumps(schema, indent=1, ensure_ascii=False) + "\n" for kind, schema in schemas().items()}
+
+
+@functools.cache
+def validator(kind: str) -> Draft202012Validator:
+    return Draft202012Validator(json.loads(SHIPPED[kind].read_text("utf-8")))
 
 
 def validator_of(document: dict[str, Any]) -> Draft202012Validator:
     if "axes" in document:
-        return VALIDATORS["study"]
+        return validator("study")
     if "objectives" in document or "variables" in document or "control" in document:
-        return VALIDATORS["control" if "control" in document else "problem"]
-    return VALIDATORS["scenario"]
+        return validator("control" if "control" in document else "problem")
+    return validator("scenario")
 
 
 def problems_of(document: dict[str, Any]) -> list[str]:
     return [f"{error.json_path}: {error.message}"[:200] for error in validator_of(document).iter_errors(document)]
 
 
+def test_those_that_come_with_jaxball_are_of_the_keys_there_are():
+    """If not, ``python -m tests.scenario.test_schema`` writes them again."""
+    assert {path.stem: path.read_text("utf-8") for path in SCHEMAS.iterdir()} == texts_from_keys()
+
+
 @pytest.mark.parametrize("kind", KINDS)
-def test_each_is_a_schema(kind, capsys):
+def test_each_is_a_schema_and_is_printed(kind, capsys):
     assert main(["schema", kind]) == 0
-    printed = json.loads(capsys.readouterr().out)
-    Draft202012Validator.check_schema(printed)
-    assert printed["$defs"]
+    printed = capsys.readouterr().out
+    assert printed == SHIPPED[kind].read_text("utf-8")
+    Draft202012Validator.check_schema(json.loads(printed))
+    assert json.loads(printed)["$defs"]
+
+
+def test_builtin_files_name_it_by_where_it_is_from_them():
+    files = [*(SCHEMAS.parent / "builtin").iterdir()]
+    assert {path.stem for path in files} == {*builtin_scenarios()}
+    for path in files:
+        directive, _, named = path.read_text("utf-8").partition("\n")[0].partition(" ")
+        assert directive == "#:schema", path
+        assert (path.parent / named).resolve() == SHIPPED["scenario"], path
+
+
+def test_files_of_users_name_it_by_where_it_is_installed(capsys):
+    assert main(["scenarios", "ball"]) == 0
+    first, _, rest = capsys.readouterr().out.partition("\n")
+    directive, named = first.split(" ")
+    assert directive == "#:schema"
+    assert urlsplit(named).scheme == "file"
+    assert Path(url2pathname(urlsplit(named).path)) == SHIPPED["scenario"]
+    assert rest == builtin_text("ball")
 
 
 @pytest.mark.parametrize("name", builtin_scenarios())
@@ -68,8 +110,9 @@ def test_a_mutated_file_that_is_read_is_valid(corpora):
             document = tomllib.loads(text)
         except tomllib.TOMLDecodeError:
             continue
-        validator, read = validator_of(documents[name]), True
-        problems = [f"{error.json_path}: {error.message}"[:200] for error in validator.iter_errors(document)]
+        read = True
+        validates = validator_of(documents[name])
+        problems = [f"{error.json_path}: {error.message}"[:200] for error in validates.iter_errors(document)]
         try:
             corpus.reader_of(documents[name])(text)
         except ScenarioError:
@@ -150,3 +193,8 @@ def test_what_must_be_there_is_asked_for():
             with pytest.raises(ScenarioError):
                 corpus.read_any(changed)
     assert refused >= 15
+
+
+if __name__ == "__main__":
+    for kind, text in texts_from_keys().items():
+        SHIPPED[kind].write_text(text, encoding="utf-8")

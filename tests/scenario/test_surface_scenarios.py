@@ -7,8 +7,8 @@ import pytest
 from scipy.optimize import brentq
 from scipy.special import ellipj, ellipk
 
-from jaxball import Detachment, SwitchCause
-from jaxball.scenario import load_scenario
+from jaxball import Detachment, load_scenario
+from jaxball.physics import SwitchCause
 from tests.support.on_surfaces import time_of_landing
 
 G = 9.81
@@ -129,6 +129,7 @@ def test_a_wheel_swings_in_a_half_pipe():
     np.testing.assert_allclose(seen.friction[:, 0], 2 / 3 * G * np.sin(psi), atol=1e-7)
 
 
+@pytest.mark.thorough
 def test_a_ball_jumps_over_a_wave():
     """It rolls up with 7/10 v² + g z constant, N = 0 where v² k/(1 + r k) = g cos a, and flies on a parabola.
 

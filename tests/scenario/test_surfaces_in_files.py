@@ -7,7 +7,6 @@ import pytest
 from jaxtyping import Array, Float
 
 from jaxball import (
-    AbstractSurface,
     Accelerated,
     Ball,
     BallState,
@@ -15,15 +14,16 @@ from jaxball import (
     Disk,
     HeightField,
     LinearLaw,
-    MovingFrame,
     Scenario,
+    ScenarioError,
     Servo,
     Sinusoids,
-    TiltingPlane,
     load_run,
+    read_scenario,
     write_scenario,
 )
-from jaxball.scenario import ScenarioError, read_scenario
+from jaxball.physics import AbstractSurface, MovingFrame, TiltingPlane
+from tests.support.sentences import refuses
 from tests.support.surface_files import ON_SURFACE, ON_SURFACES
 
 from .test_round_trip import same_objects
@@ -80,31 +80,26 @@ def test_a_run_keeps_the_angles_of_a_plate(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "sentence"),
+    ("old", "new", "named"),
     [
-        ('["about_e1", "about_e2"]', '["about_e2", "about_e1"]', "`ground.accelerated` must be a list of"),
-        ('["about_e1", "about_e2"]', "true", "`ground.accelerated` must be a list of"),
-        (
-            'form = "servo"\nstiffness = [20.0, 10.0]\ndamping = [6.0, 3.0]',
-            'form = "prescribed"',
-            "because a law accelerates ground.about_e1 and ground.about_e2",
-        ),
-        ('about_e2 = { kind = "constant-rate", theta = 0.1 }', "", "Key `ground.about_e2` must be a table where"),
-        ("[6.0, 3.0]", "[6.0]", "one for each of ground.about_e1 and ground.about_e2"),
+        ('["about_e1", "about_e2"]', '["about_e2", "about_e1"]', "ground.accelerated"),
+        ('["about_e1", "about_e2"]', "true", "ground.accelerated"),
+        ('form = "servo"\nstiffness = [20.0, 10.0]\ndamping = [6.0, 3.0]', 'form = "prescribed"', "actuation.form"),
+        ('about_e2 = { kind = "constant-rate", theta = 0.1 }', "", "ground.about_e2"),
+        ("[6.0, 3.0]", "[6.0]", "actuation.damping"),
         (
             '"servo"\nstiffness = [20.0, 10.0]\ndamping = [6.0, 3.0]',
             '"linear"\nz = [[1.0, 0.0], [0.0, 1.0]]',
-            "Key `ground.about_e1` must be left out",
+            "ground.about_e1",
         ),
-        ("initial = {", "initial = { theta = [0.1],", "2 numbers, those of ground.about_e1 and ground.about_e2"),
+        ("initial = {", "initial = { theta = [0.1],", "initial.theta"),
     ],
 )
-def test_wrong_plates(old, new, sentence):
+def test_wrong_plates(old, new, named):
     text = ON_SURFACES["on a plate that follows"]
     assert old in text
-    with pytest.raises(ScenarioError) as refused:
+    with refuses(ScenarioError, named):
         read_scenario(text.replace(old, new))
-    assert sentence in str(refused.value)
 
 
 def test_function_in_a_file():
@@ -117,38 +112,37 @@ def test_function_in_a_file():
 
 
 @pytest.mark.parametrize(
-    ("ground", "sentence"),
+    ("ground", "named"),
     [
-        ('kind = "bowl"', "`ground.radius` must be a positive number, but it is missing"),
-        ('kind = "bowl"\nradius = -1.0', "`ground.radius` must be a positive number"),
-        ('kind = "bowel"\nradius = 1.0', 'did you mean "bowl"'),
+        ('kind = "bowl"', "ground.radius"),
+        ('kind = "bowl"\nradius = -1.0', "ground.radius"),
+        ('kind = "bowel"\nradius = 1.0', "ground.kind"),
         (
             'kind = "signed-distance"\nfunction = "tests.support.signed_distances:inside_sphere"\nparameters = 1.0\n'
             "centre = [0.0, 0.0, 1.0]",
-            "`ground.guess` must be a positive number",
+            "ground.guess",
         ),
         (
             'kind = "signed-distance"\nfunction = "tests.support.signed_distances:outside_sphere"\nparameters = 0.1',
-            "`ground.function` must rise through zero along e3",
+            "ground.function",
         ),
-        ('kind = "bowl"\nradius = 1.0\nangle = 0.1', "`ground.angle` is not known"),
-        ('kind = "cylinder"\nradius = 1.0\naxis = [0.0, 0.0, 1.0]', "`ground.start` must be a direction"),
+        ('kind = "bowl"\nradius = 1.0\nangle = 0.1', "ground.angle"),
+        ('kind = "cylinder"\nradius = 1.0\naxis = [0.0, 0.0, 1.0]', "ground.start"),
         (
             'kind = "bowl"\nradius = 1.0\n[[ground.motion.turns]]\naxis = [0.0, 0.0, 0.0]\n'
             'angle = { kind = "constant-rate", theta = 0.0 }',
-            "`ground.motion.turns[0].axis` must be a direction",
+            "ground.motion.turns[0].axis",
         ),
     ],
 )
-def test_wrong_keys(ground, sentence):
-    with pytest.raises(ScenarioError) as refused:
+def test_wrong_keys(ground, named):
+    with refuses(ScenarioError, named):
         read_scenario(ON_SURFACE + ground)
-    assert sentence in str(refused.value)
 
 
 def test_ball_that_does_not_fit_its_ground():
     """Reading a file says so, before anything is solved."""
-    with pytest.raises(ScenarioError, match=r"^Key `ground` must be curved less than the ball"):
+    with refuses(ScenarioError, "ground"):
         read_scenario(ON_SURFACE + 'kind = "bowl"\nradius = 0.05\n')
 
 
@@ -162,9 +156,9 @@ def test_disk_on_a_surface():
     assert write_scenario(again) == write_scenario(scenario)
     run = again.simulate(throw=True)
     assert np.all(run.observables.contact_point[:, 1] == 0)
-    with pytest.raises(ScenarioError, match=r"^Key `ground.motion` must be one that keeps the plane of a disk"):
+    with refuses(ScenarioError, "ground.motion"):
         read_scenario(text.replace("[[0.2, 0.0, 0.0]]", "[[0.2, 0.1, 0.0]]"))
-    with pytest.raises(ScenarioError, match=r"^Key `ground` must be symmetric about the plane of e1 and e3"):
+    with refuses(ScenarioError, "ground"):
         read_scenario(
             text[: text.index("[ground]")] + '[ground]\nkind = "washboard"\namplitude = 0.1\n'
             "wavelength = 4.0\nheading = 0.2\n"
@@ -189,5 +183,5 @@ def test_class_in_a_file():
 
 def test_function_that_cannot_be_imported():
     ball = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=HeightField(lambda t, x, y, _: 0.1 * x**2))
-    with pytest.raises(ScenarioError, match=r"`ground.function` must be a function that can be imported"):
+    with refuses(ScenarioError, "ground.function"):
         write_scenario(Scenario("a title", ball, BallState(), np.array([0.0, 1.0])))

@@ -1,7 +1,5 @@
 """Signals and schedules from logs: SciPy's splines, closed forms, and runs of the signals that were sampled."""
 
-import re
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -22,11 +20,12 @@ from jaxball import (
     RecordedSignal,
     Resistance,
     Sinusoids,
-    SpeedLimitedMotor,
     planar_pendulum,
     simulate,
 )
+from jaxball.physics import SpeedLimitedMotor
 from jaxball.physics.prescribed.recorded import MOST_KINKS
+from tests.support.sentences import refuses, said
 
 FREQUENCY, END = 2.0, 2.0
 SINE = Sinusoids(0.0, amplitude=[1.0], frequency=[FREQUENCY])
@@ -241,11 +240,7 @@ def test_a_log_shorter_than_the_run_is_impossible_and_says_why():
     signal = RecordedSignal([0.0, 1.0], [0.1, 0.2])
     run = end_of_run(Motor(signal))
     assert run.status == jaxball.Status.IMPOSSIBLE
-    assert run.message.endswith(
-        "Argument `mechanisms[0].joints[0].drive.signal` must be a log that lasts as long as the run, from t = 0 to "
-        "t = 2, but it lasts from t = 0 to t = 1; change the times of the run, or give `outside`, one of "
-        '"hold", "zero".'
-    )
+    said(run.message, "mechanisms[0].joints[0].drive.signal")
     assert end_of_run(Motor(signal), end=1.0).ok
     assert end_of_run(Motor(RecordedSignal([0.0, 1.0], [0.1, 0.2], outside="hold"))).ok
 
@@ -263,18 +258,18 @@ def test_a_log_is_as_long_as_the_run_of_a_body_with_modes(mode):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("arguments", "named"),
     [
-        (([0.0, 1.0, 1.0], [1.0, 2.0, 3.0]), "`times[2]` is 1.0 after 1.0"),
-        (([0.0, 2.0, 1.0], [1.0, 2.0, 3.0]), "`times[2]` is 1.0 after 2.0"),
-        (([0.0, np.nan], [1.0, 2.0]), "Argument `times[1]` must be a finite number, but it is nan"),
-        (([0.0, 1.0], [1.0, np.inf]), "Argument `values[1]` must be a finite number, but it is inf"),
-        (([0.0, 1.0], [1.0]), "must have the same length, two or more"),
-        (([0.0], [1.0]), "must have the same length, two or more"),
-        (([0.0, 1.0], [1.0, 2.0], "cubic"), 'Argument `interpolation` must be one of "previous", "linear", "spline"'),
-        (([0.0, 1.0], [1.0, 2.0], "linear", "continue"), 'Argument `outside` must be one of "refuse", "hold", "zero"'),
+        (([0.0, 1.0, 1.0], [1.0, 2.0, 3.0]), "times[2]"),
+        (([0.0, 2.0, 1.0], [1.0, 2.0, 3.0]), "times[2]"),
+        (([0.0, np.nan], [1.0, 2.0]), "times[1]"),
+        (([0.0, 1.0], [1.0, np.inf]), "values[1]"),
+        (([0.0, 1.0], [1.0]), "times"),
+        (([0.0], [1.0]), "times"),
+        (([0.0, 1.0], [1.0, 2.0], "cubic"), "interpolation"),
+        (([0.0, 1.0], [1.0, 2.0], "linear", "continue"), "outside"),
     ],
 )
-def test_impossible_logs_are_refused_in_a_sentence(arguments, message, no_type_checks):
-    with pytest.raises(ValueError, match=re.escape(message)):
+def test_impossible_logs_are_refused_in_a_sentence(arguments, named, no_type_checks):
+    with refuses(ValueError, named):
         RecordedSignal(*arguments)

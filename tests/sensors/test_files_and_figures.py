@@ -8,8 +8,9 @@ import xarray
 
 import jaxball
 from jaxball import ScenarioError, plot, read_scenario, write_scenario
-from jaxball.results import saved_scenario
-from jaxball.sensors import Accelerometer, Encoder, Gyroscope, Position, SensorErrors, Tachometer
+from jaxball.files.results import saved_scenario
+from jaxball.physics.sensors import Accelerometer, Encoder, Gyroscope, Position, SensorErrors, Tachometer
+from tests.support.sentences import refuses
 
 JOINT = "mechanisms[0].joints[0]"
 ROBOT = f"""
@@ -55,7 +56,7 @@ missing = 0.1
 seed = 3
 """
 IN_PYTHON = {
-    "turned": Gyroscope(on=JOINT, frame=jaxball.VersorFrame((1.0, 0.2, 0.0, 0.0))),
+    "turned": Gyroscope(on=JOINT, frame=jaxball.physics.VersorFrame((1.0, 0.2, 0.0, 0.0))),
     "felt": Accelerometer(at=(0.1, 0.0, 0.2)),
     "angle": Encoder(JOINT),
     "rate": Tachometer(JOINT),
@@ -105,7 +106,7 @@ def test_saved_runs_have_what_was_read(robot, suffix, tmp_path):
 @pytest.mark.thorough
 def test_sensors_may_be_given_beside_a_run_without_a_scenario(robot, tmp_path):
     _, run = robot
-    data = jaxball.to_dataset(run, sensors={"felt": Accelerometer()})
+    data = run.to_dataset(sensors={"felt": Accelerometer()})
     assert data.measured_felt.dims == ("time", "axis")
     assert data.measured_felt.attrs["units"] == "length/time^2"
     path = jaxball.save(run, tmp_path / "run.npz", sensors={"felt": Accelerometer()})
@@ -122,30 +123,26 @@ def test_each_sensor_has_a_panel_with_what_it_read(robot, tmp_path):
         columns = np.asarray(values).reshape(len(run.times), -1).T
         for line, column in zip(lines, columns, strict=True):
             np.testing.assert_array_equal(line.get_ydata(), column)
-    with pytest.raises(ValueError, match="must have one sensor or more to draw, but it is empty"):
+    with refuses(ValueError, "sensors"):
         plot.measurements(run, {})
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("old", "new", "named"),
     [
-        ('kind = "encoder"', 'kind = "encodr"', r'Key `sensors\.angle\.kind` cannot be "encodr"; did you mean'),
-        ("joints[0]", "joint[0]", r"Key `sensors\.turned\.on` must be a part of this disk, .*; did you mean"),
-        ("at = [0.1, 0.0, 0.2]", "at = [0.1, 0.2]", r"Key `sensors\.felt\.at` must be a list of 3 finite numbers"),
-        ("[sensors.felt]", '[sensors."a b"]', r'Key `sensors` must have names of letters, .* it has "a b"'),
-        (
-            'kind = "tachometer"\n',
-            'kind = "tachometer"\nat = [0.0, 0.0, 0.0]\n',
-            r"Key `sensors\.rate\.at` is not known",
-        ),
-        ("[sensors.felt]", "[sensors.felt]\nmass = 3", r"Key `sensors\.felt\.mass` is not known"),
-        ("missing = 0.1", "missing = 2", r"Key `sensors\.seen\.errors\.missing` must be a finite number from 0 to 1"),
-        ("noise = 0.01", "nois = 0.01", r"Key `sensors\.seen\.errors\.nois` is not known; did you mean `noise`"),
+        ('kind = "encoder"', 'kind = "encodr"', "sensors.angle.kind"),
+        ("joints[0]", "joint[0]", "sensors.turned.on"),
+        ("at = [0.1, 0.0, 0.2]", "at = [0.1, 0.2]", "sensors.felt.at"),
+        ("[sensors.felt]", '[sensors."a b"]', "sensors"),
+        ('kind = "tachometer"\n', 'kind = "tachometer"\nat = [0.0, 0.0, 0.0]\n', "sensors.rate.at"),
+        ("[sensors.felt]", "[sensors.felt]\nmass = 3", "sensors.felt.mass"),
+        ("missing = 0.1", "missing = 2", "sensors.seen.errors.missing"),
+        ("noise = 0.01", "nois = 0.01", "sensors.seen.errors.nois"),
     ],
 )
-def test_what_is_no_sensor_is_told(old, new, words):
+def test_what_is_no_sensor_is_told(old, new, named):
     assert old in ROBOT
-    with pytest.raises(ScenarioError, match=words):
+    with refuses(ScenarioError, named):
         read_scenario(ROBOT.replace(old, new, 1))
 
 

@@ -9,11 +9,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import jaxball
-from jaxball import Ball, BallState, Contact, Disk, DiskState, Ground, ReleasedState, Turntable
-from jaxball.sensors import Accelerometer, Encoder, Gyroscope, Tachometer
+from jaxball import Ball, BallState, Contact, Disk, DiskState, Ground, Turntable
+from jaxball.physics import ReleasedState
+from jaxball.physics.sensors import Accelerometer, Encoder, Gyroscope, Tachometer
 from tests.support import newton_euler, robots
 from tests.support.robot_balls import ball_of, state_of
 from tests.support.robots import Carried, Pushed, Slides
+from tests.support.sentences import refuses
 
 FINE = {"rtol": 1e-13, "atol": 1e-13, "step_to_times": True}
 FRAME = Rotation.from_quat([0.2, -0.5, 0.3, 0.7])
@@ -144,8 +146,8 @@ def test_masses_carry_sensors_too():
             jaxball.PointMass(0.3, jaxball.Driven(jaxball.Ellipse((0.5, 0.4), frame=jaxball.SphericalFrame(0.3, 0.2)))),
         ],
         mechanisms=[
-            jaxball.double_pendulum((0.2, 0.1), (0.4, 0.3)),
-            jaxball.FunctionMechanism(on_a_sphere, **on_the_sphere),
+            jaxball.physics.double_pendulum((0.2, 0.1), (0.4, 0.3)),
+            jaxball.physics.FunctionMechanism(on_a_sphere, **on_the_sphere),
         ],
         law=jaxball.FunctionLaw(drive),
         ground=Ground(0.1, 0.4),
@@ -291,40 +293,32 @@ PENDULUM = Disk(mass=1.0, inertia=0.5, mechanisms=[jaxball.planar_pendulum(0.3, 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("sensors", "error", "words"),
+    ("sensors", "error", "named"),
     [
-        (
-            {"a": Accelerometer(on="arm")},
-            ValueError,
-            r"`sensors\['a'\]\.on` must be a part of this disk, but it is 'arm'",
-        ),
-        ({"a": Gyroscope(on="mechanisms[0].joint[0]")}, ValueError, r'did you mean "mechanisms\[0\]\.joints\[0\]"\?'),
-        ({"a": Encoder("masses[0]")}, ValueError, r"it can be on mechanisms\[0\]\.joints\[0\]\."),
-        ({"a": Encoder("mechanisms[0].masses[0]")}, ValueError, "did you mean"),
-        ([Accelerometer()], TypeError, r"`sensors` must be a dictionary of sensors by name, .* but it is the list"),
-        (
-            {"a": Accelerometer},
-            TypeError,
-            r"`sensors\['a'\]` must be a sensor, .*; make one with Accelerometer\(\.\.\.\)",
-        ),
+        ({"a": Accelerometer(on="arm")}, ValueError, "sensors['a'].on"),
+        ({"a": Gyroscope(on="mechanisms[0].joint[0]")}, ValueError, "mechanisms[0].joints[0]"),
+        ({"a": Encoder("masses[0]")}, ValueError, "mechanisms[0].joints[0]"),
+        ({"a": Encoder("mechanisms[0].masses[0]")}, ValueError, "sensors['a'].on"),
+        ([Accelerometer()], TypeError, "sensors"),
+        ({"a": Accelerometer}, TypeError, "sensors['a']"),
     ],
 )
-def test_what_cannot_be_measured_is_told(sensors, error, words, no_type_checks):
+def test_what_cannot_be_measured_is_told(sensors, error, named, no_type_checks):
     run = jaxball.simulate(PENDULUM, [0.0, 0.1], DiskState(theta=[0.1], thetadot=[0.0]))
-    with pytest.raises(error, match=words):
+    with refuses(error, named):
         run.measured(sensors)
 
 
 @pytest.mark.thorough
 def test_sensors_need_a_body_whose_place_is_known(no_type_checks):
     ball = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4))
-    reduced = jaxball.simulate(ball, [0.0, 0.1], jaxball.ReducedState())
-    with pytest.raises(ValueError, match="The sensors need the full state"):
+    reduced = jaxball.simulate(ball, [0.0, 0.1], jaxball.physics.ReducedState())
+    with refuses(ValueError):
         reduced.measured({"gyro": Gyroscope()})
     top = jaxball.load_scenario("heavy-top").simulate()
-    with pytest.raises(ValueError, match="The sensors are those of a ball or a disk"):
+    with refuses(ValueError, "laws"):
         top.measured({"gyro": Gyroscope()})
-    with pytest.raises(TypeError, match="`frame` must be a frame"):
+    with refuses(TypeError, "frame"):
         Gyroscope(frame=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
-    with pytest.raises(TypeError, match="`on` must be the name of a link or a mass"):
+    with refuses(TypeError, "on"):
         Accelerometer(on=0)

@@ -12,26 +12,27 @@ import pytest
 
 import jaxball
 from jaxball.simulation.arguments import check_times
+from tests.support.sentences import refuses
 
 pytestmark = pytest.mark.usefixtures("no_type_checks")
 BALL = jaxball.Ball(mass=1.0, inertia=(0.5, 0.6, 0.7))
 
 
 @pytest.mark.parametrize(
-    ("times", "sentence"),
+    ("times", "named"),
     [
-        ([0.0], r"`times` must be two or more increasing numbers.*\(1,\)"),
-        (1.0, "`times` must be two or more"),
-        ([[0.0, 1.0]], r"\(1, 2\)"),
-        ([0.0, 1.0, 1.0], "`times` must be increasing"),
-        ([1.0, 0.0], r"starts with \[1.0, 0.0\]"),
-        ([0.0, np.nan], "`times` must be increasing and finite"),
-        ([0.0, np.inf], "`times` must be increasing and finite"),
+        ([0.0], "times"),
+        (1.0, "times"),
+        ([[0.0, 1.0]], "times"),
+        ([0.0, 1.0, 1.0], "times"),
+        ([1.0, 0.0], "times"),
+        ([0.0, np.nan], "times"),
+        ([0.0, np.inf], "times"),
     ],
 )
-def test_times(times, sentence):
+def test_times(times, named):
     for given in (times, np.asarray(times)):
-        with pytest.raises(ValueError, match=sentence):
+        with refuses(ValueError, named):
             jaxball.simulate(BALL, given)
 
 
@@ -41,26 +42,25 @@ def test_plain_times_are_checked_as_arrays_are():
         assert found.dtype == np.float64
         np.testing.assert_array_equal(found, [0.0, 2.0])
     np.testing.assert_array_equal(check_times((-1e300, 1e300)), [-1e300, 1e300])
-    with pytest.raises(TypeError, match="Argument `times` must be numbers"):
+    with refuses(TypeError, "times"):
         check_times((0, 10**400))
 
 
 @pytest.mark.parametrize(
-    ("name", "sentence"),
+    ("name", "named"),
     [
-        ("z", "A Trajectory has no attribute `z`; it is `state.z`."),
-        ("kinetic_energy", "A Trajectory has no attribute `kinetic_energy`; it is `observables.kinetic_energy`."),
-        ("ts", "A Trajectory has no attribute `ts`; it is `times`."),
-        ("states", "A Trajectory has no attribute `states`; did you mean `state`?"),
-        ("mesage", "A Trajectory has no attribute `mesage`; did you mean `message`?"),
-        ("colour", "A Trajectory has no attribute `colour`."),
+        ("z", "z"),
+        ("kinetic_energy", "kinetic_energy"),
+        ("ts", "ts"),
+        ("states", "states"),
+        ("mesage", "mesage"),
+        ("colour", "colour"),
     ],
 )
-def test_what_a_run_has_elsewhere(name, sentence):
+def test_what_a_run_has_elsewhere(name, named):
     run = jaxball.simulate(BALL, [0.0, 1.0])
-    with pytest.raises(AttributeError) as refused:
+    with refuses(AttributeError, named):
         getattr(run, name)
-    assert str(refused.value) == sentence
     assert copy.copy(run).ok  # while a copy is made it has no attributes yet
     assert not hasattr(run, "__jax_array__")
 
@@ -73,89 +73,80 @@ def test_how_a_run_ended_is_not_known_while_it_is_traced(what):
         answer = getattr(run, what)
         return answer() if callable(answer) else answer
 
-    with pytest.raises(TypeError, match=rf"`{what}` is for a trajectory whose numbers are known, .* jaxball\.Status"):
+    with refuses(TypeError, what):
         ending(1.0)
 
 
 def test_a_body_is_not_copied_by_dataclasses():
     """Its fields are not its arguments: masses of one structure are in groups."""
-    sentence = r"^A Ball must be changed by equinox\.tree_at, .*equinox\.tree_at\(lambda it: it\.mass, it, 2\.0\)"
-    with pytest.raises(TypeError, match=sentence):
+    named = "groups"
+    with refuses(TypeError, named):
         dataclasses.replace(BALL, mass=2.0)
     assert eqx.tree_at(lambda it: it.mass, BALL, jnp.array(2.0)).mass == 2.0
 
 
 def test_the_state_of_another_body():
-    with pytest.raises(
-        TypeError, match=r"must be a BallState, RotationState or ReducedState for a Ball, but it is a DiskState"
-    ):
+    with refuses(TypeError, "state"):
         jaxball.simulate(BALL, [0.0, 1.0], jaxball.DiskState())
 
 
 def test_angles_that_no_mass_has():
-    with pytest.raises(ValueError, match=r"must have 0 entries in theta.*but it has 1 and 1"):
+    with refuses(ValueError, "state"):
         jaxball.simulate(BALL, [0.0, 1.0], jaxball.BallState(theta=[0.0], thetadot=[0.0]))
 
 
 def test_driven_masses_need_their_angles():
-    system, _ = jaxball.with_integrated_angles(
-        jaxball.Ball(
-            mass=1.0,
-            inertia=(0.5, 0.6, 0.7),
-            masses=[jaxball.PointMass(0.5, jaxball.OnRail(jaxball.Circle(0.5), jaxball.Pulse(0.0)))],
-        )
-    )
-    with pytest.raises(ValueError, match="`state` must be given"):
+    system, _ = jaxball.Ball(
+        mass=1.0,
+        inertia=(0.5, 0.6, 0.7),
+        masses=[jaxball.PointMass(0.5, jaxball.OnRail(jaxball.Circle(0.5), jaxball.Pulse(0.0)))],
+    ).with_integrated_angles()
+    with refuses(ValueError, "state"):
         jaxball.simulate(system, [0.0, 1.0])
-    with pytest.raises(ValueError, match=r"no feedback law, but one drives masses\[0\]"):
-        jaxball.with_integrated_angles(system)
+    with refuses(ValueError, "body"):
+        system.with_integrated_angles()
 
 
 @pytest.mark.parametrize(
-    ("make", "sentence"),
+    ("make", "named"),
     [
-        (lambda: jaxball.Ball(mass=[1.0, 2.0], inertia=(1.0, 1.0, 1.0)), "`mass` must be a single number"),
-        (lambda: jaxball.Ball(mass=1.0, inertia=1.0), r"`inertia` must be 3 numbers, but its shape is \(\)"),
-        (lambda: jaxball.Disk(mass=1.0, inertia=(1.0, 1.0, 1.0)), "`inertia` must be a single number"),
-        (lambda: jaxball.Ball(mass=1.0, inertia=(1.0,) * 3, offset=(0.0, 0.0)), "`offset` must be 3 numbers"),
+        (lambda: jaxball.Ball(mass=[1.0, 2.0], inertia=(1.0, 1.0, 1.0)), "mass"),
+        (lambda: jaxball.Ball(mass=1.0, inertia=1.0), "inertia"),
+        (lambda: jaxball.Disk(mass=1.0, inertia=(1.0, 1.0, 1.0)), "inertia"),
+        (lambda: jaxball.Ball(mass=1.0, inertia=(1.0,) * 3, offset=(0.0, 0.0)), "offset"),
         (
             lambda: jaxball.Ball(
                 mass=1.0,
                 inertia=(1.0,) * 3,
                 masses=[jaxball.PointMass(1.0, jaxball.Driven(jaxball.Circle(0.5)))],
             ),
-            r"`law` must be a feedback law, because one drives masses\[0\]",
+            "law",
         ),
-        (
-            lambda: jaxball.Ball(mass=1.0, inertia=(1.0,) * 3, law=jaxball.Servo((), jnp.zeros(0), jnp.zeros(0))),
-            "`law` must be None, because it drives nothing",
-        ),
+        (lambda: jaxball.Ball(mass=1.0, inertia=(1.0,) * 3, law=jaxball.Servo((), jnp.zeros(0), jnp.zeros(0))), "law"),
     ],
 )
-def test_bodies(make, sentence):
-    with pytest.raises(ValueError, match=sentence):
+def test_bodies(make, named):
+    with refuses(ValueError, named):
         make()
 
 
 def test_a_reduced_ball_knows_no_force_and_no_place():
-    forced = jaxball.Ball(mass=1.0, inertia=(0.5, 0.6, 0.7), force=jaxball.HarmonicForce([0.1, 0.0, 0.0]))
-    with pytest.raises(ValueError, match="Argument `system` must have no external force in the reduced"):
-        jaxball.simulate(forced, [0.0, 1.0], jaxball.ReducedState())
-    run = jaxball.simulate(BALL, [0.0, 1.0], jaxball.ReducedState())
-    with pytest.raises(ValueError, match="observables need the full state"):
+    forced = jaxball.Ball(mass=1.0, inertia=(0.5, 0.6, 0.7), force=jaxball.physics.HarmonicForce([0.1, 0.0, 0.0]))
+    with refuses(ValueError, "system"):
+        jaxball.simulate(forced, [0.0, 1.0], jaxball.physics.ReducedState())
+    run = jaxball.simulate(BALL, [0.0, 1.0], jaxball.physics.ReducedState())
+    with refuses(ValueError, "ReducedState"):
         _ = run.observables
 
 
 def test_tolerances_beyond_the_floating_point_type():
-    with pytest.raises(
-        jaxball.PrecisionError, match=r"must not both be below 1\.8e-15 in float64, but they are 1e-16"
-    ) as refused:
+    with refuses(jaxball.simulation.PrecisionError, "rtol") as refused:
         jaxball.simulate(BALL, [0.0, 1.0], rtol=1e-16, atol=1e-16)
     assert "jax_enable_x64" not in str(refused.value)
 
 
 def test_throw_within_a_traced_function():
-    with pytest.raises(ValueError, match="Argument `throw` must be False where the solve is traced"):
+    with refuses(ValueError, "throw"):
         jax.jit(lambda ball: jaxball.simulate(ball, [0.0, 1.0], throw=True).state.z)(BALL)
 
 

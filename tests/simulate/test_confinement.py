@@ -9,9 +9,10 @@ import scipy.optimize
 
 import jaxball
 from jaxball import Ball, BallState, Disk, DiskState, PointMass, Status, problems, simulate
-from jaxball.ensemble import simulate_ensemble
 from jaxball.physics.limits.breaches import compute_furthest
 from jaxball.physics.limits.confinement import may_swing_out
+from jaxball.simulation.ensemble import simulate_ensemble
+from tests.support.sentences import said
 
 TIMES = np.linspace(0.0, 2.0, 5)
 SHELL = {"mass": 1.0, "inertia": (0.9, 1.0, 1.1)}
@@ -48,52 +49,41 @@ TURNED = jaxball.SphericalFrame(0.3, 0.4)
 NOT_AT_THE_START = {
     "rail": (
         ball(jaxball.OnRail(jaxball.Circle(0.5, centre=(0.0, 0.0, 0.75)), STILL)),
-        "`masses[0].motion.rail` must be a curve inside the shell of radius 1, but it is 1.25 from the centre at "
-        "theta = 1.5708.",
+        "masses[0].motion.rail",
     ),
-    "position": (
-        ball(jaxball.Fixed((0.0, 0.0, 1.1))),
-        "`masses[0].motion.position` must be a point inside the shell of radius 1, but it is [0.0, 0.0, 1.1].",
-    ),
+    "position": (ball(jaxball.Fixed((0.0, 0.0, 1.1))), "masses[0].motion.position"),
     "tube": (
         ball(jaxball.OnRail(jaxball.Tube((1.0, 0.0, 0.0)), jaxball.ConstantRate(1.5))),
-        "`masses[0].motion.schedule` must keep the mass inside the shell of radius 1, but it is 1.5 from the centre at "
-        "t = 0.",
+        "masses[0].motion.schedule",
     ),
-    "rail of a disk": (
-        disk(jaxball.OnRail(jaxball.Circle(0.5, frame=TURNED), STILL)),
-        "`masses[0].motion.rail` must lie in the plane of a disk, E1 and E3, but it passes",
-    ),
+    "rail of a disk": (disk(jaxball.OnRail(jaxball.Circle(0.5, frame=TURNED), STILL)), "masses[0].motion.rail"),
     "tube of a disk": (
         disk(jaxball.OnRail(jaxball.Tube((1.0, 0.1, 0.0)), jaxball.ConstantRate(0.0))),
-        "`masses[0].motion.rail` must lie in the plane of a disk, E1 and E3, but it passes",
+        "masses[0].motion.rail",
     ),
-    "free in a disk": (
-        disk(jaxball.Free(sideways, jnp.asarray(1.0))),
-        "`masses[0].motion` must lie in the plane of a disk, E1 and E3, but it passes [0.2, 0.1, 0.0].",
-    ),
-    "offset of a disk": (
-        Disk(**FLAT, offset=(0.0, 0.1, 0.0)),
-        "`offset` must be in the plane of a disk, E1 and E3, with second entry 0, but it is [0.0, 0.1, 0.0].",
-    ),
-    "force on a disk": (
-        Disk(**FLAT, force=jaxball.HarmonicForce((0.1, 0.2, 0.0))),
-        "`force` must be in the plane of a disk, E1 and E3, at all times, but it is [0.1, 0.2, 0.0].",
-    ),
+    "free in a disk": (disk(jaxball.Free(sideways, jnp.asarray(1.0))), "masses[0].motion"),
+    "offset of a disk": (Disk(**FLAT, offset=(0.0, 0.1, 0.0)), "offset"),
+    "force on a disk": (Disk(**FLAT, force=jaxball.physics.HarmonicForce((0.1, 0.2, 0.0))), "force"),
     "force on a disk that leaves its plane": (
-        Disk(**FLAT, force=jaxball.HarmonicForce((0.1, 0.0, 0.0), powers=[(0.0, 0.2, 0.0)])),
-        f"`force` must be in the plane of a disk, E1 and E3, at all times, but it is [0.1, {0.2 * TIMES[-1]}, 0.0].",
+        Disk(**FLAT, force=jaxball.physics.HarmonicForce((0.1, 0.0, 0.0), powers=[(0.0, 0.2, 0.0)])),
+        "force",
     ),
 }
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(("body", "sentence"), NOT_AT_THE_START.values(), ids=NOT_AT_THE_START.keys())
-def test_what_no_body_can_have_is_named(body, sentence):
+@pytest.mark.thorough
+@pytest.mark.parametrize(("body", "named"), NOT_AT_THE_START.values(), ids=NOT_AT_THE_START.keys())
+def test_what_no_body_can_have_is_named(body, named):
+    said("\n".join(problems(body, t=TIMES)), named)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", ["position", "tube of a disk"])
+def test_what_no_body_can_have_does_not_start(name):
+    body, _ = NOT_AT_THE_START[name]
     run = simulate(body, TIMES)
     assert run.status == Status.IMPOSSIBLE
-    assert f"Argument {sentence}" in run.message
-    assert any(found.startswith(f"Argument {sentence}") for found in problems(body, t=TIMES))
+    assert problems(body, t=TIMES)[0] in run.message
     assert "steps" not in str(run)
     assert run.steps == 0
 
@@ -175,7 +165,7 @@ def test_an_excursion_between_kinks_is_found_however_short_it_is():
     run = simulate(body, times)
     assert run.status == Status.LEFT_SHELL
     np.testing.assert_allclose(run.reached, start + short * (2 - 1 / np.sqrt(3)), rtol=0, atol=1e-12)
-    assert "the mass leaves it at t = 5.00142, and is 1." in run.message
+    said(run.message, "masses[0].motion", "5.00142")
     assert problems(body, BallState(), times)[0] in run.message
 
 
@@ -214,7 +204,7 @@ def test_a_short_force_aside_from_the_plane_of_a_disk_is_seen(along):
         assert int(status(1e-3, at)) == Status.IMPOSSIBLE, at
         assert int(status(0.0, at)) == Status.SUCCESS
         (sentence,) = problems(disk(1e-3, at), DiskState(), times)
-        assert f"`force` must be in the plane of a disk, E1 and E3, at all times, but it is [{along}, " in sentence
+        said(sentence, "force")
     # As far aside as rounding may put it: the root of a rounding, 1.5e-8, of the largest entry.
     assert int(status(1e-8 * along, 7.6543)) == Status.SUCCESS
     assert problems(disk(0.0, 7.6543), DiskState(), times) == []
@@ -242,7 +232,7 @@ def test_a_ground_that_moves_a_disk_aside_for_a_moment_is_seen(axis):
         return 1e-3 * bell(t, at)
 
     at = jnp.asarray(7.6543)
-    frame = jaxball.MovingFrame([jaxball.Turn(np.eye(3)[axis], jaxball.FunctionSchedule(turned, at))])
+    frame = jaxball.physics.MovingFrame([jaxball.physics.Turn(np.eye(3)[axis], jaxball.FunctionSchedule(turned, at))])
     plane = jaxball.Ground(motion=jaxball.Free(shaken, at))
     for ground, stays in ((plane, axis != 1), (jaxball.Bowl(20.0, motion=frame), axis == 1)):
         body = Disk(**FLAT, ground=ground)
@@ -256,7 +246,7 @@ def test_a_force_in_the_plane_has_its_derivatives():
     """z̈ = F/(m + d/r²) = F/2, so that z = F t²/4."""
 
     def end(force):
-        body = Disk(**FLAT, force=jaxball.HarmonicForce(jnp.stack([force, 0.0, 0.0])))
+        body = Disk(**FLAT, force=jaxball.physics.HarmonicForce(jnp.stack([force, 0.0, 0.0])))
         return simulate(body, [0.0, 2.0], DiskState()).state.z[-1]
 
     for mode in (jax.grad, jax.jacfwd):
@@ -276,7 +266,7 @@ def test_a_mechanism_with_a_prescribed_joint_leaves_between_all_times():
         run = simulate(Ball(**SHELL, mechanisms=[arm]), np.linspace(0.0, 10.0, 3))
         assert run.status == Status.LEFT_SHELL
         np.testing.assert_allclose(run.reached, at - 1e-2 * np.sqrt(np.log(1.5)), rtol=0, atol=1e-12)
-        assert "`mechanisms[0]` must keep its masses inside the shell" in run.message
+        said(run.message, "mechanisms[0]")
 
 
 def swinging(length=0.6, height=0.5, **others):
@@ -362,16 +352,16 @@ def test_a_driven_mass_is_looked_at_at_the_start_and_in_every_step():
     # θ = 1/2 + t²/4 is 1 + √ε, up to which a mass is inside, at t = √2 + √(2ε); 1.5 is the first saved time after.
     assert int(run.status) == Status.LEFT_SHELL
     np.testing.assert_allclose(run.reached, np.sqrt(2.0), rtol=0, atol=3e-8)
-    assert "`law` must keep mass 0 inside the shell of radius 1, but the mass is 1.0625 from" in run.message
+    said(run.message, "law", "1.0625")
     run = simulate(body, TIMES, BallState(theta=[1.5], thetadot=[0.0]))
     assert run.status == Status.IMPOSSIBLE
-    assert "`state.theta` must be angles at which each mass is inside" in run.message
+    said(run.message, "state.theta")
 
 
 @pytest.mark.parametrize("seed", range(2))
 def test_a_rail_on_the_shell_is_inside(seed):
     rng = np.random.default_rng(seed)
-    frame = jaxball.VersorFrame(rng.normal(size=4))
+    frame = jaxball.physics.VersorFrame(rng.normal(size=4))
     radius = rng.uniform(0.5, 2.0)
     body = ball(jaxball.OnRail(jaxball.Circle(radius, frame=frame), STILL), radius=radius)
     assert problems(body, BallState(), TIMES) == []
@@ -380,7 +370,7 @@ def test_a_rail_on_the_shell_is_inside(seed):
 
 @pytest.mark.thorough
 def test_the_furthest_point_of_a_rail_is_that_of_its_formula():
-    frame, centre = jaxball.VersorFrame((0.3, -0.2, 0.7, 0.5)), np.array([0.1, 0.25, -0.3])
+    frame, centre = jaxball.physics.VersorFrame((0.3, -0.2, 0.7, 0.5)), np.array([0.1, 0.25, -0.3])
     axis = np.asarray(frame.matrix())[:, 1]
     along = centre @ axis
     rails = {
@@ -390,7 +380,7 @@ def test_the_furthest_point_of_a_rail_is_that_of_its_formula():
         ),
         "ellipse": (jaxball.Ellipse((0.3, 0.7), frame=frame), 0.7),
         # The largest a²u + 4b²u(1 − u) with u = cos²θ, at u = (a² + 4b²)/8b².
-        "eight": (jaxball.GeronoEight((0.3, 0.8), frame=frame), (0.3**2 + 4 * 0.8**2) / (4 * 0.8)),
+        "eight": (jaxball.physics.GeronoEight((0.3, 0.8), frame=frame), (0.3**2 + 4 * 0.8**2) / (4 * 0.8)),
         # |ζ| = |cos 40θ| + 1/2 at θ = 0.
         "Fourier": (
             jaxball.FourierRail([[0.0, 0.0, 0.0]] * 39 + [[0.5, 0.0, 0.0]], np.zeros((40, 3)), (0.5, 0, 0)),
@@ -423,7 +413,7 @@ def test_rows_of_a_batch_have_the_statuses_of_single_runs():
         np.testing.assert_array_equal(found.status, wanted)
         np.testing.assert_allclose(found.reached, [1 / 0.9, 2.0, 0.0], rtol=1e-12)
     row = jax.tree.map(lambda leaf: leaf[2], by_lanes)
-    assert "must be a curve inside the shell of radius 1, but it is 1.5 from the centre" in row.message
+    said(row.message, "1.5")
 
 
 @pytest.mark.slow
@@ -447,8 +437,7 @@ def test_numbers_too_large_for_the_arithmetic_are_named():
     body = Ball(mass=1e300, inertia=(0.9, 1.0, 1.1))
     run = simulate(body, TIMES)
     assert run.status == Status.IMPOSSIBLE
-    assert "Argument `mass` must be closer to 1" in run.message
-    assert "range of float64, but it is 1e+300." in run.message
+    said(run.message, "mass", "1e+300")
 
 
 @pytest.mark.thorough
@@ -456,4 +445,4 @@ def test_a_motion_that_gives_no_place_is_named():
     body = ball(jaxball.Free(outward, jnp.asarray(jnp.nan)))
     run = simulate(body, TIMES)
     assert run.status == Status.IMPOSSIBLE
-    assert "Argument `masses[0].motion` must give a finite position and a finite velocity at t = 0" in run.message
+    said(run.message, "masses[0].motion")

@@ -20,7 +20,7 @@ from jaxball import (
     contact_extremes,
     simulate,
 )
-from jaxball.ensemble import REDUCTIONS, Maximum, simulate_ensemble
+from jaxball.simulation.ensemble import REDUCTIONS, Maximum, simulate_ensemble
 
 G, AMPLITUDES, FREQUENCIES = 9.81, np.array([0.01, 0.003]), np.array([20.0, 31.0])
 

@@ -9,6 +9,7 @@ import pytest
 import jaxball
 from jaxball import Status
 from tests.support.paper import paper_ball
+from tests.support.sentences import refuses, said
 
 TIMES = np.linspace(0.0, 2.0, 5)
 SHELL = {"mass": 1.0, "inertia": (0.5, 0.6, 0.7)}
@@ -34,7 +35,7 @@ def test_too_many_steps_keep_what_was_computed():
     assert not run.ok
     assert 0.2 < run.reached < 20
     assert run.steps == 16
-    assert "`max_steps`" in run.message
+    said(run.message, "max_steps")
     assert f"t = {float(run.reached):.10g}" in run.message
     saved = np.asarray(run.state.Omega)
     beyond = times > float(run.reached)
@@ -56,7 +57,7 @@ def test_a_field_that_is_not_finite_is_found_with_its_time(broken):
 
 
 def test_an_exception_is_raised_where_asked_for(broken):
-    with pytest.raises(jaxball.SolveError, match=r"stopped at t = 1\.3.*not finite"):
+    with refuses(jaxball.SolveError, "1.3"):
         jaxball.simulate(broken, TIMES, throw=True)
 
 
@@ -77,12 +78,11 @@ def test_parameters_that_no_body_can_have(name, value):
     ball = jaxball.Ball(**{**SHELL, name: value})
     run = jaxball.simulate(ball, TIMES)
     assert run.status == Status.IMPOSSIBLE
-    assert "did not start" in run.message
+    said(run.message)
     assert run.reached == 0
     assert np.all(np.isnan(run.state.q))
-    found = jaxball.problems(ball)
-    assert any(f"Argument `{name}` must be" in sentence for sentence in found)
-    with pytest.raises(jaxball.SolveError, match="did not start"):
+    said(jaxball.problems(ball)[0], name)
+    with refuses(jaxball.SolveError, name):
         run.raise_if_failed()
 
 
@@ -91,7 +91,8 @@ def test_a_point_mass_that_no_body_can_have():
     masses = [jaxball.PointMass(m, jaxball.Fixed([0.0, 0.0, 0.1])) for m in (0.5, -0.5)]
     ball = jaxball.Ball(**SHELL, masses=masses)
     assert jaxball.simulate(ball, TIMES).status == Status.IMPOSSIBLE
-    assert jaxball.problems(ball) == ["Argument `masses[1].mass` must be a positive number, but it is -0.5."]
+    (problem,) = jaxball.problems(ball)
+    said(problem, "masses[1].mass")
 
 
 def test_nothing_is_wrong_with_the_papers_ball():
@@ -100,22 +101,22 @@ def test_nothing_is_wrong_with_the_papers_ball():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("state", "sentence"),
+    ("state", "named"),
     [
-        (jaxball.BallState(Omega=[np.nan, 0.0, 0.0]), "Argument `state.Omega` must be finite"),
-        (jaxball.BallState(q=[1.0, 0.1, 0.0, 0.0]), "Argument `state.q` must be a versor"),
-        (jaxball.RotationState(Lambda=2 * np.eye(3)), "Argument `state.Lambda` must be a rotation matrix"),
-        (jaxball.RotationState(Lambda=-np.eye(3)), "Argument `state.Lambda` must be a rotation matrix"),
-        (jaxball.ReducedState(Gamma=[0.0, 0.0, 0.9]), "Argument `state.Gamma` must be a unit vector"),
+        (jaxball.BallState(Omega=[np.nan, 0.0, 0.0]), "state.Omega"),
+        (jaxball.BallState(q=[1.0, 0.1, 0.0, 0.0]), "state.q"),
+        (jaxball.physics.RotationState(Lambda=2 * np.eye(3)), "state.Lambda"),
+        (jaxball.physics.RotationState(Lambda=-np.eye(3)), "state.Lambda"),
+        (jaxball.physics.ReducedState(Gamma=[0.0, 0.0, 0.9]), "state.Gamma"),
     ],
     ids=["not finite", "no versor", "stretched", "mirrored", "no unit vector"],
 )
-def test_an_initial_state_that_cannot_be(state, sentence):
+def test_an_initial_state_that_cannot_be(state, named):
     ball = jaxball.Ball(**SHELL)
     run = jaxball.simulate(ball, TIMES, state)
     assert run.status == Status.IMPOSSIBLE
-    assert "this initial state" in run.message
-    assert any(found.startswith(sentence) for found in jaxball.problems(ball, state))
+    said(run.message, named)
+    assert jaxball.problems(ball, state)[0] in run.message
 
 
 @pytest.mark.thorough

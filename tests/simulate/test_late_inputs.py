@@ -13,10 +13,11 @@ from jax.scipy.special import erf
 from jaxtyping import Array, Float
 
 import jaxball
-from jaxball import Disk, DiskState, FunctionForce, HarmonicForce, HarmonicSeries, simulate
-from jaxball.classical import LagrangianState, LagrangianSystem
-from jaxball.ensemble import simulate_ensemble
-from jaxball.solvers import NDF, TRBDF2, Adams, Gauss, RadauIIA, Trapezoidal
+from jaxball import Disk, DiskState, FunctionForce, HarmonicSeries, simulate
+from jaxball.physics import HarmonicForce
+from jaxball.physics.classical import LagrangianState, LagrangianSystem
+from jaxball.simulation.ensemble import simulate_ensemble
+from jaxball.simulation.solvers import NDF, TRBDF2, Adams, Gauss, RadauIIA, Trapezoidal
 
 TOLERANCES = (1e-3, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 LENGTHS = (10.0, 100.0)
@@ -131,7 +132,7 @@ def test_a_push_that_captures_a_number_has_its_derivative():
     np.testing.assert_allclose(slope, np.sqrt(np.pi) / INERTIA, rtol=1e-6)  # the tolerance of 1e-10 over the width
 
 
-class Place(jaxball.AbstractState):
+class Place(jaxball.physics.AbstractState):
     x: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
     v: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
 
@@ -159,7 +160,7 @@ SHAPES = {
 
 
 @pytest.mark.thorough
-@pytest.mark.filterwarnings("ignore::jaxball.KinkWarning")  # of the window, which jumps
+@pytest.mark.filterwarnings("ignore::jaxball.simulation.KinkWarning")  # of the window, which jumps
 @pytest.mark.parametrize(("push", "integral", "errors"), SHAPES.values(), ids=SHAPES)
 def test_a_system_of_ones_own_sees_what_depends_on_its_state_too(push, integral, errors):
     for width in (0.1, 0.01):

@@ -11,8 +11,8 @@ import pytest
 
 import jaxball
 from jaxball import Disk, DiskState, FunctionForce, Scenario, Status, simulate
-from jaxball.ensemble import simulate_ensemble
-from jaxball.solvers import NDF, Adams, RadauIIA
+from jaxball.simulation.ensemble import simulate_ensemble
+from jaxball.simulation.solvers import NDF, Adams, RadauIIA
 
 LONGEST = 0.15
 DISK = Disk(mass=1.0, inertia=0.5)
@@ -46,7 +46,7 @@ def test_no_step_is_longer_where_modes_and_kinks_end_steps():
     # A disk of inertia m r²/2 that is thrown without spin slips for v/(3 μ g) = 1. Kinks are at 1.4 and 1.7.
     push = jaxball.control.Push((0.05, 0.0, 0.0), start=1.4, duration=0.3)
     disk = Disk(mass=1.0, inertia=0.5, gravity=1.0, force=push)
-    state = jaxball.ReleasedState(DiskState(), V=(0.3, 0.0, 0.0))
+    state = jaxball.physics.ReleasedState(DiskState(), V=(0.3, 0.0, 0.0))
     run = simulate(disk, [0.0, 2.0], state, contact=jaxball.Contact(friction=0.1), max_step=LONGEST, dense=True)
     assert run.ok
     assert run.contact is not None
@@ -75,11 +75,11 @@ def test_ensembles_scenarios_and_files_pass_it_on():
     ensemble = simulate_ensemble(disks, [0.0, 2.0], ROLLING, in_axes=(0, None), max_step=LONGEST)
     assert np.all(np.asarray(ensemble.trajectory.steps) >= FEWEST)
     scenario = Scenario("rolling", DISK, ROLLING, np.array([0.0, 2.0]), max_step=LONGEST)
-    text = jaxball.scenario.write_scenario(scenario)
+    text = jaxball.write_scenario(scenario)
     assert tomllib.loads(text)["solve"]["max_step"] == LONGEST
-    assert jaxball.scenario.read_scenario(text).max_step == LONGEST
+    assert jaxball.read_scenario(text).max_step == LONGEST
     assert scenario.simulate().steps >= FEWEST
     assert scenario.simulate(max_step=0.05).steps >= 40
     free = dataclasses.replace(scenario, max_step=None)
     assert free.simulate().steps < FEWEST
-    assert "max_step " not in jaxball.scenario.write_scenario(free)
+    assert "max_step " not in jaxball.write_scenario(free)

@@ -11,6 +11,7 @@ from jaxball import Status
 from jaxball.physics.packing import Packing
 from jaxball.simulation.loop import by_tolerances, kinks_of, to_kinks
 from tests.support.paper import paper_ball
+from tests.support.sentences import refuses, said
 
 BALL = paper_ball()
 TIMES = np.linspace(0.0, 3.0, 31)
@@ -57,13 +58,13 @@ def test_traced_times_that_do_not_increase():
     for times in (TIMES[::-1], np.zeros_like(TIMES), np.full_like(TIMES, np.nan)):
         run = solve(times)
         assert run.status == Status.IMPOSSIBLE
-        assert "Argument `times` must be increasing" in run.message
+        said(run.message, "times")
         assert np.all(np.isnan(run.state.z))
     assert solve(TIMES).ok
 
 
 def test_other_adjoints_are_refused():
     for adjoint in (diffrax.BacksolveAdjoint(), diffrax.ImplicitAdjoint()):
-        sentence = r"RecursiveCheckpointAdjoint\(\).*it is diffrax\.\w+\(\), which needs a loop of its own"
-        with pytest.raises(TypeError, match=sentence):
+        named = "adjoint"
+        with refuses(TypeError, named):
             jaxball.simulate(DISK, TIMES, adjoint=adjoint)

@@ -6,6 +6,7 @@ import pytest
 
 import jaxball
 from jaxball import CarriedMass, Hinge, Mechanism, Slider
+from tests.support.sentences import refuses, said
 
 SHELL = {"mass": 1.0, "inertia": (0.4, 0.45, 0.5)}
 BOB = CarriedMass(0.5, (0.0, 0.0, -0.6))
@@ -31,51 +32,41 @@ def test_joints_start_at_0_where_no_state_is_given():
     assert abs(run.state.theta[1, 0]) > 1e-3
     driven = Mechanism([hinge(drive=jaxball.Accelerated())], [BOB])
     law = jaxball.FunctionLaw(lambda t, state, _: jnp.zeros(1))
-    with pytest.raises(
-        ValueError, match=r"holds the angles of mechanisms\[0\].joints\[0\], which a law drives; pass Ball"
-    ):
+    with refuses(ValueError, "mechanisms[0].joints[0]"):
         jaxball.simulate(jaxball.Ball(**SHELL, mechanisms=[driven], law=law), [0.0, 0.5])
 
 
 @pytest.mark.parametrize(
-    ("make", "kind", "sentence"),
+    ("make", "kind", "named"),
     [
-        (
-            lambda: Mechanism([hinge(), hinge()], [CarriedMass(0.5, joint=0)]),
-            ValueError,
-            r"`joints\[1\]` must move some",
-        ),
-        (lambda: Mechanism([hinge(on=1), hinge(on=0)], [BOB]), ValueError, r"`joints\[0\].on` must .* in a circle"),
-        (
-            lambda: Mechanism([hinge()], [CarriedMass(0.5, joint=1)]),
-            ValueError,
-            r"`masses\[0\].joint` must be the index",
-        ),
-        (lambda: Mechanism([BOB], [BOB]), TypeError, r"`joints\[0\]` must be a joint"),
-        (lambda: hinge(drive=3.0), TypeError, "`drive` must be a schedule of θ, a force on the joint"),
-        (lambda: jaxball.Motor("fast"), TypeError, "`signal` must be a number, a signal"),
-        (lambda: jaxball.PiecewiseSignal([0.0, 1.0], [1.0, 2.0]), ValueError, "`values` must have the shape"),
-        (lambda: jaxball.Ground(motion=3.0), TypeError, "`motion` must be a motion of the plane"),
-        (lambda: jaxball.Turntable(2.0), TypeError, "`turning` must be a schedule"),
-        (lambda: jaxball.Ball(**SHELL, ground=0.1), TypeError, "`ground` must be a Ground, a surface"),
-        (lambda: jaxball.Ball(**SHELL, mechanisms=[hinge()]), TypeError, r"`mechanisms\[0\]` must be a mechanism"),
+        (lambda: Mechanism([hinge(), hinge()], [CarriedMass(0.5, joint=0)]), ValueError, "joints[1]"),
+        (lambda: Mechanism([hinge(on=1), hinge(on=0)], [BOB]), ValueError, "joints[0].on"),
+        (lambda: Mechanism([hinge()], [CarriedMass(0.5, joint=1)]), ValueError, "masses[0].joint"),
+        (lambda: Mechanism([BOB], [BOB]), TypeError, "joints[0]"),
+        (lambda: hinge(drive=3.0), TypeError, "drive"),
+        (lambda: jaxball.Motor("fast"), TypeError, "signal"),
+        (lambda: jaxball.PiecewiseSignal([0.0, 1.0], [1.0, 2.0]), ValueError, "values"),
+        (lambda: jaxball.Ground(motion=3.0), TypeError, "motion"),
+        (lambda: jaxball.Turntable(2.0), TypeError, "turning"),
+        (lambda: jaxball.Ball(**SHELL, ground=0.1), TypeError, "ground"),
+        (lambda: jaxball.Ball(**SHELL, mechanisms=[hinge()]), TypeError, "mechanisms[0]"),
         (
             lambda: jaxball.Ball(**SHELL, mechanisms=[Mechanism([hinge(drive=jaxball.Accelerated())], [BOB])]),
             ValueError,
-            r"`law` must be a feedback law, because one drives mechanisms\[0\].joints\[0\]",
+            "law",
         ),
         (
             lambda: jaxball.Disk(
                 mass=1.0, inertia=0.5, ground=jaxball.Ground(turntable=jaxball.Turntable(jaxball.ConstantRate(0.0)))
             ),
             ValueError,
-            "`ground` must have no turntable under a disk",
+            "ground",
         ),
     ],
 )
 @pytest.mark.usefixtures("no_type_checks")
-def test_what_cannot_be_made(make, kind, sentence):
-    with pytest.raises(kind, match=sentence):
+def test_what_cannot_be_made(make, kind, named):
+    with refuses(kind, named):
         make()
 
 
@@ -83,24 +74,23 @@ def ball(drive=None, **parts):
     return jaxball.Ball(**SHELL, mechanisms=[Mechanism([hinge(drive=drive)], [BOB])], **parts)
 
 
-@pytest.mark.long
+@pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("system", "sentence"),
+    ("system", "named"),
     [
-        (ball(jaxball.Damper(-0.1)), r"`mechanisms\[0\].joints\[0\].drive.coefficient` must be 0 or positive"),
-        (ball(jaxball.Spring(1.0) + jaxball.Damper(-0.1)), r"joints\[0\].drive.terms\[1\].coefficient` must be"),
-        (ball(jaxball.Motor(1.0, limit=-1.0)), r"joints\[0\].drive.limit` must be 0 or positive"),
-        (ball(jaxball.EndStops(1.0, -1.0, stiffness=1.0)), r"joints\[0\].drive.lower` must be less than `upper`"),
-        (ball(resistance=jaxball.Resistance(rolling=-0.1)), "`resistance.rolling` must be 0 or positive, unless"),
-        (ball(resistance=jaxball.Resistance(dry=0.1, smoothing=0.0)), "`resistance.smoothing` must be a positive"),
-        (ball(ground=jaxball.Ground(angle=2.0)), "`ground.angle` must be an angle of less than a right angle"),
+        (ball(jaxball.Damper(-0.1)), "mechanisms[0].joints[0].drive.coefficient"),
+        (ball(jaxball.Spring(1.0) + jaxball.Damper(-0.1)), "joints[0].drive.terms[1].coefficient"),
+        (ball(jaxball.Motor(1.0, limit=-1.0)), "joints[0].drive.limit"),
+        (ball(jaxball.EndStops(1.0, -1.0, stiffness=1.0)), "drive.lower"),
+        (ball(resistance=jaxball.Resistance(rolling=-0.1)), "resistance.rolling"),
+        (ball(resistance=jaxball.Resistance(dry=0.1, smoothing=0.0)), "resistance.smoothing"),
+        (ball(ground=jaxball.Ground(angle=2.0)), "ground.angle"),
     ],
 )
-def test_numbers_that_cannot_be(system, sentence):
-    run = jaxball.simulate(system, [0.0, 1.0], SWINGING)
-    assert run.status == jaxball.Status.IMPOSSIBLE
-    with pytest.raises(jaxball.SolveError, match=sentence):
-        run.raise_if_failed()
+def test_numbers_that_cannot_be(system, named):
+    """test_failed_solves has it that such a run does not start."""
+    (problem,) = jaxball.problems(system, SWINGING)
+    said(problem, named)
 
 
 @pytest.mark.thorough
@@ -109,28 +99,27 @@ def test_what_is_allowed_if_it_is_said():
     assert jaxball.problems(system, SWINGING) == []
 
 
-@pytest.mark.long
+@pytest.mark.thorough
 def test_joints_whose_inertia_is_singular_are_named():
     on_the_axis = Mechanism([hinge()], [CarriedMass(0.5, (0.0, 0.3, 0.0))])
     (problem,) = jaxball.problems(jaxball.Ball(**SHELL, mechanisms=[on_the_axis]), SWINGING)
-    assert problem.startswith("Argument `mechanisms[0].joints[0]` must be a joint that moves some mass")
+    said(problem, "mechanisms[0].joints[0]")
     pendulum = jaxball.Ball(**SHELL, mechanisms=[jaxball.spherical_pendulum(0.5, 0.6)])
     aligned = jaxball.BallState(theta=[0.0, np.pi / 2], thetadot=[0.0, 0.0])
     (problem,) = jaxball.problems(pendulum, aligned)
-    assert problem.startswith("Argument `mechanisms[0].joints[0]` must be a joint that moves some mass")
-    assert jaxball.simulate(pendulum, [0.0, 1.0], aligned).status == jaxball.Status.IMPOSSIBLE
+    said(problem, "mechanisms[0].joints[0]")
     assert jaxball.problems(pendulum, jaxball.BallState(theta=[0.0, 1.5], thetadot=[0.0, 0.0])) == []
 
 
 def test_states_need_the_angles_of_joints():
-    with pytest.raises(ValueError, match=r"must have 1 entries in theta and in thetadot, those of mechanisms\[0\]"):
+    with refuses(ValueError, "state"):
         jaxball.simulate(ball(), [0.0, 1.0], jaxball.BallState())
 
 
 @pytest.mark.thorough
 def test_a_reduced_ball_knows_no_ground():
-    reduced = jaxball.ReducedState(theta=[0.3], thetadot=[0.0])
-    with pytest.raises(ValueError, match="must have no `ground` that is tilted or moves in the reduced system"):
+    reduced = jaxball.physics.ReducedState(theta=[0.3], thetadot=[0.0])
+    with refuses(ValueError, "ground"):
         jaxball.simulate(ball(ground=jaxball.Ground(angle=0.1)), [0.0, 1.0], reduced)
     slowed = ball(resistance=jaxball.Resistance(rolling=0.1, dry=0.05))
     full = jaxball.simulate(slowed, [0.0, 1.0], SWINGING).state
@@ -141,12 +130,14 @@ def test_a_reduced_ball_knows_no_ground():
 
 @pytest.mark.long
 def test_a_mass_that_a_force_pushes_out_is_told():
-    pushed = jaxball.Ball(**SHELL, mechanisms=[jaxball.mass_in_tube(0.5, (1.0, 0.0, 0.0), drive=jaxball.Motor(1.0))])
+    pushed = jaxball.Ball(
+        **SHELL, mechanisms=[jaxball.physics.mass_in_tube(0.5, (1.0, 0.0, 0.0), drive=jaxball.Motor(1.0))]
+    )
     run = jaxball.simulate(pushed, np.linspace(0.0, 1.0, 11), jaxball.BallState(theta=[0.9], thetadot=[0.0]))
     assert run.status == jaxball.Status.LEFT_SHELL
-    assert "`mechanisms[0]` must keep its masses inside the shell of radius 1, with end stops" in run.message
+    said(run.message, "mechanisms[0]")
     stops = jaxball.Motor(1.0) + jaxball.EndStops(-0.9, 0.9, stiffness=1e3, damping=1.0)
-    held = jaxball.Ball(**SHELL, mechanisms=[jaxball.mass_in_tube(0.5, (1.0, 0.0, 0.0), drive=stops)])
+    held = jaxball.Ball(**SHELL, mechanisms=[jaxball.physics.mass_in_tube(0.5, (1.0, 0.0, 0.0), drive=stops)])
     run = jaxball.simulate(held, np.linspace(0.0, 1.0, 11), jaxball.BallState(theta=[0.8], thetadot=[0.0]))
     assert run.ok
 
@@ -155,10 +146,10 @@ def test_a_mass_that_a_force_pushes_out_is_told():
 def test_a_prescribed_joint_is_looked_at_between_saved_times():
     """0.5 + 0.6 sin² t is over 1 between t = 1.13 and 2.01, and under it at all saved times."""
     swing = jaxball.Sinusoids(0.3, [-0.3], [2.0], [np.pi / 2])
-    tube = jaxball.mass_in_tube(0.5, (1.0, 0.0, 0.0), centre=(0.5, 0.0, 0.0), drive=swing)
+    tube = jaxball.physics.mass_in_tube(0.5, (1.0, 0.0, 0.0), centre=(0.5, 0.0, 0.0), drive=swing)
     body = jaxball.Ball(**SHELL, mechanisms=[tube])
     (problem,) = jaxball.problems(body, jaxball.BallState(), t=[0.0, np.pi])
-    assert "`mechanisms[0]` must keep its masses inside the shell" in problem
+    said(problem, "mechanisms[0]")
     run = jaxball.simulate(body, [0.0, np.pi])
     assert run.status == jaxball.Status.LEFT_SHELL
     first = np.arcsin(np.sqrt(0.5 / 0.6))
@@ -170,11 +161,11 @@ def test_a_disk_turns_in_its_plane():
     aside = jaxball.Disk(mass=1.0, inertia=0.5, mechanisms=[jaxball.planar_pendulum(0.5, 0.6, axis=(1.0, 0.0, 0.0))])
     still = jaxball.DiskState(theta=[0.0], thetadot=[0.0])
     (problem,) = jaxball.problems(aside, still)
-    assert "`mechanisms[0]` must move its masses in the plane of a disk" in problem
+    said(problem, "mechanisms[0]")
     for ground in (jaxball.Ground(0.1, heading=0.5), jaxball.Ground(motion=jaxball.Free(sideways))):
         tilted = jaxball.Disk(mass=1.0, inertia=0.5, ground=ground)
         (problem,) = jaxball.problems(tilted, jaxball.DiskState(), t=[0.0, 1.0])
-        assert problem.startswith("Argument `ground.")
+        said(problem)
 
 
 def sideways(t, parameters):
@@ -187,7 +178,7 @@ def test_a_disk_with_mechanisms_rolls_like_the_ball_in_which_it_is_embedded():
         mass=1.0,
         inertia=0.5,
         mechanisms=[
-            jaxball.double_pendulum((0.3, 0.2), (0.4, 0.3)),
+            jaxball.physics.double_pendulum((0.3, 0.2), (0.4, 0.3)),
             Mechanism([Slider((1.0, 0.0, 0.3))], [CarriedMass(0.1)]),
         ],
         ground=jaxball.Ground(angle=0.1),

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import Ball, BallState, Contact, Event, PointMass, ReleasedState, simulate
+from jaxball import Ball, BallState, Contact, Event, PointMass, simulate
 from jaxball.paper import reference
 from jaxball.paper.reproduce.experiments import Counter, CountingSolver
+from jaxball.physics import ReleasedState
 from jaxball.physics.packing import Packing
 from jaxball.simulation.loop import by_tolerances, kinks_of, to_kinks
-from jaxball.solvers import NDF, Adams, Projected
-from jaxball.solvers.base import approach_of
+from jaxball.simulation.solvers import NDF, Adams, Projected
+from jaxball.simulation.solvers.base import approach_of
 from tests.support.paper import paper_ball
 
 ADAMS, DOPRI8 = Adams(), diffrax.Dopri8()

@@ -12,10 +12,11 @@ from jaxtyping import Array, Float
 
 import jaxball
 from jaxball import Status
-from jaxball.chaos import lyapunov_spectrum
-from jaxball.ensemble import simulate_ensemble
+from jaxball.analysis.chaos import lyapunov_spectrum
 from jaxball.physics.conditions import Condition, positive
-from jaxball.solvers import RadauIIA
+from jaxball.simulation.ensemble import simulate_ensemble
+from jaxball.simulation.solvers import RadauIIA
+from tests.support.sentences import refuses, said
 
 TIMES = np.linspace(0.0, 3.0, 31)
 
@@ -24,7 +25,7 @@ def number(default):
     return eqx.field(converter=jnp.asarray, default=default)
 
 
-class Turning(jaxball.AbstractState):
+class Turning(jaxball.physics.AbstractState):
     theta: Float[Array, "*batch"] = number(0.0)
     thetadot: Float[Array, "*batch"] = number(1.0)
 
@@ -96,11 +97,12 @@ def test_many_at_once():
 
 
 def test_what_cannot_be():
-    assert jaxball.problems(Reeled(-1.0)) == ["Argument `c` must be a positive number, but it is -1.0."]
+    (problem,) = jaxball.problems(Reeled(-1.0))
+    said(problem, "c")
     assert jaxball.simulate(Reeled(-1.0), TIMES).status == Status.IMPOSSIBLE
 
 
-class Pointing(jaxball.AbstractState):
+class Pointing(jaxball.physics.AbstractState):
     n: Float[Array, "3"] = eqx.field(converter=jnp.asarray, default=(1.0, 0.0, 0.0))
 
     unit_vector = "n"
@@ -132,9 +134,8 @@ def test_a_unit_vector_counts_one_dimension_less():
     """At the pole, deviations within the sphere have the rate −1, and that along n is none of them."""
     spectrum = lyapunov_spectrum(Attracted(), (0.0, 10.0), Pointing([0.0, 0.0, 1.0]))
     np.testing.assert_allclose(spectrum.exponents, [-1.0, -1.0], rtol=0, atol=1e-7)
-    assert jaxball.problems(Attracted(), Pointing([1.0, 1.0, 0.0])) == [
-        "Argument `state.n` must be a unit vector, but it is [1.0, 1.0, 0.0]."
-    ]
+    (problem,) = jaxball.problems(Attracted(), Pointing([1.0, 1.0, 0.0]))
+    said(problem, "state.n")
 
 
 class Nameless(jaxball.AbstractSystem):
@@ -150,15 +151,15 @@ class Bare(jaxball.AbstractSystem[Turning]):
 
 
 @pytest.mark.parametrize(
-    ("system", "sentence"),
+    ("system", "named"),
     [
-        (Nameless(), "Class Nameless must name the class of its states, as in `state_type = MyState`"),
-        (Bare(), "Method `field` of Bare must return a Turning, .*, but it returns "),
+        (Nameless(), "state_type = MyState"),
+        (Bare(), "field"),
     ],
     ids=["state_type", "field"],
 )
-def test_a_contract_that_is_not_fulfilled_is_told(system, sentence):
-    with pytest.raises(TypeError, match=sentence):
+def test_a_contract_that_is_not_fulfilled_is_told(system, named):
+    with refuses(TypeError, named):
         jaxball.simulate(system, TIMES)
 
 
@@ -179,12 +180,12 @@ class Counted(Turning):
 )
 def test_whole_numbers_in_a_state_are_no_mode(state, field):
     """They were rounded at every step, without a word: only what is annotated as an integer is a mode."""
-    with pytest.raises(TypeError, match=rf"Argument `state\.{field}` must be floating-point numbers.*write 1\.0 for 1"):
+    with refuses(TypeError, f"state.{field}"):
         jaxball.simulate(Reeled(), TIMES, state)
 
 
 def test_a_whole_number_put_into_a_state_is_refused():
     ball = jaxball.Ball(mass=1.0, inertia=(1.0, 1.0, 1.0))
     state = eqx.tree_at(lambda state: state.z, jaxball.BallState(), jnp.array([0, 0]))
-    with pytest.raises(TypeError, match=r"Argument `state\.z` must be floating-point numbers"):
+    with refuses(TypeError, "state.z"):
         jaxball.simulate(ball, TIMES, state)

@@ -4,7 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball import Ball, BallState, Contact, ReleasedState, Resistance, simulate
+from jaxball import Ball, BallState, Contact, Resistance, simulate
+from jaxball.physics import ReleasedState
 
 G, MU = 9.81, 0.2
 SOLID = Ball(mass=1.0, radius=1.0, inertia=(0.4, 0.4, 0.4), gravity=G)

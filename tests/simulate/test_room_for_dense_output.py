@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from jaxball import Status, simulate
-from jaxball.classical import FreeRigidBody, RigidBodyState
+from jaxball.physics.classical import FreeRigidBody, RigidBodyState
 
 TIMES = np.linspace(0.0, 60.0, 7)
 BODY, START = FreeRigidBody(inertia=(1.0, 2.0, 3.0)), RigidBodyState(Omega=(0.4, 0.1, 1.5))

@@ -10,10 +10,9 @@ import pytest
 from scipy.special import ellipj, ellipk
 
 import jaxball
-from jaxball import Disk, DiskState, Event, Fixed, PointMass, contact_extremes, simulate
-from jaxball.classical import FreeRigidBody, RigidBodyState
-from jaxball.ensemble import Integral, Maximum, Minimum, simulate_ensemble
-from jaxball.scenario import load_scenario
+from jaxball import Disk, DiskState, Event, Fixed, PointMass, contact_extremes, load_scenario, simulate
+from jaxball.physics.classical import FreeRigidBody, RigidBodyState
+from jaxball.simulation.ensemble import Integral, Maximum, Minimum, simulate_ensemble
 from tests.support.paper import paper_ball, paper_disk, reference
 
 SECONDS = np.linspace(0.0, 20.0, 21)

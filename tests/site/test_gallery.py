@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from jaxball.scenario import builtin_scenarios, load_scenario
+from jaxball import load_scenario
+from jaxball.files.scenario import builtin_scenarios
 
 pytest.importorskip("sphinx")  # of the extra `docs`
 
@@ -111,9 +112,18 @@ def test_a_thumbnail_is_filled_by_what_it_shows(name, extensions, tmp_path):
 
 
 @pytest.mark.long
-def test_panels_are_named_in_the_words_of_an_overview(extensions, tmp_path):
-    run = load_scenario("slipping-ball").simulate(throw=True)
+@pytest.mark.parametrize(
+    ("name", "first", "last"),
+    [
+        ("slipping-ball", "the configuration in the body, ", ", the slip speed and the contact force"),
+        ("draw-shot", "the path on the plane, ", ", the slip speed and the contact force"),
+        ("chaplygin-sleigh", "the positions, the angles, ", " and the constraint forces"),
+    ],
+)
+def test_panels_are_named_in_the_words_of_an_overview(name, first, last, extensions, tmp_path):
+    """Of a run with units and without, and of a system from its own Lagrangian."""
+    run = load_scenario(name).simulate(throw=True)
     extensions.thumbnails.write_overview(run, "A title", tmp_path)
     words = (tmp_path / "overview.txt").read_text()
-    assert words.startswith("Panels of the run: the configuration in the body, ")
-    assert words.endswith(", friction over the normal force, the slip speed and the contact force")
+    assert words.startswith(f"Panels of the run: {first}")
+    assert words.endswith(last)

@@ -6,10 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 
-from jaxball.solvers import Adams, AdamsController
-from jaxball.solvers.adams import AdamsState
-from jaxball.solvers.differences import fold
-from jaxball.solvers.multistep import PairedNorm
+from jaxball.simulation.solvers import Adams, AdamsController
+from jaxball.simulation.solvers.adams import AdamsState
+from jaxball.simulation.solvers.differences import fold
+from jaxball.simulation.solvers.multistep import PairedNorm
 
 ROWS = 13
 # Tolerances that say nothing: the order is given.

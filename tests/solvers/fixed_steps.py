@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 
-from jaxball import solvers
-from jaxball.solvers.dense.continuous import DenseOutput
+from jaxball.simulation import solvers
+from jaxball.simulation.solvers.dense.continuous import DenseOutput
 
 NEWTON = solvers.SimplifiedNewton(max_steps=300, rtol=1e-13, atol=1e-13, norm=optx.max_norm)
 FIXED_POINT = solvers.FixedPoint(max_steps=300, rtol=1e-14, atol=1e-14, norm=optx.max_norm)

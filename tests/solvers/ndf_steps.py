@@ -6,9 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 
-from jaxball.solvers import NDF, NDFController
-from jaxball.solvers.backward_differences import HIGHEST_BDF
-from jaxball.solvers.multistep import PairedNorm
+from jaxball.simulation.solvers import NDF, NDFController
+from jaxball.simulation.solvers.differences import HIGHEST_BDF
+from jaxball.simulation.solvers.multistep import PairedNorm
 
 ROWS = 8
 KAPPAS = ("ndf", "bdf")

@@ -11,10 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball.solvers.differences import Points, error_constants, fold, unfold
+from jaxball.simulation.solvers.differences import Points, adams_error_constants, fold, unfold
 from tests.solvers import rotating
 from tests.solvers.adams_steps import ROWS, state_of, step
 from tests.solvers.fixed_steps import FRACTIONS, observed_order
+from tests.solvers.linear_fields import rotation
 
 ORDERS = range(1, 13)
 # Of no special lengths: one step is fifteen times as long as another.
@@ -93,7 +94,7 @@ def test_integrals_for_equal_steps_give_the_coefficients_of_bashforth_and_moulto
     g = np.asarray(Points(jnp.asarray(-EVEN), jnp.asarray(1.0)).integrals())
     binomial = np.array([[(-1) ** i * _binomial(j, i) for i in range(ROWS)] for j in range(ROWS)])
     np.testing.assert_allclose(g[:order] @ binomial[:order, :order], np.array(bashforth(order), float), rtol=1e-12)
-    constants = np.array([1.0, *(-error_constants(ROWS)[1:])])
+    constants = np.array([1.0, *(-adams_error_constants(ROWS)[1:])])
     np.testing.assert_allclose(
         constants[: order + 1] @ binomial[: order + 1, : order + 1], np.array(moulton(order), float), rtol=1e-12
     )
@@ -101,11 +102,6 @@ def test_integrals_for_equal_steps_give_the_coefficients_of_bashforth_and_moulto
 
 def _binomial(n, k):
     return 0 if k > n else int(np.prod([Fraction(n - i, i + 1) for i in range(k)])) if k else 1
-
-
-def rotation(t, y, z):
-    """y′ = zy in real and imaginary parts."""
-    return jnp.stack([z[0] * y[0] - z[1] * y[1], z[1] * y[0] + z[0] * y[1]])
 
 
 @jax.jit

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball.solvers import Gauss, Projected
-from jaxball.solvers.dense.continuous import DenseOutput, continuous
+from jaxball.simulation.solvers import Gauss, Projected
+from jaxball.simulation.solvers.dense.continuous import DenseOutput, continuous
 from tests.solvers import rotating
 from tests.solvers.fixed_steps import march, observed_order
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from jaxball.solvers import (
+from jaxball.simulation.solvers import (
     TRBDF2,
     FixedPoint,
     Gauss,
@@ -23,6 +23,7 @@ from jaxball.solvers import (
     consistent_initial_values,
     explain,
 )
+from tests.support.sentences import refuses, said
 
 
 def solve(term, x0, end, *, solver=None, tolerance=1e-11, kinks=None, saveat=None):
@@ -215,16 +216,16 @@ class TestConsistentInitialValues:
         term = MassMatrixTerm(lambda t, x, args: jnp.stack([x[1], x[0] - t]), np.array([1.0, 0.0]))
         found = consistent_initial_values(term, 0.0, jnp.asarray([0.0, 0.3]))
         assert not found.ok
-        assert "the index is greater than 1" in found.message
+        said(found.message)
         np.testing.assert_array_equal(found.y, [0.0, 0.3])
-        with pytest.raises(ValueError, match="the index is greater than 1"):
+        with refuses(ValueError):
             consistent_initial_values(term, 0.0, jnp.asarray([0.0, 0.3]), throw=True)
 
     def test_no_solution_is_no_success(self):
         term = MassMatrixTerm(lambda t, x, args: jnp.stack([x[1], x[1] ** 2 + 1.0]), np.array([1.0, 0.0]))
         found = consistent_initial_values(term, 0.0, jnp.asarray([0.0, 0.7]))
         assert not found.ok
-        assert "did not converge" in found.message
+        said(found.message)
 
     def test_under_vmap(self):
         @jax.vmap
@@ -238,28 +239,25 @@ class TestConsistentInitialValues:
 
 class TestRefusals:
     @pytest.mark.parametrize(
-        ("solver", "sentence"),
+        ("solver", "named"),
         [
-            (diffrax.Dopri5(), "`solver` must support mass matrices"),
-            (diffrax.Kvaerno5(), "`solver` must support mass matrices"),
-            (Gauss(8), "`solver` must be a RadauIIA, NDF, Trapezoidal or TRBDF2"),
-            (
-                Gauss(3, root_finder=SimplifiedNewton()),
-                "`solver` must be a RadauIIA, NDF, Trapezoidal or TRBDF2 for a term with a mass matrix.*it is a Gauss",
-            ),
-            (Trapezoidal(root_finder=FixedPoint()), "`root_finder` must be a SimplifiedNewton"),
-            (RadauIIA(3, root_finder=FixedPoint()), "`root_finder` must be a SimplifiedNewton"),
+            (diffrax.Dopri5(), "solver"),
+            (diffrax.Kvaerno5(), "solver"),
+            (Gauss(8), "solver"),
+            (Gauss(3, root_finder=SimplifiedNewton()), "solver"),
+            (Trapezoidal(root_finder=FixedPoint()), "root_finder"),
+            (RadauIIA(3, root_finder=FixedPoint()), "root_finder"),
         ],
         ids=["Dopri5", "Kvaerno5", "Gauss", "Gauss with Newton", "Trapezoidal", "FixedPoint"],
     )
-    def test_solvers_that_know_no_mass_matrix(self, solver, sentence):
-        with pytest.raises(TypeError, match=sentence):
+    def test_solvers_that_know_no_mass_matrix(self, solver, named):
+        with refuses(TypeError, named):
             solve(BALANCE, {"y": 1.0, "z": 1.0}, 1.0, solver=solver)
 
     def test_matrix_of_another_size(self):
-        with pytest.raises(ValueError, match=r"`mass` must have the shape of the state.*its shape is \(3, 3\)"):
+        with refuses(ValueError, "mass"):
             solve(MassMatrixTerm(mixed, np.eye(3)), [0.5, 0.5], 1.0)
 
     def test_matrix_that_is_traced(self):
-        with pytest.raises(ValueError, match="`mass` must be known when the term is made if it is a full matrix"):
+        with refuses(ValueError, "mass"):
             jax.jit(lambda M: MassMatrixTerm(mixed, M))(jnp.eye(2))

@@ -17,10 +17,19 @@ import jaxball
 from jaxball import paper
 from jaxball.paper import reference
 from jaxball.physics.dae import algebraic_component, dae_field, mass_diagonal
-from jaxball.solvers import NDF, Gauss, MassMatrixTerm, RadauIIA, StepToKinks, SwitchingMassMatrixTerm, explain
-from jaxball.solvers.multistep import controller_class
+from jaxball.simulation.solvers import (
+    NDF,
+    Gauss,
+    MassMatrixTerm,
+    RadauIIA,
+    StepToKinks,
+    SwitchingMassMatrixTerm,
+    explain,
+)
+from jaxball.simulation.solvers.multistep import controller_class
+from tests.support.sentences import refuses
 
-SYSTEM, ANGLES = jaxball.with_integrated_angles(paper.ball())
+SYSTEM, ANGLES = paper.ball().with_integrated_angles()
 BALL = SYSTEM.prepare()
 START = jaxball.BallState(**ANGLES)
 SECONDS = np.linspace(0.0, 20.0, 21)
@@ -144,11 +153,9 @@ def test_a_ball_that_spins_through_twenty_zeros(stages, tolerance, bound, left):
 class TestSimulateRefuses:
     @pytest.mark.parametrize("solver", [None, Gauss(8), diffrax.Kvaerno5()])
     def test_a_solver_that_knows_no_mass_matrix(self, solver):
-        with pytest.raises(
-            TypeError, match=r"`solver` must be a RadauIIA, NDF, Trapezoidal or TRBDF2 of jaxball.solvers where `dae`"
-        ):
+        with refuses(TypeError, "solver"):
             jaxball.simulate(paper.ball(), SECONDS, solver=solver, dae=True)
 
     def test_a_state_without_a_unit_vector(self):
-        with pytest.raises(TypeError, match=r"`state` must be a state with a unit vector.*but it is a DiskState"):
+        with refuses(TypeError, "state"):
             jaxball.simulate(paper.disk(), SECONDS, solver=RadauIIA(5), dae=True)

@@ -12,8 +12,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball.solvers import NDF, TRBDF2, Gauss, MassMatrixTerm, RadauIIA, SimplifiedNewton, TailError, Trapezoidal
-from jaxball.solvers.multistep import controller_class
+from jaxball.simulation.solvers import (
+    NDF,
+    TRBDF2,
+    Gauss,
+    MassMatrixTerm,
+    RadauIIA,
+    SimplifiedNewton,
+    TailError,
+    Trapezoidal,
+)
+from jaxball.simulation.solvers.multistep import controller_class
 
 P = np.array([1.1, 0.4, 0.7, 2.0, 1.0])
 WEIGHTS = np.array([0.3, -0.7])

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball import solvers
+from jaxball.simulation import solvers
 from tests.solvers import rotating
 from tests.solvers.fixed_steps import NEWTON, march, observed_order
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from jaxball.programs.derivatives.reverse_rules import with_rule
-from jaxball.solvers import Projected, ProjectedSteps
-from jaxball.solvers.explicit import depends_on_arguments_alone, with_stages_pulled_back
+from jaxball.simulation.solvers import Projected
+from jaxball.simulation.solvers.explicit import depends_on_arguments_alone, with_stages_pulled_back
+from jaxball.simulation.solvers.wrapping import ProjectedSteps
 
 TERMS = diffrax.ODETerm(lambda t, y, args: jnp.sin(args[0] * y[::-1] + t) * args[1] - y * t)
 Y, SLOPE = jnp.array([0.3, -1.2]), jnp.array([0.7, 0.1])

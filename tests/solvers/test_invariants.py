@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball import solvers
+from jaxball.simulation import solvers
 from tests.solvers.fixed_steps import FIXED_POINT, NEWTON, observed_order
 
 EPS = np.finfo(float).eps

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball import solvers
+from jaxball.simulation import solvers
 
 JUMPS = np.array([1.0, -1.5, 0.8, -0.7])
 START, END = 0.25, 5.0

@@ -11,7 +11,7 @@ import pytest
 from comparison.problems import ALL
 from scipy.integrate import solve_ivp
 
-from jaxball.solvers import (
+from jaxball.simulation.solvers import (
     NDF,
     FixedPoint,
     MassMatrixTerm,
@@ -22,7 +22,7 @@ from jaxball.solvers import (
     explain,
     stages,
 )
-from jaxball.solvers.multistep import controller_class
+from jaxball.simulation.solvers.multistep import controller_class
 
 STIFF = ("robertson", "van-der-pol", "hires", "orego")
 TOLERANCES = (1e-4, 1e-5, 1e-6)

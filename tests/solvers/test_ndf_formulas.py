@@ -9,16 +9,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball.solvers import MassMatrixTerm
-from jaxball.solvers.backward_differences import (
+from jaxball.simulation.solvers import MassMatrixTerm
+from jaxball.simulation.solvers.differences import (
     HARMONIC_SUMS,
     HIGHEST_BDF,
     KAPPAS as VALUES,
-    error_constants,
+    ndf_error_constants,
     resample,
 )
 from tests.solvers import rotating
 from tests.solvers.fixed_steps import FRACTIONS, observed_order
+from tests.solvers.linear_fields import rotation
 from tests.solvers.ndf_steps import KAPPAS, ROWS, at_order, backward_differences, state_of, step
 
 ORDERS = range(1, 6)
@@ -86,7 +87,7 @@ def test_error_where_the_solution_is_a_polynomial_of_one_degree_more(kappa, orde
 
 def test_constants_of_the_error_are_those_that_are_published():
     """Shampine & Reichelt (1997), table 1, says by how much longer steps are: (C_BDF/C)^1/(k+1)."""
-    ratio = (error_constants("bdf") / error_constants("ndf")) ** (1 / np.arange(1, 7))
+    ratio = (ndf_error_constants("bdf") / ndf_error_constants("ndf")) ** (1 / np.arange(1, 7))
     np.testing.assert_allclose(100 * (ratio[1:] - 1), [26, 26, 26, 12, 0], rtol=0, atol=0.5)
 
 
@@ -98,11 +99,6 @@ def test_differences_for_points_at_another_distance_and_elsewhere():
     np.testing.assert_allclose(
         resample(differences, jnp.asarray(ratio), shift)[:, 0], backward_differences(p(moved)), rtol=0, atol=1e-11
     )
-
-
-def rotation(t, y, z):
-    """y′ = zy in real and imaginary parts."""
-    return jnp.stack([z[0] * y[0] - z[1] * y[1], z[1] * y[0] + z[0] * y[1]])
 
 
 def formula(kappa, order, r):

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball import solvers
-from jaxball.solvers.interpolation import CubicHermite
+from jaxball.simulation import solvers
+from jaxball.simulation.solvers.interpolation import CubicHermite
 from tests.solvers import rotating
 from tests.solvers.fixed_steps import NEWTON, march, observed_order
 

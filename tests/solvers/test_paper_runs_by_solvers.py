@@ -12,7 +12,7 @@ import pytest
 import jaxball
 from jaxball import paper
 from jaxball.paper import reference
-from jaxball.solvers import NDF, TRBDF2, Adams, Gauss, RadauIIA, Trapezoidal
+from jaxball.simulation.solvers import NDF, TRBDF2, Adams, Gauss, RadauIIA, Trapezoidal
 
 SECONDS = np.linspace(0.0, 20.0, 21)
 SOLVERS = {

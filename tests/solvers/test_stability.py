@@ -14,8 +14,9 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from jaxball import solvers
+from jaxball.simulation import solvers
 from tests.solvers.fixed_steps import NEWTON
+from tests.solvers.linear_fields import rotation
 
 DIGITS = 40
 
@@ -58,14 +59,9 @@ IN_THE_LEFT, ON_THE_AXIS = Z.real <= 0, Z.real == 0
 ROUNDING = 2e-14
 
 
-def field(t, y, z):
-    """y′ = zy in real and imaginary parts."""
-    return jnp.stack([z[0] * y[0] - z[1] * y[1], z[1] * y[0] + z[0] * y[1]])
-
-
 @eqx.filter_jit
 def _steps(solver, parts):
-    term, start = diffrax.ODETerm(field), jnp.array([1.0, 0.0])
+    term, start = diffrax.ODETerm(rotation), jnp.array([1.0, 0.0])
     t0, t1 = jnp.array(0.0), jnp.array(1.0)
 
     def step(z):

@@ -15,8 +15,17 @@ import optimistix
 import pytest
 from comparison.problems import ALL
 
-from jaxball.solvers import NDF, TRBDF2, Gauss, MassMatrixTerm, RadauIIA, SimplifiedNewton, Trapezoidal, explain
-from jaxball.solvers.multistep import controller_class
+from jaxball.simulation.solvers import (
+    NDF,
+    TRBDF2,
+    Gauss,
+    MassMatrixTerm,
+    RadauIIA,
+    SimplifiedNewton,
+    Trapezoidal,
+    explain,
+)
+from jaxball.simulation.solvers.multistep import controller_class
 
 ODES = ("robertson", "van-der-pol", "van-der-pol-scaled", "hires", "orego")
 # Every problem as one of as many equations, most of them ẋ = 0, so that one program solves them all.

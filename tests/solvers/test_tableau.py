@@ -6,7 +6,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from jaxball.solvers.tableau import gauss, integrals, radau_right
+from jaxball.simulation.solvers.tableau import gauss, integrals, radau_right
 from tests.support.collocation import radau_points
 
 DIGITS = 50

@@ -10,7 +10,7 @@ import optimistix
 import pytest
 
 import jaxball
-from jaxball.solvers import (
+from jaxball.simulation.solvers import (
     NDF,
     TRBDF2,
     Adams,
@@ -24,7 +24,7 @@ from jaxball.solvers import (
     Trapezoidal,
     explain,
 )
-from jaxball.solvers.multistep import controller_class
+from jaxball.simulation.solvers.multistep import controller_class
 
 # With tolerances, and bounds on the errors of an oscillation: at the ends of steps, between them, of the slope between.
 SOLVERS = {

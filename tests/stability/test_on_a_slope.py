@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.stability import stability
+from jaxball.analysis.stability import steady_motion
 
 ANGLE, EXCENTRIC, INERTIA = 0.1, 0.4, 0.5
 
@@ -23,8 +23,8 @@ def squared_frequency():
 
 def test_a_disk_rocks_about_its_rest():
     disk = jaxball.Disk(mass=1.0, inertia=INERTIA, offset=(0.0, 0.0, -EXCENTRIC), ground=jaxball.Ground(ANGLE))
-    motion = stability(disk, jaxball.DiskState(phi=-rest_angle()))
-    assert motion.steady
+    motion = steady_motion(disk, jaxball.DiskState(phi=-rest_angle()))
+    assert motion.ok
     assert motion.kind == "centre"
     np.testing.assert_allclose(np.max(motion.eigenvalues.imag) ** 2, squared_frequency(), rtol=1e-12)
 
@@ -35,8 +35,8 @@ def test_a_ball_rocks_about_its_rest(resistance):
     shell = {"mass": 1.0, "inertia": (0.6, INERTIA, 0.7), "offset": (0.0, 0.0, -EXCENTRIC), "resistance": resistance}
     ball = jaxball.Ball(**shell, ground=jaxball.Ground(ANGLE))
     half = rest_angle() / 2
-    motion = stability(ball, jaxball.BallState(q=(np.cos(half), 0.0, np.sin(half), 0.0)))
-    assert motion.steady
+    motion = steady_motion(ball, jaxball.BallState(q=(np.cos(half), 0.0, np.sin(half), 0.0)))
+    assert motion.ok
     assert motion.stable
     # λ² + c_r λ / J + ω² = 0, whose product is ω² with and without resistance.
     sizes = np.abs(motion.eigenvalues) ** 2

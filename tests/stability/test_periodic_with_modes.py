@@ -14,7 +14,6 @@ from jaxball import (
     Contact,
     Disk,
     DiskState,
-    FunctionJointForce,
     FunctionSchedule,
     Ground,
     HarmonicSeries,
@@ -22,14 +21,15 @@ from jaxball import (
     OnRail,
     Oscillating,
     PointMass,
-    ReleasedState,
     Resistance,
     Tube,
     planar_pendulum,
     simulate,
 )
-from jaxball.classical import DryFriction, LagrangianState, LagrangianSystem
-from jaxball.stability import periodic_motion, stability
+from jaxball.analysis.stability import periodic_motion, steady_motion
+from jaxball.physics import FunctionJointForce, ReleasedState
+from jaxball.physics.classical import DryFriction, LagrangianState, LagrangianSystem
+from tests.support.sentences import refuses
 from tests.support.struck_oscillator import struck_oscillator
 
 G = 9.81
@@ -82,7 +82,7 @@ def test_a_disk_that_bounces_on_an_oscillating_ground(side):
     law = Contact(friction=0.3, restitution=E)
     disk = Disk(mass=1.0, inertia=0.4, gravity=G, ground=oscillating(phase))
     found = periodic_motion(disk, start, PERIOD, t=PERIOD / 2, contact=law)
-    assert found.periodic
+    assert found.ok
     np.testing.assert_allclose([found.state.height, found.state.V[2]], [height, rise], atol=1e-10)
     # φ and φ̇ are neutral, and friction ends each slip at the next strike.
     agree(found.multipliers, [*multipliers_of_bouncing(phase), 1.0, 1.0, 0.0])
@@ -97,7 +97,7 @@ def test_a_ball_that_bounces_on_an_oscillating_ground():
     ball = Ball(mass=1.0, inertia=(0.4, 0.5, 0.6), gravity=G, ground=oscillating(phase))
     start = ReleasedState(BallState(), V=(0.0, 0.0, rise), height=height)
     found = periodic_motion(ball, start, PERIOD, t=PERIOD / 2, contact=Contact(friction=0.3, restitution=E))
-    assert found.periodic
+    assert found.ok
     agree(found.multipliers, [*multipliers_of_bouncing(phase), *[1.0] * 6, 0.0, 0.0])
 
 
@@ -108,7 +108,7 @@ def test_a_bounce_without_loss_has_a_family_of_periods(friction):
     start = ReleasedState(DiskState(), V=(0.0, 0.0, 0.3), height=0.5)
     disk = Disk(mass=1.0, inertia=0.4, gravity=G)
     found = periodic_motion(disk, start, 0.65, contact=Contact(friction=friction, restitution=1.0))
-    assert found.periodic
+    assert found.ok
     top = float(found.state.height + found.state.V[2] ** 2 / (2 * G))
     np.testing.assert_allclose(found.period, 2 * np.sqrt(2 * top / G), rtol=1e-11)
     agree(found.multipliers, [1.0, 1.0, 1.0, float(friction == 0)], atol=1e-6)
@@ -123,7 +123,7 @@ def test_a_disk_that_hops_by_a_mass_moved_inside():
     disk = Disk(mass=1.0, inertia=0.4, gravity=G, offset=(0.0, 0.0, -0.3), masses=inside)
     law, period = Contact(friction=0.5, restitution=0.0), 2 * np.pi / rate
     found = periodic_motion(disk, DiskState(phi=0.0958, phidot=0.1784), period, contact=law)
-    assert found.periodic
+    assert found.ok
     run = simulate(disk, [0.0, period], found.state, contact=law)
     assert int(run.contact.switches.count) == 3
     assert run.contact.switches.lost[2] > 0.1
@@ -145,7 +145,7 @@ def test_a_shaken_disk_that_dry_resistance_stops_and_turns_back():
     ground, resistance = Ground(motion=Oscillating(path)), Resistance(dry=0.05, exact=True)
     disk = Disk(mass=1.0, inertia=0.4, offset=(0.0, 0.0, -0.2), gravity=G, resistance=resistance, ground=ground)
     found = periodic_motion(disk, DiskState(phi=0.081, phidot=1.405), 2 * np.pi / rate)
-    assert found.periodic
+    assert found.ok
     assert found.least_normal_force > 0.9 * G
 
     def after(x):
@@ -170,7 +170,7 @@ def test_a_wheel_with_a_law_of_contact_dry_resistance_and_a_joint_that_sticks():
     law, period = Contact(0.12), 2 * np.pi / 1.7
     start = DiskState(phi=-0.912, phidot=-0.5026, theta=[-1.0541], thetadot=[0.0])
     found = periodic_motion(wheel, start, period, contact=law)
-    assert found.periodic
+    assert found.ok
     vector, unravel = ravel_pytree(found.state)
     free = [0, 1, 3, 4, 5]  # φ, φ̇, θ, θ̇ and the velocity, whose slip a deviation gives; z need not return
 
@@ -191,7 +191,7 @@ def test_an_oscillator_that_strikes_a_wall():
     system = struck_oscillator(damping, rate, e)
     period = 2 * np.pi / rate
     found = periodic_motion(system, LagrangianState([0.09], [0.78]), period)
-    assert found.periodic
+    assert found.ok
     run = simulate(system, [0.0, period], found.state, **TIGHT)
     assert int(run.switches.count) == 1
     struck, v = float(run.switches.times[0]), float(run.switches.before.qdot[0, 0])
@@ -216,12 +216,12 @@ def test_a_block_on_a_belt():
     slip, stick = np.pi + 2 * np.arctan(speed / beyond), 2 * beyond / speed
     for start in (LagrangianState([0.3], [speed]), LagrangianState([0.3], [-0.3])):
         found = periodic_motion(system, start, 7.0)
-        assert found.periodic
+        assert found.ok
         np.testing.assert_allclose(found.period, slip + stick, rtol=1e-9)
         assert found.multipliers.tolist() == [0.0]
         assert found.kind == "sink"
 
 
 def test_what_needs_a_smooth_system_still():
-    with pytest.raises(TypeError, match="must be smooth, because its field is linearised"):
-        stability(Disk(mass=1.0, inertia=0.4, resistance=Resistance(dry=0.05, exact=True)), DiskState())
+    with refuses(TypeError, "system"):
+        steady_motion(Disk(mass=1.0, inertia=0.4, resistance=Resistance(dry=0.05, exact=True)), DiskState())

@@ -37,3 +37,8 @@ def chromium(*flags):
             driver.quit()
         with contextlib.suppress(ProcessLookupError):  # then the browser outlives its driver
             os.killpg(group, signal.SIGKILL)
+
+
+def pose(page, body=0):
+    """Where a view shows a body."""
+    return page.execute_script("return jaxball.pose(arguments[0])", body)

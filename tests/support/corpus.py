@@ -8,11 +8,12 @@ from typing import Any
 
 import tomli_w
 
-from jaxball.design import DesignError
-from jaxball.design.files import CONTROL_TABLE, problem_of, read_control
-from jaxball.scenario import builtin_scenarios, builtin_text, read_scenario
-from jaxball.scenario.sources import document_of
-from jaxball.sweep import read_study
+from jaxball import read_scenario
+from jaxball.files.scenario import builtin_scenarios
+from jaxball.files.scenario.sources import builtin_text, document_of
+from jaxball.studies.design import DesignError
+from jaxball.studies.design.files import CONTROL_TABLE, problem_of, read_control
+from jaxball.studies.sweep import read_study
 
 from .every_mechanism import EVERY_MECHANISM
 from .held_files import CONVEX_OR_HELD
@@ -45,7 +46,7 @@ powers = [[0.0, 0.01, 0.0], [0.001, 0.0, 0.0]]
 [own_states]
 names = ["turned", "rolled"]
 units = ["rad", "rad"]
-function = "jaxball:odometer"
+function = "jaxball.physics:odometer"
 parameters = [0.0, 0.0, 1.0]
 kink_times = [0.5]
 
@@ -314,7 +315,6 @@ distance = 0.1
 [[constraints]]
 kind = "regular-rails"
 least = 0.1
-
 [[constraints]]
 kind = "function"
 function = "tests.support.corpus:speeds"

@@ -8,5 +8,5 @@ import jaxball
 
 def along_flow(function, system, t, state):
     """``function(t, state)`` and its rate of change along the motion of ``system``."""
-    rates = jaxball.vector_field(system, t, state)
+    rates = jaxball.physics.vector_field(system, t, state)
     return jax.jvp(function, (t, state), (jnp.ones_like(t), rates))

@@ -1,14 +1,13 @@
-"""The contact problem of one step in time: Coulomb's cone and Newton's or Signorini's law for one contact.
+"""The contact problem of one step in time: Coulomb's cone and Signorini's law for one contact.
 
 Three unknowns, the impulse P of the plane in space axes, change the slip velocity from v to v⁺ = v + D P. Wanted is
 
-    0 ≤ P₃  ⊥  v₃⁺ − target ≥ 0        |P_h| ≤ μ P₃,  and P_h = −μ P₃ v_h⁺/|v_h⁺| where v_h⁺ ≠ 0
+    0 ≤ P₃  ⊥  v₃⁺ ≥ 0        |P_h| ≤ μ P₃,  and P_h = −μ P₃ v_h⁺/|v_h⁺| where v_h⁺ ≠ 0
 
 with the round cone, not a pyramid. Slip is found by the angle of its direction σ, as the zero of a trigonometric
 polynomial of degree two: by Newton's method, or, where that does not lead to a slip along σ, as the best zero of all.
 """
 
-from enum import IntEnum
 from math import atan2, cos, hypot, remainder, sin, tau
 
 import numpy as np
@@ -18,16 +17,8 @@ LAST_CHANGE = 1e-14  # of the angle, in Newton's method
 ON_CIRCLE = 1e-5  # how far from the unit circle the zero of a quartic is still an angle, before it is improved
 
 
-class Mode(IntEnum):
-    """What a contact does: nothing, hold without slip, or slip."""
-
-    FLIGHT = 0
-    ROLL = 1
-    SLIDE = 2
-
-
 class _Slip:
-    """Impulses (−μσ, 1) P₃ that bring v₃ to its target, and the slip that they leave, for all angles of σ."""
+    """Impulses (−μσ, 1) P₃ that bring v₃ to 0, and the slip that they leave, for all angles of σ."""
 
     def __init__(self, D, v, mu, needed):
         self.D, self.v, self.mu, self.needed = D, v, mu, needed
@@ -87,19 +78,18 @@ class _Slip:
         return np.array([-self.mu * P3 * c, -self.mu * P3 * s, P3])
 
 
-def contact_impulse(D, v, mu, target=0.0):
-    """The impulse P (3,) for the contact matrix D (3, 3) and the slip velocity v (3,) without it, and its Mode.
+def contact_impulse(D, v, mu):
+    """The impulse P (3,) for the contact matrix D (3, 3) and the slip velocity v (3,) without it.
 
-    ``target`` is the least normal velocity afterwards, −e v₃⁻ in Newton's law. Where more than one slip is possible, it
-    is the one whose direction is nearest to the impulse of sticking, reversed. A ValueError where none is: Painlevé's
-    paradox.
+    Where more than one slip is possible, it is the one whose direction is nearest to the impulse of sticking, reversed.
+    A ValueError where none is: Painlevé's paradox.
     """
-    needed = target - v[2]
+    needed = -v[2]
     if needed <= 0:
-        return np.zeros(3), Mode.FLIGHT
+        return np.zeros(3)
     stick = np.linalg.solve(D, np.array([-v[0], -v[1], needed]))
     if hypot(stick[0], stick[1]) <= mu * stick[2]:
-        return stick, Mode.ROLL
+        return stick
     slip = _Slip(D.tolist(), [float(x) for x in v], mu, float(needed))
     first = atan2(-stick[1], -stick[0])
     angle = slip.improved(first)
@@ -108,9 +98,4 @@ def contact_impulse(D, v, mu, target=0.0):
         if not angles:
             raise ValueError("No impulse of the plane obeys Coulomb's law: this is Painlevé's paradox.")
         angle = min(angles, key=lambda a: abs(remainder(a - first, tau)))
-    return slip.impulse(angle), Mode.SLIDE
-
-
-def slip_angles(D, v, mu, target=0.0):
-    """The angles of all slips that an impulse of friction alone can leave, for a contact that is needed."""
-    return _Slip(D.tolist(), [float(x) for x in v], mu, float(target - v[2])).all_angles()
+    return slip.impulse(angle)

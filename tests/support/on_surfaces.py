@@ -11,7 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
-from jaxball import observe, vector_field
+from jaxball import observe
+from jaxball.physics import vector_field
 from jaxball.physics.dynamics.moments import kinematics, point_mass_values
 from jaxball.physics.observables import compute_observables, movement
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import equinox
 import jax
 
-import jaxball.cache
+import jaxball.programs.cache
 import jaxball.programs.program
 
 # XLA's newer emitters take longer for a loop than all the rest of compiling without optimisations. Processes that test
@@ -55,7 +55,7 @@ def keep_in(folder: Path) -> None:
     own.mkdir(parents=True, exist_ok=True)
     own.chmod(0o700)
     os.environ["JAXBALL_NO_CACHE"], os.environ["JAXBALL_CACHE_DIR"] = "", str(own)
-    jaxball.cache.enable()
+    jaxball.programs.cache.enable()
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)

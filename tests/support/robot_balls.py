@@ -62,7 +62,7 @@ def ball_of(robot, setting, moment):
         radius=robot.radius,
         offset=robot.offset,
         gravity=np.linalg.norm(setting.g_space),
-        force=jaxball.HarmonicForce(setting.Fe),
+        force=jaxball.physics.HarmonicForce(setting.Fe),
         masses=[jaxball.PointMass(m, jaxball.Fixed(x)) for m, x in still],
         mechanisms=[mechanism_of(chain, values) for chain, values in pairs],
         law=jaxball.FunctionLaw(follow, jnp.asarray(driven)) if driven else None,

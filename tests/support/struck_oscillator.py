@@ -2,7 +2,7 @@
 
 import jax.numpy as jnp
 
-from jaxball.classical import LagrangianSystem, UnilateralContact
+from jaxball.physics.classical import LagrangianSystem, UnilateralContact
 
 
 def struck_oscillator(damping: float, rate: float, e: float) -> LagrangianSystem:

@@ -46,16 +46,16 @@ def rails(rng: np.random.Generator) -> list[jaxball.AbstractRail]:
     """One rail of every family, with random numbers."""
     frames = [
         jaxball.SphericalFrame(*rng.uniform(-1.5, 1.5, 2)),
-        jaxball.VersorFrame(rng.normal(size=4)),
+        jaxball.physics.VersorFrame(rng.normal(size=4)),
         jaxball.SphericalFrame(*rng.uniform(-1.5, 1.5, 2)),
-        jaxball.VersorFrame(rng.normal(size=4)),
+        jaxball.physics.VersorFrame(rng.normal(size=4)),
     ]
     centres = rng.uniform(-0.1, 0.1, (6, 3))
     return [
         jaxball.Circle(rng.uniform(0.3, 0.9), centres[0], frames[0]),
         jaxball.Ellipse(rng.uniform(0.3, 0.9, 2), centres[1], frames[1]),
-        jaxball.GeronoEight(rng.uniform(0.3, 0.9, 2), centres[2], frames[2]),
-        jaxball.BernoulliEight(rng.uniform(0.3, 0.9), centres[3], frames[3]),
+        jaxball.physics.GeronoEight(rng.uniform(0.3, 0.9, 2), centres[2], frames[2]),
+        jaxball.physics.BernoulliEight(rng.uniform(0.3, 0.9), centres[3], frames[3]),
         jaxball.Tube(rng.normal(size=3), centres[4]),
         jaxball.FourierRail(0.3 * rng.normal(size=(2, 3)), 0.3 * rng.normal(size=(2, 3)), centres[5]),
         jaxball.SplineRail(rng.uniform(-0.6, 0.6, (5, 3))),
@@ -80,7 +80,7 @@ def schedules(rng: np.random.Generator) -> list[jaxball.AbstractSchedule]:
 
 def shell(rng: np.random.Generator) -> dict:
     """Random parameters of a shell, with a force."""
-    force = jaxball.HarmonicForce(
+    force = jaxball.physics.HarmonicForce(
         0.3 * rng.normal(size=3), 0.3 * rng.normal(size=(2, 3)), rng.uniform(0.5, 3, 2), rng.normal(size=2)
     )
     return {
@@ -137,7 +137,7 @@ def moving_disk(rng: np.random.Generator) -> jaxball.Disk:
     in_plane = np.array([1.0, 0.0, 1.0])
     parameters = shell(rng)
     series = parameters["force"].series
-    parameters["force"] = jaxball.HarmonicForce(
+    parameters["force"] = jaxball.physics.HarmonicForce(
         series.constant * in_plane, series.amplitude * in_plane[None], series.frequency, series.phase
     )
     parameters["inertia"] = parameters["inertia"][1]

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from jaxball.classical import (
+from jaxball.physics.classical import (
     AbstractLagrangianSystem,
     ChaplyginSleigh,
     KnifeEdge,

@@ -13,7 +13,7 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from jaxball.sweep import Batch, Request, sweep
+from jaxball.studies.sweep.rows import Batch, Request
 from tests.sweep.studies import pretend, study
 
 AXES = '[[axes]]\npath = "body.mass"\nlinear = { from = 1.0, to = 2.0, count = 60 }\n'
@@ -29,7 +29,7 @@ def once(folder: Path) -> None:
             file.write(b".")
         return pretend(batch, request)
 
-    sweep(study(folder, AXES, "chunk = 3"), folder / "s.zarr", engine=counted)
+    study(folder, AXES, "chunk = 3").run(folder / "s.zarr", engine=counted)
 
 
 def main() -> None:

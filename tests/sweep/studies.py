@@ -4,7 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxball.sweep import Batch, Request, Study, read_study
+from jaxball.studies.sweep import read_study
+from jaxball.studies.sweep.rows import Batch, Request
+from jaxball.studies.sweep.study import Study
 from tests.scenario.documents import DISK
 
 MASSES = """
@@ -17,6 +19,15 @@ GRAVITIES = """
 path = "body.gravity"
 values = [0.5, 1.0, 2.0]
 """
+
+
+class Clock:
+    """A clock that stands still unless it is set."""
+
+    now = 0.0
+
+    def __call__(self):
+        return self.now
 
 
 def study(folder: Path, axes: str = MASSES + GRAVITIES, settings: str = "", scenario: str = DISK) -> Study:

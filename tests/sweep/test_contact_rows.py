@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 import xarray
 
-from jaxball import Mode
-from jaxball.scenario import ScenarioError
-from jaxball.sweep import read_study, row_scenarios, sweep
+from jaxball import ScenarioError
+from jaxball.physics import Mode
+from jaxball.studies.sweep import open_store, read_study
 from tests.scenario.documents import DISK
+from tests.support.sentences import refuses
 
 SHELL, TIMES = DISK[: DISK.index("[[masses]]")].replace("inertia = 1.0", "inertia = 0.5"), DISK[DISK.index("[time]") :]
 THROWN = f"{SHELL}{TIMES}[contact]\nfriction = 0.25\n[initial]\nvelocity = [1.0, 0.0, 0.0]\n"
@@ -30,7 +31,7 @@ def study(folder, settings=""):
 @pytest.mark.long
 def test_rows_slide_as_far_as_their_friction_says(tmp_path):
     """A disk with J = m r²/2 loses μ g of its speed until it has lost a third, and friction takes V²/6 then."""
-    sweep(study(tmp_path), tmp_path / "s.zarr")
+    study(tmp_path).run(tmp_path / "s.zarr")
     data = xarray.open_zarr(tmp_path / "s.zarr").load()
     mu, V = np.repeat([0.1, 0.25], 2), np.tile([0.5, 1.0], 2)
     stops = V / (3 * mu) < 2.0
@@ -41,7 +42,7 @@ def test_rows_slide_as_far_as_their_friction_says(tmp_path):
     np.testing.assert_allclose(data["first_switch"], np.where(stops, V / (3 * mu), np.nan), rtol=1e-9)
     np.testing.assert_array_equal(data["modes"], np.where(stops, 1 + 2, 2))
     np.testing.assert_allclose(data["friction_loss"][stops], V[stops] ** 2 / 6, rtol=1e-8)
-    (scenario,) = row_scenarios(tmp_path / "s.zarr", [1])
+    (scenario,) = open_store(tmp_path / "s.zarr").scenarios([1])
     assert [float(scenario.contact.static_friction), float(scenario.state.V[0])] == [0.1, 1.0]
 
 
@@ -49,7 +50,7 @@ def test_rows_slide_as_far_as_their_friction_says(tmp_path):
 def test_what_is_found_of_rows_knows_how_they_slide(tmp_path):
     """N is that of the weight, and the energy with what friction took stays; the disk goes as far as its slip says."""
     finds = 'find = ["distance", "energy_drift", "least_normal_force", "largest_friction"]'
-    sweep(study(tmp_path, finds), tmp_path / "s.zarr")
+    study(tmp_path, finds).run(tmp_path / "s.zarr")
     data = xarray.open_zarr(tmp_path / "s.zarr").load()
     mu, V = np.repeat([0.1, 0.25], 2), np.tile([0.5, 1.0], 2)
     t = np.minimum(V / (3 * mu), 2.0)
@@ -60,15 +61,12 @@ def test_what_is_found_of_rows_knows_how_they_slide(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("settings", "sentence"),
+    ("settings", "named"),
     [
-        (
-            "contact = true",
-            "^Key `contact` must be false where the scenario has a law of contact, with which",
-        ),
-        ("detachment = true", "^Key `detachment` must be false where the scenario has a law of contact"),
+        ("contact = true", "contact"),
+        ("detachment = true", "detachment"),
     ],
 )
-def test_what_is_of_bodies_that_roll_is_refused(tmp_path, settings, sentence):
-    with pytest.raises(ScenarioError, match=sentence):
+def test_what_is_of_bodies_that_roll_is_refused(tmp_path, settings, named):
+    with refuses(ScenarioError, named):
         study(tmp_path, settings)

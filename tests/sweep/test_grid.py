@@ -7,7 +7,7 @@ import pytest
 import xarray
 
 from jaxball.plot.sweeps.rows import label_of
-from jaxball.sweep import open_dataset, open_grid, sweep
+from jaxball.studies.sweep import open_store
 from tests.sweep.studies import pretend, study
 
 SMALL = 'save = "times"\nchunk = 4'
@@ -33,12 +33,12 @@ def unfinished(tmp_path_factory):
     """The first, third and fourth of four chunks, each of four rows but the last."""
     folder = tmp_path_factory.mktemp("grid")
     for part in (1, 3, 4):
-        store = sweep(study(folder, settings=SMALL), folder / "s.zarr", engine=pretend, shard=(part, 4)).store
+        store = study(folder, settings=SMALL).run(folder / "s.zarr", engine=pretend, shard=(part, 4)).store
     return store
 
 
 def test_a_grid_has_the_values_of_its_axes_as_coordinates(unfinished):
-    grid = open_grid(unfinished)
+    grid = open_store(unfinished).grid()
     assert dict(grid.sizes) == {"body.mass": 5, "body.gravity": 3, "save": 5}
     assert grid["phi"].dims == grid["time"].dims == ("body.mass", "body.gravity", "save")
     np.testing.assert_array_equal(grid["body.mass"], m)
@@ -52,13 +52,13 @@ def test_a_grid_has_the_values_of_its_axes_as_coordinates(unfinished):
     np.testing.assert_allclose(near, 1.625, rtol=1e-15)
     assert grid["status"].values.ravel().tolist() == [0] * 4 + [-1] * 4 + [0] * 7
     np.testing.assert_array_equal(grid["row"], np.where(np.isnan(expected), -1, rows))
-    assert grid.attrs == open_dataset(unfinished).attrs
+    assert grid.attrs == open_store(unfinished).dataset().attrs
 
 
 def test_a_grid_reads_what_is_asked_for(unfinished, tmp_path):
     store = tmp_path / "s.zarr"
     shutil.copytree(unfinished, store)
-    grid = open_grid(store)
+    grid = open_store(store).grid()
     (store / "phi" / "c" / "3" / "0").write_bytes(b"short")
     np.testing.assert_allclose(grid["phi"].sel({"body.mass": 0.5, "save": 0}), 0.5 * g, rtol=1e-15)
     with pytest.raises(ValueError, match="checksum"):
@@ -67,7 +67,7 @@ def test_a_grid_reads_what_is_asked_for(unfinished, tmp_path):
 
 def test_numbers_that_change_together_lie_along_one_axis(tmp_path):
     found = study(tmp_path, SCATTERED, SMALL)
-    grid = open_grid(sweep(found, tmp_path / "s.zarr", engine=pretend).store)
+    grid = open_store(found.run(tmp_path / "s.zarr", engine=pretend).store).grid()
     assert grid["z"].dims == ("axes[0]", "axes[1]", "time.end", "save")
     for k, size in enumerate((2, 3)):
         assert grid[f"axes[{k}]"].values.tolist() == list(range(size))

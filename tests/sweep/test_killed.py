@@ -12,7 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from jaxball.sweep import sweep
 from tests.sweep.kills import CHUNKS, FEWEST, once
 from tests.sweep.studies import files, study, study_text
 
@@ -120,10 +119,10 @@ def test_a_dask_cluster_on_this_machine(tmp_path):
     found = study(tmp_path, MANY, "chunk = 64")
     options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
     with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as client:
-        outcome = sweep(found, tmp_path / "dask.zarr", executor=client.get_executor())
+        outcome = found.run(tmp_path / "dask.zarr", executor=client.get_executor())
     assert outcome.finished
     # In processes of its own, with the same flags of XLA as those of the cluster.
-    assert files(sweep(found, tmp_path / "spawned.zarr", workers=2).store) == files(outcome.store)
+    assert files(found.run(tmp_path / "spawned.zarr", workers=2).store) == files(outcome.store)
 
 
 def processes(session):

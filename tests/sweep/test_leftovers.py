@@ -10,21 +10,21 @@ import pytest
 
 from jaxball.cli import main
 from jaxball.interface.output import part_prefix
-from jaxball.sweep import StoreError, sweep
-from jaxball.sweep.files import SECONDS_OF_A_PART
+from jaxball.studies.sweep import StoreError
+from jaxball.studies.sweep.files import SECONDS_OF_A_PART
 from tests.sweep.studies import files, pretend, study, study_text
 
 KILLED_WHILE_IT_MAKES_A_STORE = """
 import os, signal, sys
 from pathlib import Path
 import jax
-from jaxball.sweep import store, sweep
+from jaxball.studies.sweep import store
 from tests.sweep.studies import pretend, study
 
 jax.config.update("jax_enable_x64", True)
 write = store._write_metadata
 store._write_metadata = lambda *arguments: (write(*arguments), os.kill(os.getpid(), signal.SIGKILL))
-sweep(study(Path(sys.argv[1])), Path(sys.argv[1]) / "s.zarr", engine=pretend)
+study(Path(sys.argv[1])).run(Path(sys.argv[1]) / "s.zarr", engine=pretend)
 """
 
 
@@ -59,8 +59,8 @@ def test_a_run_that_was_killed_while_it_made_its_store(tmp_path):
     assert (left / "store" / "zarr.json").exists()
     assert not (tmp_path / "s.zarr").exists()
     (tmp_path / "whole").mkdir()
-    whole = sweep(study(tmp_path / "whole"), tmp_path / "whole" / "s.zarr", engine=pretend)
-    outcome = sweep(study(tmp_path), tmp_path / "s.zarr", engine=pretend)
+    whole = study(tmp_path / "whole").run(tmp_path / "whole" / "s.zarr", engine=pretend)
+    outcome = study(tmp_path).run(tmp_path / "s.zarr", engine=pretend)
     assert not left.exists()
     assert files(outcome.store) == files(whole.store)
 
@@ -72,7 +72,7 @@ def test_what_the_dead_left_is_removed_and_nothing_else(tmp_path, nobody):
     living, recent = part(tmp_path), part(tmp_path, nobody, "far-away")
     other = tmp_path / ".part-of-something-else"
     other.mkdir()
-    sweep(study(tmp_path), tmp_path / "s.zarr", engine=pretend)
+    study(tmp_path).run(tmp_path / "s.zarr", engine=pretend)
     assert not any(path.exists() for path in (dead, old, table))
     assert all(path.exists() for path in (living, recent, other))
 
@@ -83,7 +83,7 @@ def test_a_link_is_removed_and_not_what_it_leads_to(tmp_path, nobody):
     link = part(tmp_path, nobody)
     target = tmp_path / link.name.replace("1a", "3c")
     target.symlink_to(precious, target_is_directory=True)
-    sweep(study(tmp_path), tmp_path / "s.zarr", engine=pretend)
+    study(tmp_path).run(tmp_path / "s.zarr", engine=pretend)
     assert not target.is_symlink()
     assert precious.is_dir()
 
@@ -102,7 +102,7 @@ def read_only(tmp_path):
 
 def test_a_read_only_folder(tmp_path, read_only, command_line, capsys):
     with pytest.raises(StoreError, match=r'must lie in a folder that can be written, but "\S+" cannot be made: Perm'):
-        sweep(study(tmp_path), read_only / "s.zarr", engine=pretend)
+        study(tmp_path).run(read_only / "s.zarr", engine=pretend)
     (tmp_path / "study.toml").write_text(study_text(tmp_path))
     assert main(["sweep", str(tmp_path / "study.toml"), "--out", str(read_only / "s.zarr")]) == 2
     assert "must lie in a folder that can be written" in capsys.readouterr().err
@@ -110,21 +110,21 @@ def test_a_read_only_folder(tmp_path, read_only, command_line, capsys):
 
 
 def test_figures_in_a_read_only_folder(tmp_path, read_only, command_line, capsys):
-    store = sweep(study(tmp_path), tmp_path / "s.zarr", engine=pretend).store
+    store = study(tmp_path).run(tmp_path / "s.zarr", engine=pretend).store
     assert main(["sweep", "plot", str(store), "--out", str(read_only), "--result", "phi"]) == 2
     assert "Permission denied" in capsys.readouterr().err
 
 
 def test_a_store_that_became_read_only_is_left_as_it_is(tmp_path, read_only):
     found, place = study(tmp_path, settings="chunk = 4"), tmp_path / "s.zarr"
-    sweep(found, place, engine=pretend, shard=(1, 2))
+    found.run(place, engine=pretend, shard=(1, 2))
     folders = [place / ".done", place / "phi" / "c", place / "row" / "c"]
     try:
         for folder in folders:
             folder.chmod(0o555)
         with pytest.raises(StoreError, match=r"cannot be written: Permission denied\. Its contents are intact"):
-            sweep(found, place, engine=pretend)
+            found.run(place, engine=pretend)
     finally:
         for folder in folders:
             folder.chmod(0o755)
-    assert sweep(found, place, engine=pretend).finished
+    assert found.run(place, engine=pretend).finished

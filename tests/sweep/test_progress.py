@@ -6,22 +6,13 @@ import numpy as np
 import pytest
 import xarray
 
-from jaxball.sweep import describe, sweep
-from jaxball.sweep.executors import ChunkResult
-from jaxball.sweep.progress import Progress, StatusCounts
+from jaxball.studies.sweep import open_store
+from jaxball.studies.sweep.executors import ChunkResult
+from jaxball.studies.sweep.progress import Progress, StatusCounts
 from tests.plot.studies import heavy_ones_fail
-from tests.sweep.studies import study
+from tests.sweep.studies import Clock, study
 
 NOTHING = StatusCounts(np.zeros(9, dtype=int), None)
-
-
-class Clock:
-    """A clock that stands still unless it is set."""
-
-    now = 0.0
-
-    def __call__(self):
-        return self.now
 
 
 class Terminal(io.StringIO):
@@ -99,18 +90,18 @@ def test_failures_after_a_run_goes_on_are_those_in_the_store(tmp_path, between):
     """Where ``between``, another shard writes while this one computes."""
     found, stream = study(tmp_path, settings="chunk = 4"), io.StringIO()
     options = {"engine": heavy_ones_fail}
-    sweep(found, tmp_path / "s.zarr", shard=(4, 4), **options)
+    found.run(tmp_path / "s.zarr", shard=(4, 4), **options)
 
     def engine(batch, wanted):
         if between:
-            sweep(found, tmp_path / "s.zarr", shard=(3, 4), **options)
+            found.run(tmp_path / "s.zarr", shard=(3, 4), **options)
         return heavy_ones_fail(batch, wanted)
 
-    sweep(found, tmp_path / "s.zarr", shard=(1, 4) if between else (1, 2), engine=engine, stream=stream)
+    found.run(tmp_path / "s.zarr", shard=(1, 4) if between else (1, 2), engine=engine, stream=stream)
     with xarray.open_zarr(tmp_path / "s.zarr") as data:
         status = data["status"].values[data["row"].values >= 0]
     assert np.count_nonzero(status) == 5
     first, *_, last = stream.getvalue().splitlines()
     assert first == "3 of 15 rows (20.0 %), 2 failed, compiling"
     assert last.startswith("11 of 15 rows (73.3 %), 5 failed, ")
-    assert "11 of 15 rows are done (73.3 %)\n  6 SUCCESS\n  5 MAX_STEPS\n" in describe(tmp_path / "s.zarr")
+    assert "11 of 15 rows are done (73.3 %)\n  6 SUCCESS\n  5 MAX_STEPS\n" in open_store(tmp_path / "s.zarr").describe()

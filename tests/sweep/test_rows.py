@@ -7,7 +7,7 @@ import xarray
 
 import jaxball
 from jaxball import Status
-from jaxball.sweep import describe, sweep
+from jaxball.studies.sweep import open_store
 from tests.scenario.documents import BALL, DISK
 from tests.sweep.studies import study
 
@@ -32,7 +32,7 @@ def disks(tmp_path_factory):
     """Twelve disks in two chunks: shells of negative mass, rails outside the shell and fast masses are among them."""
     folder = tmp_path_factory.mktemp("disks")
     found = study(folder, AXES, SETTINGS, DISK + "[solve]\nmax_steps = 40\n")
-    outcome = sweep(found, folder / "disks.zarr")
+    outcome = found.run(folder / "disks.zarr")
     assert outcome.finished
     return found, outcome
 
@@ -66,7 +66,7 @@ def test_rows_are_single_runs(disks, data):
 def test_extremes_of_the_contact_force_are_those_of_single_runs(tmp_path):
     axes = AXES.replace("[0.2, 300.0]", "[0.2, 3.0]")
     found = study(tmp_path, axes, "contact = true")
-    outcome = sweep(found, tmp_path / "disks.zarr")
+    outcome = found.run(tmp_path / "disks.zarr")
     frame = pandas.read_parquet(outcome.table)
     for row in np.flatnonzero(frame["status"] == 0):
         extremes = jaxball.contact_extremes(found.scenario(int(row)).simulate(dense=True))
@@ -82,7 +82,7 @@ def test_a_row_that_no_body_can_have_is_a_status_and_no_number(disks, data):
     assert np.all(data["steps"][bad] == 0)
     for name in ("phi", "reached", "z"):
         assert np.all(np.isnan(data[name][bad]))
-    lines = describe(disks[1].store)
+    lines = open_store(disks[1].store).describe()
     assert "12 of 12 rows are done (100.0 %)\n  2 SUCCESS\n  2 MAX_STEPS\n  8 IMPOSSIBLE" in lines
     assert "the first failed row is 1, IMPOSSIBLE, with body.mass = 0.5" in lines
     assert "Key `masses[0].rail` must be a curve inside the shell of radius 1" in lines
@@ -115,7 +115,7 @@ def test_the_table_has_the_ends_of_the_runs(disks, data):
 def test_solves_that_give_up_are_rows_with_a_status(tmp_path):
     axes = '[[axes]]\npath = "masses[0].schedule.rate"\nvalues = [0.0, 300.0]\n'
     text = BALL + "[solve]\nmax_steps = 40\n"
-    outcome = sweep(study(tmp_path, axes, scenario=text), tmp_path / "balls.zarr")
+    outcome = study(tmp_path, axes, scenario=text).run(tmp_path / "balls.zarr")
     with xarray.open_zarr(outcome.store) as data:
         assert list(data["status"].values) == [Status.SUCCESS, Status.MAX_STEPS]
         assert data["q"].dims == ("row", "component")
@@ -131,7 +131,7 @@ def test_driven_masses_that_leave_the_shell_are_seen(tmp_path):
     text = DISK.replace('{ kind = "circle", radius = 0.9 }', '{ kind = "tube", direction = [1, 0, 0] }')
     text = text.replace("end = 2.0", "end = 1.0") + '[actuation]\nform = "integrated"\n'
     axes = '[[axes]]\npath = "masses[0].schedule.rate"\nvalues = [0.1, 0.5]\n'
-    outcome = sweep(study(tmp_path, axes, scenario=text), tmp_path / "tubes.zarr")
+    outcome = study(tmp_path, axes, scenario=text).run(tmp_path / "tubes.zarr")
     with xarray.open_zarr(outcome.store) as data:
         assert list(data["status"].values) == [Status.SUCCESS, Status.LEFT_SHELL]
         np.testing.assert_allclose(data["theta"].values[:, 0], [0.8, 1.2], rtol=1e-9)

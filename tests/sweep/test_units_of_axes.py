@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from jaxball import read_scenario
 from jaxball.plot.sweeps.rows import number_label
-from jaxball.scenario import read_scenario
-from jaxball.sweep import open_dataset, read_study, sweep
-from jaxball.sweep.outputs import outputs_of
+from jaxball.studies.sweep import open_store, read_study
+from jaxball.studies.sweep.outputs import outputs_of
 
 STATED = 'units = { length = "m", mass = "kg", time = "s" }'
 ROBOT = """
@@ -113,8 +113,8 @@ def test_units_are_read_by_pint(tmp_path, joint):
 @pytest.mark.thorough
 def test_stores_and_figures_of_a_study_show_them(tmp_path):
     paths = [f"{FORCE}[0].signal.theta", f"{FORCE}[2].stiffness"]
-    sweep(study_of(tmp_path, "hinge", paths), tmp_path / "s.zarr")
-    with open_dataset(tmp_path / "s.zarr") as data:
+    study_of(tmp_path, "hinge", paths).run(tmp_path / "s.zarr")
+    with open_store(tmp_path / "s.zarr").dataset() as data:
         assert [in_any_order(data[path].attrs["units"]) for path in paths] == [["kg", "m^2", "s^-2"]] * 2
         assert np.all(data["status"].values == 0)
         assert number_label(paths[1], data=data) == f"{paths[1]} (kg m$^{{2}}$ s$^{{-2}}$)"

@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from jaxball import BallState, observe
-from jaxball.urdf import from_urdf
+from jaxball.files.urdf import read_urdf
 
 from .robots import rotation, turned
 
@@ -152,7 +152,7 @@ def test_files_have_the_masses_forces_and_accelerations_of_an_own_reading(tree):
     rng = np.random.default_rng(7)
     for _ in range(VARIANTS):
         text = robot(tree, rng)
-        reading, scenario = Reading(text), from_urdf(text)
+        reading, scenario = Reading(text), read_urdf(text).scenario
         order = joints_in_order(scenario.system, reading)
         n = len(reading.moving)
         q, theta, u = rng.normal(size=4), 0.5 * rng.normal(size=n), rng.normal(size=3 + n)

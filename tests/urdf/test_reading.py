@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from jaxball import BallState, read_scenario, write_scenario
-from jaxball.mjcf import from_mjcf, to_mjcf
-from jaxball.urdf import from_urdf, read_urdf
+from jaxball.files.mjcf import read_mjcf, to_mjcf
+from jaxball.files.urdf import read_urdf
 
 from .robots import INSIDE_OUT, MJCF, URDF, added, in_python, rotation, turned
 
@@ -32,7 +32,7 @@ def accelerations(system, state):
 
 @pytest.mark.thorough
 def test_the_robot_is_that_of_python_and_that_of_mjcf():
-    read, mjcf, python = from_urdf(URDF).system, from_mjcf(MJCF).system, in_python()
+    read, mjcf, python = read_urdf(URDF).scenario.system, read_mjcf(MJCF).scenario.system, in_python()
     for state in states(3):
         expected = accelerations(python, state)
         assert np.max(np.abs(expected)) > 1.0
@@ -55,7 +55,7 @@ def test_the_robot_is_as_mujoco_reads_it():
     """MuJoCo needs a world in which the shell floats; friction is a constraint there and not compared."""
     free = '<joint name="free" type="floating"><parent link="world"/><child link="shell"/></joint>'
     text = added(URDF, '<link name="world"/>', free).replace('<mesh filename="package://robot/shell.stl"/>', BOX)
-    own, ours, written, theirs = of_mujoco(text, from_urdf(text))
+    own, ours, written, theirs = of_mujoco(text, read_urdf(text).scenario)
     for state in states(3):
         for data in (ours, theirs):
             data.qpos[:] = np.concatenate([(0.0, 0.0, 9.0), state.q, state.theta])
@@ -72,7 +72,7 @@ BOX = '<box size="0.1 0.1 0.1"/>'
 @pytest.mark.thorough
 def test_a_robot_whose_root_is_inside_is_as_mujoco_reads_it():
     """MuJoCo moves the root, the frame, and not the shell: both have the same motion, and the same accelerations."""
-    scenario = from_urdf(INSIDE_OUT)
+    scenario = read_urdf(INSIDE_OUT).scenario
     own, ours, written, theirs = of_mujoco(INSIDE_OUT, scenario)
     axes = rotation(np.asarray(scenario.state.q))  # principal axes of shell and plate where the root is upright
     for numbers in np.random.default_rng(5).normal(size=(4, 2)):
@@ -99,13 +99,13 @@ def own_turn():
 
 
 def test_the_root_is_upright_at_the_start():
-    shell = from_urdf(INSIDE_OUT.replace('name="bolts" type="fixed"', 'name="bolts" type="continuous"'))
+    shell = read_urdf(INSIDE_OUT.replace('name="bolts" type="fixed"', 'name="bolts" type="continuous"')).scenario
     np.testing.assert_allclose(rotation(np.asarray(shell.state.q)), own_turn(), rtol=0, atol=1e-15)
 
 
 @pytest.mark.thorough
 def test_what_is_read_runs_and_is_written_as_a_scenario():
-    scenario = from_urdf(URDF, times=np.array([0.0, 0.2]))
+    scenario = read_urdf(URDF, times=np.array([0.0, 0.2])).scenario
     again = read_scenario(write_scenario(scenario))
     run = again.simulate(throw=True)
     assert again.title == "pendulum robot"

@@ -10,11 +10,11 @@ from jaxtyping import Array, Float
 
 import jaxball
 from jaxball import load_scenario
-from jaxball.verify import comparisons, verify
-from jaxball.verify.case import Case
+from jaxball.analysis.verify import check_laws, comparisons
+from jaxball.analysis.verify.case import Case
 
 
-class Weather(jaxball.AbstractState):
+class Weather(jaxball.physics.AbstractState):
     """x, y, z."""
 
     x: Float[Array, "*batch"] = eqx.field(converter=jnp.asarray, default=1.0)
@@ -37,7 +37,7 @@ class Lorenz(jaxball.AbstractSystem[Weather]):
 @pytest.mark.parametrize(("end", "resolved"), [(2.0, True), (40.0, False)])
 def test_a_chaotic_run_that_is_too_long_is_not_resolved(end, resolved):
     """Errors of 1e-8 have grown to the size of the motion by t = 20, and those of the reference by t = 35."""
-    row = verify(Lorenz(), [0.0, end], rtol=1e-8, atol=1e-8, laws=["convergence"])["convergence"]
+    row = check_laws(Lorenz(), [0.0, end], rtol=1e-8, atol=1e-8, laws=["convergence"])["convergence"]
     assert row.ok is resolved
     assert ("not resolved" in row.verdict) is not resolved
     assert ("FAILS" in row.verdict) is not resolved
@@ -46,7 +46,7 @@ def test_a_chaotic_run_that_is_too_long_is_not_resolved(end, resolved):
 @pytest.mark.thorough
 @pytest.mark.parametrize("tolerance", [1e-3, 0.01])
 def test_a_loose_run_is_compared_with_a_tighter_one(tolerance):
-    row = verify(Lorenz(), [0.0, 1.0], rtol=tolerance, atol=tolerance, laws=["convergence"])["convergence"]
+    row = check_laws(Lorenz(), [0.0, 1.0], rtol=tolerance, atol=tolerance, laws=["convergence"])["convergence"]
     assert row.ok
     assert row.residual > 0
     assert f"at {tolerance / 100:.0e}" in row.note

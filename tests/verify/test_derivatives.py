@@ -1,21 +1,14 @@
 """The row that compares the derivative of a run's end with differences of runs: where it holds, and where it fails."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
-from jaxball import BallState, Contact, Disk, DiskState, Scenario, load_scenario
+from jaxball import BallState, Contact, Disk, DiskState, Scenario
+from jaxball.analysis.verify import check_laws, comparisons
 from jaxball.programs.derivatives import steering
 from jaxball.programs.store import current
 from jaxball.simulation.global_error import slope_of_end
-from jaxball.verify import comparisons, verify
 from tests.derivatives.test_sensitivity_control import END, MARBLE, OMEGA
-
-
-@pytest.fixture(scope="module")
-def case():
-    return comparisons.Case(dataclasses.replace(load_scenario("disk"), rtol=1e-7, atol=1e-7))
 
 
 @pytest.fixture(scope="module")
@@ -52,11 +45,11 @@ def test_differences_at_rest_are_the_closed_form(at_rest):
 
 def test_steps_for_the_state_alone_fail_at_rest(monkeypatch, at_rest):
     monkeypatch.setattr(steering, "SHARE", 0.0)
-    monkeypatch.setattr(current, "store", None)  # which has programs with another share
-    assert comparisons.derivative(at_rest).verdict.startswith("FAILS")
+    with current.keep_within(None):  # the store has programs with another share
+        assert comparisons.derivative(at_rest).verdict.startswith("FAILS")
 
 
 def test_a_body_that_could_slip_has_none():
     law, start = Contact(friction=0.5), DiskState(phidot=-1.0)
-    row = verify(Disk(mass=1.0, inertia=0.5), [0.0, 1.0], start, contact=law, laws=["derivative"])["derivative"]
+    row = check_laws(Disk(mass=1.0, inertia=0.5), [0.0, 1.0], start, contact=law, laws=["derivative"])["derivative"]
     assert row.reason == "it has modes, and nearby runs may be in others"

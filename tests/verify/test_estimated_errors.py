@@ -1,21 +1,13 @@
 """The row that compares the error of a run with its estimate: where it holds, where it fails, where it cannot tell."""
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball import load_scenario
+from jaxball.analysis.verify import check_laws, comparisons
 from jaxball.interface.status import SolveError
-from jaxball.verify import comparisons, verify
 from tests.verify.test_convergence import Lorenz
-
-
-@pytest.fixture(scope="module")
-def case():
-    return comparisons.Case(dataclasses.replace(load_scenario("disk"), rtol=1e-7, atol=1e-7))
 
 
 def test_the_estimate_agrees_with_the_error(case):
@@ -44,5 +36,5 @@ def test_a_solve_that_fails_is_a_remark(monkeypatch, case):
 @pytest.mark.thorough
 def test_an_error_as_large_as_the_motion_has_no_estimate():
     """Errors of 1e-8 have grown to the size of the motion by t = 20."""
-    row = verify(Lorenz(), jnp.array([0.0, 30.0]), rtol=1e-8, atol=1e-8, laws=["estimate"])["estimate"]
+    row = check_laws(Lorenz(), jnp.array([0.0, 30.0]), rtol=1e-8, atol=1e-8, laws=["estimate"])["estimate"]
     assert "does not apply: the error, " in row.verdict

@@ -6,16 +6,20 @@ import numpy as np
 import pytest
 
 import jaxball
+from jaxball import Scenario
+from jaxball.analysis.verify import check_laws
+from jaxball.analysis.verify.case import Case
+from jaxball.analysis.verify.laws import LAWS
+from jaxball.analysis.verify.run import UNSAID
+from jaxball.files.scenario import builtin_scenarios
+from jaxball.files.scenario.sources import builtin_text
 from jaxball.numerics.vectors import cross
 from jaxball.paper import reference
-from jaxball.physics.dynamics import locked, momentum
+from jaxball.physics.dynamics import locked
 from jaxball.programs.store import current
-from jaxball.scenario import Scenario, builtin_scenarios, builtin_text
 from jaxball.simulation import DEFAULT_TOLERANCE, simulate as simulation
-from jaxball.verify import LAWS, verify
-from jaxball.verify.case import Case
-from jaxball.verify.run import UNSAID
 from tests.support.paper import paper_ball, paper_disk
+from tests.support.sentences import refuses, said
 
 INTEGRALS = ("energy", "chaplygin", "jellett-rate", "jellett", "routh")
 TIMES = np.linspace(0.0, 10.0, 11)
@@ -31,7 +35,7 @@ def sphere(*, inertia=(0.4, 0.4, 0.5), places=((0.0, 0.0, 0.6), (0.0, 0.0, -0.2)
 
 @functools.cache
 def routh_sphere():
-    return verify(sphere(), quick=True)
+    return check_laws(sphere(), quick=True)
 
 
 @pytest.mark.thorough
@@ -43,6 +47,7 @@ def test_all_laws_that_apply_hold_for_a_routh_sphere():
         "energy", "momentum", "jellett-rate", "jellett", "routh", "norm", "rolling", "contact", "error", "convergence",
     }  # fmt: skip
     assert report["contact"].at_least
+    said(report["chaplygin"].reason, "centre of mass")
     assert "the centre of mass is up to 0.114" in report["chaplygin"].reason
 
 
@@ -65,11 +70,11 @@ def test_a_report_is_plain_data():
 
 @pytest.mark.thorough
 def test_jellett_and_routh_do_not_apply_where_the_moments_differ_and_do_change():
-    report = verify(sphere(inertia=(0.4, 0.5, 0.5)), laws=INTEGRALS)
+    report = check_laws(sphere(inertia=(0.4, 0.5, 0.5)), laws=INTEGRALS)
     assert report.ok
     for law in ("jellett", "routh"):
         assert not report[law].applies
-        assert "the moments across the axis (0, 0, 1) differ" in report[law].reason
+        said(report[law].reason)
         assert report[law].residual > 1e-3
     assert report["energy"].residual < 1e-8
     assert report["jellett-rate"].residual < 1e-8
@@ -81,14 +86,14 @@ def test_jellett_and_routh_do_not_apply_where_the_moments_differ_and_do_change()
 )
 def test_jellett_and_routh_hold_about_any_axis(inertia, direction):
     places = [0.6 * np.array(direction), -0.2 * np.array(direction)]
-    report = verify(sphere(inertia=inertia, places=places), laws=INTEGRALS)
+    report = check_laws(sphere(inertia=inertia, places=places), laws=INTEGRALS)
     assert report.ok
     assert report["jellett"].applies
     assert report["routh"].applies
 
 
 def test_chaplygins_integral_is_found_to_apply_where_the_masses_balance():
-    report = verify(sphere(inertia=(0.3, 0.4, 0.5), places=[(0.2, 0.0, 0.1), (-0.6, 0.0, -0.3)]), laws=INTEGRALS)
+    report = check_laws(sphere(inertia=(0.3, 0.4, 0.5), places=[(0.2, 0.0, 0.1), (-0.6, 0.0, -0.3)]), laws=INTEGRALS)
     assert report.ok
     assert report["chaplygin"].applies
     assert not report["routh"].applies
@@ -97,7 +102,7 @@ def test_chaplygins_integral_is_found_to_apply_where_the_masses_balance():
 @pytest.mark.thorough
 def test_a_ball_that_would_lift_off_is_not_trusted():
     """The centre of mass, 0.114 from the centre, needs more than its weight to turn at 8 radians a unit of time."""
-    report = verify(sphere(Omega=(8.0, 0.0, 0.0)), laws=["contact", "energy"])
+    report = check_laws(sphere(Omega=(8.0, 0.0, 0.0)), laws=["contact", "energy"])
     assert report["energy"].ok
     assert report["contact"].residual < 0
     assert report.doubts[0].startswith("contact fails: ")
@@ -105,7 +110,7 @@ def test_a_ball_that_would_lift_off_is_not_trusted():
 
 
 def test_a_loose_tolerance_is_not_trusted():
-    report = verify(sphere(rtol=1e-2), laws=["error"])
+    report = check_laws(sphere(rtol=1e-2), laws=["error"])
     assert not report.ok
     assert report.trust.error > 1e-3
     assert report.trust.horizon < 10
@@ -118,8 +123,8 @@ def thousandth_wrong(monkeypatch):
     """The term (rΓ × Ω) × P of the momentum's rate too small by a thousandth."""
 
     def rate(at, r, acting, Pi, Omega):
-        P = momentum.linear_momentum(at, r, Omega, acting.Gamma)
-        right = momentum.contact_momentum_rate(at, r, acting, Pi, Omega)
+        P = locked.linear_momentum(at, r, Omega, acting.Gamma)
+        right = locked.contact_momentum_rate(at, r, acting, Pi, Omega)
         return right - 1e-3 * cross(r * cross(acting.Gamma, Omega), P)
 
     monkeypatch.setattr(locked, "contact_momentum_rate", rate)
@@ -132,7 +137,7 @@ def thousandth_wrong(monkeypatch):
 @pytest.mark.thorough
 @pytest.mark.usefixtures("thousandth_wrong")
 def test_a_term_that_is_wrong_by_a_thousandth_breaks_the_laws():
-    report = verify(sphere(), laws=["energy", "momentum", "jellett-rate", "jellett", "routh", "norm", "rolling"])
+    report = check_laws(sphere(), laws=["energy", "momentum", "jellett-rate", "jellett", "routh", "norm", "rolling"])
     assert not report.ok
     failing = {row.law for row in report.rows if not row.ok}
     assert failing == {"energy", "momentum", "jellett-rate", "jellett", "routh"}
@@ -140,7 +145,7 @@ def test_a_term_that_is_wrong_by_a_thousandth_breaks_the_laws():
 
 
 def test_a_failed_solve_is_the_reports_failure():
-    report = verify(sphere(inertia=(0.1, 0.1, 0.9)), quick=True)
+    report = check_laws(sphere(inertia=(0.1, 0.1, 0.9)), quick=True)
     assert not report.ok
     assert report.rows == ()
     assert "Do not trust this run: The solve did not start" in str(report)
@@ -148,30 +153,32 @@ def test_a_failed_solve_is_the_reports_failure():
 
 @pytest.mark.slow
 def test_a_disk_with_moving_masses_keeps_the_balances():
-    report = verify(paper_disk(), np.linspace(0.0, 20.0, 21), laws=["energy", "momentum", "rolling", "norm", "routh"])
+    report = check_laws(
+        paper_disk(), np.linspace(0.0, 20.0, 21), laws=["energy", "momentum", "rolling", "norm", "routh"]
+    )
     assert report.ok
     assert all(report[law].applies for law in ("energy", "momentum", "rolling"))
     assert "versor" in report["norm"].reason
-    assert "in a plane" in report["routh"].reason
+    said(report["routh"].reason)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "kind", "sentence"),
+    ("arguments", "kind", "named"),
     [
-        ({"times": [0.0, 1.0]}, ValueError, "must be left out for a Scenario"),
-        ({"laws": ["enrgy"]}, ValueError, r'must contain names of laws, .* "enrgy"; did you mean "energy"\?'),
+        ({"times": [0.0, 1.0]}, ValueError, "times"),
+        ({"laws": ["enrgy"]}, ValueError, "laws"),
     ],
 )
-def test_arguments_for_a_scenario(arguments, kind, sentence):
-    with pytest.raises(kind, match=sentence):
-        verify(sphere(), **arguments)
+def test_arguments_for_a_scenario(arguments, kind, named):
+    with refuses(kind, named):
+        check_laws(sphere(), **arguments)
 
 
 def test_arguments_for_a_system():
-    with pytest.raises(ValueError, match="`times` must be given"):
-        verify(paper_disk())
-    with pytest.raises(TypeError, match="a RotationState has `in_space`"):
-        verify(paper_ball(), TIMES, jaxball.RotationState())
+    with refuses(ValueError, "times"):
+        check_laws(paper_disk())
+    with refuses(TypeError, "in_space"):
+        check_laws(paper_ball(), TIMES, jaxball.physics.RotationState())
 
 
 @pytest.mark.slow
@@ -202,7 +209,7 @@ def test_the_difference_from_a_run_at_a_hundredth_of_the_tolerance_is_the_error(
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in builtin_scenarios() if "\n[contact]" not in builtin_text(name)])
 def test_every_built_in_scenario_that_always_rolls_keeps_every_law(name):
-    report = verify(jaxball.load_scenario(name))
+    report = check_laws(jaxball.load_scenario(name))
     assert report.ok, str(report)
     if isinstance(jaxball.load_scenario(name).system, jaxball.Ball | jaxball.Disk):
         assert {row.law for row in report.rows} | {*UNSAID} == {*LAWS}

@@ -11,10 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxball import solvers
 from jaxball.paper.reproduce.experiments import Counter, Field, counting
 from jaxball.programs.users_functions import jit
-from jaxball.solvers.multistep import controller_class
+from jaxball.simulation import solvers
+from jaxball.simulation.solvers.multistep import controller_class
 
 from ..problem import Form, Problem
 from ..translate import jax_field, jax_parameters

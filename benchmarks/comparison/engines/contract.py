@@ -14,6 +14,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from jaxball import Scenario, load_scenario
 from jaxball.physics.body import Ball
 from jaxball.physics.contact.law import Contact
 from jaxball.physics.contact.released import ReleasedState
@@ -21,7 +22,6 @@ from jaxball.physics.grounds.ground import Ground
 from jaxball.physics.mechanisms import Motor, planar_pendulum
 from jaxball.physics.prescribed.schedules import Sinusoids
 from jaxball.physics.state import BallState
-from jaxball.scenario import Scenario, load_scenario
 
 from ..contenders import Family
 

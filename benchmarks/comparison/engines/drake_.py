@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from jaxball.mjcf import Exported, MJCFError, to_mjcf
+from jaxball import Scenario
+from jaxball.files.mjcf import MJCFError, to_mjcf
+from jaxball.files.mjcf.writing import Exported
 from jaxball.numerics.arrays import to_array
 from jaxball.physics.contact.released import ReleasedState, release
 from jaxball.physics.mechanisms import Hinge
-from jaxball.scenario import Scenario
 
 from .contract import Case, Motion, Row, Setting, motion_of
 from .inside import angles_by_schedule, in_space
@@ -25,7 +26,7 @@ TORQUE_SAMPLES = 20  # of a torque, in each interval between save times
 
 
 def run(case: Case, setting: Setting, timestep: float) -> Motion:
-    """The motion of a robot; raises :class:`~jaxball.mjcf.MJCFError` where Drake cannot express it.
+    """The motion of a robot; raises :class:`~jaxball.files.mjcf.MJCFError` where Drake cannot express it.
 
     Of a continuous plant, ``timestep`` is the accuracy that its integrator is asked for.
     """

@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from jaxball import Scenario
 from jaxball.numerics.arrays import to_array
 from jaxball.physics.body import Disk, System
 from jaxball.physics.contact.released import ReleasedState, energy_of_released, slip_velocity
 from jaxball.physics.state import BallState, DiskState
-from jaxball.scenario import Scenario
 from jaxball.simulation.trajectory import Trajectory
 
 from .contract import Motion

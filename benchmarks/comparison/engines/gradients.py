@@ -21,8 +21,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxball import programs
+from jaxball.files.mjcf import to_mjcf
 from jaxball.interface.output import write_text
-from jaxball.mjcf import to_mjcf
 from jaxball.simulation.simulate import simulate
 
 from ..measure import Echo, machine, power, seconds, versions
@@ -53,7 +53,7 @@ class Row:
 def measure(out: Path, echo: Echo = print) -> list[Row]:
     """Measures all derivatives, and writes ``gradients.json`` and ``gradients.md`` to the folder ``out``.
 
-    **Raises:** :class:`~jaxball.results.OutputError` when a file cannot be written.
+    **Raises:** :class:`~jaxball.files.results.OutputError` when a file cannot be written.
     """
     modes = {"forward": diffrax.ForwardMode(), "reverse": diffrax.RecursiveCheckpointAdjoint()}
     echo("Derivatives by jaxball, which compiles two programs first.")

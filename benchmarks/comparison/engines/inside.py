@@ -9,11 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxball.mjcf import Exported, MJCFError
+from jaxball import Scenario
+from jaxball.files.mjcf import MJCFError
+from jaxball.files.mjcf.writing import Exported
 from jaxball.physics.body import Ball, Disk
 from jaxball.physics.prescribed.motion import OnRail
 from jaxball.physics.prescribed.rails import Circle
-from jaxball.scenario import Scenario
 
 
 class Hung(NamedTuple):
@@ -39,7 +40,7 @@ def in_space(scenario: Scenario) -> Scenario:
 def masses_on_hinges(exported: Exported) -> list[Hung]:
     """Returns the masses on hinges of a robot.
 
-    **Raises:** :class:`~jaxball.mjcf.MJCFError` for a robot that carries something else.
+    **Raises:** :class:`~jaxball.files.mjcf.MJCFError` for a robot that carries something else.
     """
     shell = ET.fromstring(exported.text).find("worldbody/body[@name='shell']")
     assert shell is not None
@@ -64,7 +65,7 @@ def _vector(element: ET.Element, name: str, default: str) -> Float[np.ndarray, "
 def angles_by_schedule(system: Any, times: Float[np.ndarray, " T"]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Computes θ and θ̇ of the masses that move on circles by schedules at some times, by the names of their hinges.
 
-    **Raises:** :class:`~jaxball.mjcf.MJCFError` for a mass that moves in another way.
+    **Raises:** :class:`~jaxball.files.mjcf.MJCFError` for a mass that moves in another way.
     """
     found = {}
     for index, item in enumerate(system.point_masses):

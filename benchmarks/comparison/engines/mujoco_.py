@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from jaxball.mjcf import Exported, to_mjcf
+from jaxball.files.mjcf import to_mjcf
+from jaxball.files.mjcf.writing import Exported
 from jaxball.physics.body import Disk
 from jaxball.physics.state import DiskState
 
@@ -22,7 +23,7 @@ INTEGRATORS = {
 
 
 def run(case: Case, setting: Setting, timestep: float) -> Motion:
-    """The motion of a robot; raises :class:`~jaxball.mjcf.MJCFError` where MJCF cannot express it."""
+    """The motion of a robot; raises :class:`~jaxball.files.mjcf.MJCFError` where MJCF cannot express it."""
     scenario = case.scenario()
     steps = np.rint(np.diff(scenario.times) / timestep).astype(int)
     timestep = float(np.diff(scenario.times)[0] / steps[0])  # of which the save times are multiples

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from jaxball.mjcf import to_mjcf
-from jaxball.mjcf.elements import MINVAL
+from jaxball import Scenario
+from jaxball.files.mjcf import to_mjcf
+from jaxball.files.mjcf.elements import MINVAL
 from jaxball.numerics.arrays import to_array
 from jaxball.physics.contact.released import ReleasedState, release
-from jaxball.scenario import Scenario
 
 from .contract import Case, Motion, Row, Setting, motion_of
 from .inside import Hung, angles_by_schedule, in_space, masses_on_hinges

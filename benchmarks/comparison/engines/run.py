@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from jaxball import Scenario
 from jaxball.interface.output import write_text
-from jaxball.scenario import Scenario
 
 from ..measure import Echo, machine, power, versions
 from ..run import SelectionError
@@ -89,7 +89,7 @@ def measure(plan: Plan, out: Path, echo: Echo = print) -> list[Row]:
 
     ``echo`` is called with each line of progress.
 
-    **Raises:** :class:`~jaxball.results.OutputError` when a file cannot be written.
+    **Raises:** :class:`~jaxball.files.results.OutputError` when a file cannot be written.
     """
     from . import report  # here, because matplotlib takes longer to import than to list names
 

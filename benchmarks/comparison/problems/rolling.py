@@ -12,7 +12,15 @@ from jaxtyping import Array, Float
 from jaxball import paper
 from jaxball.numerics.arrays import to_array
 from jaxball.paper import reference
-from jaxball.paper.systems import PAPER_END, PAPER_START
+from jaxball.paper.systems import (
+    BALL_RAIL_DIRECTIONS,
+    BALL_RAIL_RADII,
+    BALL_THETA,
+    DISK_RAIL_RADII,
+    DISK_THETA,
+    PAPER_END,
+    PAPER_START,
+)
 from jaxball.physics.body import System
 from jaxball.physics.packing import Packing
 from jaxball.physics.state import BallState, DiskState
@@ -94,7 +102,7 @@ def own_dae_form(system: System, start: BallState, whole: Callable[[BallState], 
     )
 
 
-BALL_MASSES = len(paper.BALL_RAIL_RADII)
+BALL_MASSES = len(BALL_RAIL_RADII)
 Q = 2 * BALL_MASSES  # where q starts
 
 
@@ -124,13 +132,13 @@ def rail_axes(azimuth: float, elevation: float) -> tuple[Triple, Triple]:
     return (n1, n2, n3), (n1 * n1 * a - 1.0, n1 * n2 * a, n1)
 
 
-RAILS = [rail_axes(*direction) for direction in paper.BALL_RAIL_DIRECTIONS]
+RAILS = [rail_axes(*direction) for direction in BALL_RAIL_DIRECTIONS]
 PAPER = BallNumbers(
     m=(1.0,) * (1 + BALL_MASSES),
     d=(0.9, 1.0, 1.1),
     zeta0=(0.0, 0.0, -0.05),
-    u=[scale(r, n) for r, (n, _) in zip(paper.BALL_RAIL_RADII, RAILS, strict=True)],
-    v=[scale(r, b) for r, (_, b) in zip(paper.BALL_RAIL_RADII, RAILS, strict=True)],
+    u=[scale(r, n) for r, (n, _) in zip(BALL_RAIL_RADII, RAILS, strict=True)],
+    v=[scale(r, b) for r, (_, b) in zip(BALL_RAIL_RADII, RAILS, strict=True)],
 )
 
 
@@ -202,7 +210,7 @@ BALL = Problem(
     title="The paper's ball",
     source="Putkaradze & Rogers (2018), section 5; the 30-digit reference of jaxball.paper.reference",
     pieces=PIECES,
-    initial=(*paper.BALL_THETA, *[0.0] * BALL_MASSES, 1.0, 0.0, 0.0, 0.0, *[0.0] * 5),
+    initial=(*BALL_THETA, *[0.0] * BALL_MASSES, 1.0, 0.0, 0.0, 0.0, *[0.0] * 5),
     rates=ball_equations(PAPER),
     exact=tuple(map(float, reference.ball().values[-1])),
     measured=tuple(range(Q, Q + 9)),
@@ -245,7 +253,7 @@ BALL_DAE_PAPER = dataclasses.replace(
 )
 
 
-DISK_MASSES = len(paper.DISK_RAIL_RADII)
+DISK_MASSES = len(DISK_RAIL_RADII)
 SIGNS = tuple((-1.0) ** i for i in range(1, DISK_MASSES + 1))
 
 
@@ -257,7 +265,7 @@ def disk_rates(t: Scalar, x: Sequence[Scalar], p: Sequence[Scalar], functions: F
     s, c = functions.sin(phi), functions.cos(phi)
     # m_0 rests in the centre: K_0 = 0, and it adds m_0 r² to the inertia d_2.
     K, inertia = 0.0, 2.0
-    for i, r_i in enumerate(paper.DISK_RAIL_RADII):
+    for i, r_i in enumerate(DISK_RAIL_RADII):
         cosine, sine = functions.cos(theta[i]), functions.sin(theta[i])
         # ζ_i and its derivatives along the rail
         zeta1, zeta3 = r_i * cosine, r_i * sine
@@ -284,7 +292,7 @@ DISK = Problem(
     title="The paper's disk",
     source="Putkaradze & Rogers (2018), section 4; the 30-digit reference of jaxball.paper.reference",
     pieces=PIECES,
-    initial=(*[paper.DISK_THETA] * DISK_MASSES, *[0.0] * DISK_MASSES, 0.0, 0.0),
+    initial=(*[DISK_THETA] * DISK_MASSES, *[0.0] * DISK_MASSES, 0.0, 0.0),
     rates=disk_rates,
     exact=tuple(map(float, reference.disk().values[-1])),
     measured=(2 * DISK_MASSES, 2 * DISK_MASSES + 1),

@@ -8,12 +8,12 @@ import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..files.scenario.errors import ScenarioError
 from ..interface.output import OutputError, check_destination
-from ..scenario.errors import ScenarioError
 from .options import count, number, positive, working
 
 if TYPE_CHECKING:
-    from ..scenario import Scenario
+    from ..files.scenario.scenario import Scenario
     from ..simulation.trajectory import Trajectory
 
 SUFFIXES = (".mp4", ".gif")
@@ -36,7 +36,7 @@ def add_animation(parser: argparse.ArgumentParser) -> None:
 
 
 def check_animation(options: argparse.Namespace) -> None:
-    """Raises an :class:`~jaxball.results.OutputError` for an animation that is impossible for any run."""
+    """Raises an :class:`~jaxball.files.results.OutputError` for an animation that is impossible for any run."""
     if options.animate is None:
         for name in OPTIONS:
             if getattr(options, name) is not None:
@@ -94,7 +94,7 @@ def check_span(options: argparse.Namespace, scenario: "Scenario") -> None:
 
 def write_animation(options: argparse.Namespace, scenario: "Scenario") -> None:
     """Writes the animation."""
-    from ..plot.animation import FRAMES, animate  # here, because importing matplotlib takes longer than many runs
+    from ..plot.animation import FRAMES  # here, because importing matplotlib takes longer than many runs
 
     speed, fps = options.speed or 1.0, options.fps or FRAMES[options.animate.suffix]
     with working(options, "animating") as line:
@@ -103,7 +103,7 @@ def write_animation(options: argparse.Namespace, scenario: "Scenario") -> None:
         def report(done: int, frames: int) -> None:
             line.change(f"animating: {done:,} of {frames:,} frames")
 
-        animate(run, options.animate, fps, speed=speed, size=options.size, progress=report)
+        run.animate(options.animate, fps, speed=speed, size=options.size, progress=report)
 
 
 def _span(options: argparse.Namespace, scenario: "Scenario") -> tuple[float, float]:

@@ -6,14 +6,22 @@ import importlib
 import json
 import keyword
 import os
+import shlex
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NoReturn
 
 from .. import __version__
 from ..interface.starting import EXIT_INTERRUPTED, STOPPED
 from ..interface.wording import UserError, did_you_mean, plain
-from .options import BAD_INPUT, BROKEN_PIPE, add_no_cache, sentence
+from .options import BAD_INPUT, BROKEN_PIPE, OUT_MISSING, add_no_cache, sentence
+
+PACKAGES = (
+    "jax", "jaxlib", "diffrax", "equinox", "optimistix", "jaxtyping", "llvmlite", "numpy", "scipy", "matplotlib",
+    "xarray", "h5netcdf", "zarr", "mujoco",
+)  # fmt: skip
+SETTINGS = ("JAXBALL_", "JAX_", "XLA_", "CUDA_VISIBLE_DEVICES", "OMP_NUM_THREADS")
+
 
 # Only the command that runs is imported.
 COMMANDS = {
@@ -36,6 +44,7 @@ COMMANDS = {
     "cache": "show or remove kept compiled programs",
 }
 WITHOUT_CACHE = ("scenarios", "schema", "cache")
+PROGRAM_OPTIONS = ("-h", "--help", "--version")
 
 
 def run(arguments: Sequence[str], parser: Callable[[Sequence[str]], argparse.ArgumentParser]) -> int:
@@ -65,10 +74,15 @@ def run(arguments: Sequence[str], parser: Callable[[Sequence[str]], argparse.Arg
 def _run(arguments: Sequence[str], parser: Callable[[Sequence[str]], argparse.ArgumentParser]) -> int:
     options = parser(arguments).parse_args(arguments)
     with contextlib.ExitStack() as stack:
+        # Imported here, because help and lists need neither.
         if options.cache:
-            from .. import cache  # imported here, because help and lists need none
+            from ..programs import cache
 
             stack.enter_context(cache.of_a_command(arguments))
+        else:
+            from ..programs.store import current
+
+            stack.enter_context(current.keep_within(None))
         try:
             return options.run(options)
         except SystemExit as error:
@@ -94,10 +108,12 @@ def _flush() -> None:
 class Parser(argparse.ArgumentParser):
     """Suggests the word that may have been meant, where argparse would list all choices.
 
-    Unknown arguments are reported by the command that they were given to, not, as in argparse, by the program.
+    Unknown arguments are reported by the command that they were given to, not, as in argparse, by the program. Where
+    --out is missing, the whole command to type is shown.
     """
 
     def parse_known_args(self, args=None, namespace=None):  # pyright: ignore[reportIncompatibleMethodOverride]
+        self.typed = list(args or ())
         options, left_over = super().parse_known_args(args, namespace)
         if left_over:
             typed, option_names = left_over[0].partition("=")[0], list(self._option_string_actions)
@@ -105,10 +121,23 @@ class Parser(argparse.ArgumentParser):
             self.error(f"there is no {typed} here{hint}")
         return options, left_over
 
+    def error(self, message: str) -> NoReturn:
+        if message == OUT_MISSING:
+            (metavar,) = [action.metavar for action in self._actions if "--out" in action.option_strings]
+            message += f", as in {self.prog} {shlex.join(self.typed)} --out {metavar}"
+        super().error(message)
+
     def _check_value(self, action: argparse.Action, value: object) -> None:
         if action.choices is not None and value not in action.choices:
             hint = did_you_mean(str(value), map(str, action.choices), f"{self.prog} --help shows what there is")
             raise argparse.ArgumentError(action, f'there is no "{value}"{hint}')
+
+
+class _Program(Parser):
+    """The parser of the whole program: options of a command may also be typed before it."""
+
+    def parse_known_args(self, args=None, namespace=None):  # pyright: ignore[reportIncompatibleMethodOverride]
+        return super().parse_known_args(args if args is None else command_first(args), namespace)
 
 
 class _Version(argparse.Action):
@@ -120,17 +149,61 @@ class _Version(argparse.Action):
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
         if self.as_json:
-            from .installation import installation  # here, because it imports JAX
-
-            print(json.dumps(installation(), indent=2))
+            print(json.dumps(_installation(), indent=2))
         else:
             print(f"jaxball {__version__}")
         parser.exit()
 
 
+def _installation() -> dict[str, Any]:
+    """Describes the versions, the processor, the devices, the compilers and the settings of the environment."""
+    import platform
+
+    import jax  # here, because --version alone does without
+
+    from ..programs.native import gpu
+    from ..programs.native.choice import current_choice
+    from ..programs.native.targets import machine
+
+    return {
+        "jaxball": __version__,
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "processor": machine.processor_name() if machine.is_present() else platform.processor(),
+        "cores": os.cpu_count(),
+        "packages": {name: _version(name) for name in PACKAGES},
+        "compiler": current_choice(),
+        "backend": jax.default_backend(),
+        "devices": [device.device_kind for device in jax.devices()],
+        "gpu": gpu.why_not() or "available",
+        "settings": {name: value for name, value in sorted(os.environ.items()) if name.startswith(SETTINGS)},
+    }
+
+
+def _version(name: str) -> str | None:
+    import importlib.metadata
+
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def command_first(arguments: Sequence[str]) -> list[str]:
+    """Returns the arguments with the command before all options, as its parser takes them."""
+    place = next((place for place, word in enumerate(arguments) if word in COMMANDS), 0)
+    before = arguments[:place]
+    # The program's own options, which may be shortened as far as --h, stay; so does a word that is no option, such as
+    # a command that is mistyped.
+    of_program = any(option.startswith(word) for word in before if word != "-" for option in PROGRAM_OPTIONS)
+    if of_program or not "".join(before[:1]).startswith("--"):
+        return list(arguments)
+    return [arguments[place], *before, *arguments[place + 1 :]]
+
+
 def parser_of(arguments: Sequence[str]) -> argparse.ArgumentParser:
     """Builds the parser, with the options of the command in ``arguments``, and only the names of the others."""
-    parser = Parser(
+    parser = _Program(
         prog="jaxball",
         description="Simulates a rolling ball or disk driven by point masses moving inside it.",
     )
@@ -144,7 +217,7 @@ def parser_of(arguments: Sequence[str]) -> argparse.ArgumentParser:
     parser.set_defaults(cache=False)
     commands = parser.add_subparsers(title="commands", prog=parser.prog, required=True, metavar="COMMAND")
     for name, summary in COMMANDS.items():
-        if name in arguments[:1]:
+        if name in command_first(arguments)[:1]:
             # `import` is a keyword of Python, which a module cannot have as its name.
             module_name = f"{name}_" if keyword.iskeyword(name) else name  # of the module
             module, command = (

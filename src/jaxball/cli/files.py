@@ -13,15 +13,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..files.results.saving import write_netcdf
+from ..files.scenario import read_document
+from ..files.scenario.errors import ScenarioError
+from ..files.scenario.files import write_scenario
+from ..files.scenario.paths import entries
+from ..files.scenario.scenario import Scenario
 from ..interface.output import replacing, write_text
 from ..interface.printing import json_types
 from ..interface.status import Status
 from ..interface.wording import heading, number_of
 from ..numerics.arrays import arrays_of
 from ..plot.files import check_others, figures_in, plain_name, scenario_mark
-from ..results.saving import write_netcdf
-from ..scenario import Scenario, ScenarioError, read_document, write_scenario
-from ..scenario.paths import entries
 from ..simulation.trajectory import Trajectory
 from .input import STDIN
 from .options import FAILED_SOLVE, STDOUT, ChartAxis, in_commands, name_files, say, working
@@ -29,7 +32,8 @@ from .options import FAILED_SOLVE, STDOUT, ChartAxis, in_commands, name_files, s
 if TYPE_CHECKING:
     import xarray
 
-    from ..stability import PeriodicMotion, SteadyMotion
+    from ..analysis.stability.periodic import PeriodicMotion
+    from ..analysis.stability.steady import SteadyMotion
 
     Motion = SteadyMotion | PeriodicMotion
 
@@ -142,10 +146,7 @@ def draw_figures(
     source: str | Path,
 ) -> str:
     """Draws the standard figures of a run of a scenario, named after ``source``, and returns how many and where."""
-    from .. import plot  # here, because importing matplotlib takes longer than many runs
-
-    paths = plot.figures(
-        trajectory,
+    paths = trajectory.save_figures(
         folder,
         scenario.title,
         name=figure_name(source, scenario),
@@ -158,7 +159,9 @@ def draw_figures(
 
 
 def check_figures(options: argparse.Namespace, scenario: Scenario) -> None:
-    """Raises an :class:`~jaxball.results.OutputError` where --plot would replace figures of another scenario's run."""
+    """Raises an :class:`~jaxball.files.results.OutputError` where --plot would replace figures of another scenario's
+    run.
+    """
     if options.plot is None or options.force or not options.plot.is_dir():
         return
     # A scenario that cannot be written is marked by its states, which are not known yet; saving checks these.
@@ -202,7 +205,7 @@ def write_chart(
     - ``compute``: makes the chart, given its axes as those of a study, and what to call with the progress.
     - ``draw``: the function that draws it, given :mod:`jaxball.plot`.
     """
-    from ..sweep.axes import Ranged  # here, because other commands need no studies
+    from ..studies.sweep.axes import Ranged  # here, because other commands need no studies
 
     first, second = (Ranged(*axis, logarithmic=False) for axis in axes)
     with working(options, "computing the chart") as line:

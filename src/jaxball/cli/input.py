@@ -12,15 +12,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from .. import scenario
-from ..results.files import READ_BACK, load_text
-from ..scenario.errors import ScenarioError, all_problems
-from ..scenario.logs import with_logs
-from ..scenario.paths import with_values
-from ..scenario.sources import document_of, naming, scenario_text, text_of
+from ..files import scenario
+from ..files.results.files import READ_BACK, load_text
+from ..files.scenario.errors import ScenarioError, all_problems
+from ..files.scenario.logs import with_logs
+from ..files.scenario.paths import with_values
+from ..files.scenario.sources import document_of, naming, scenario_text, text_of
 
 if TYPE_CHECKING:
-    from ..scenario import Scenario
+    from ..files.scenario.scenario import Scenario
 
 STDIN = "-"
 

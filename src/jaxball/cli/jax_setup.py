@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from .options import BadInputError
 
 if TYPE_CHECKING:
-    from ..scenario import Scenario
+    from ..files.scenario.scenario import Scenario
 
 
 PLATFORMS = {"cpu": "cpu", "gpu": "cuda,cpu"}  # by the names that users give to devices
@@ -28,7 +28,7 @@ def set_up_jax(device: str | None = None) -> None:
     except ValueError as error:
         raise _explain_refusal(error) from None
 
-    from .. import cache, cpu
+    from ..programs import cache, cpu
 
     # Before a backend starts, for which it sets how it compiles.
     cpu.prepare()

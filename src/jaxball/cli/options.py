@@ -15,6 +15,7 @@ from ..interface.wording import UserError, plain
 BAD_INPUT = 2
 FAILED_SOLVE = 3
 BROKEN_PIPE = 141  # as a shell reports it for other programs
+OUT_MISSING = "the following arguments are required: --out"  # as argparse says it
 STDOUT = Path("-")
 FORMATS = ("png", "pdf", "svg")
 FIGURE_SUFFIXES = tuple(f".{name}" for name in FORMATS)
@@ -32,7 +33,7 @@ POSITIONAL = {
     "precession": "PRECESSION",
 }
 # And Python functions that sentences recommend.
-COMMANDS = {"`periodic_motion`": "`jaxball periodic`", "`stability`": "`jaxball stability --initial`"}
+COMMANDS = {"`periodic_motion`": "`jaxball periodic`", "`steady_motion`": "`jaxball stability --initial`"}
 
 
 class BadInputError(UserError):
@@ -100,13 +101,15 @@ def add_json(parser: argparse.ArgumentParser, what: str) -> None:
 
 
 def check_json(options: argparse.Namespace) -> None:
-    """Raises an :class:`~jaxball.results.OutputError` where the file of --json cannot be written."""
+    """Raises an :class:`~jaxball.files.results.OutputError` where the file of --json cannot be written."""
     if options.json is not None and options.json != STDOUT:
         check_destination(options.json, (".json",), "--json")
 
 
 def check_outputs(options: argparse.Namespace, suffixes: Sequence[str]) -> None:
-    """Raises an :class:`~jaxball.results.OutputError` where the file of --json, --plot or --out cannot be written."""
+    """Raises an :class:`~jaxball.files.results.OutputError` where the file of --json, --plot or --out cannot be
+    written.
+    """
     check_json(options)
     if options.plot is not None:
         check_destination(options.plot, FIGURE_SUFFIXES, "--plot")
@@ -132,7 +135,9 @@ def add_replacing(parser: argparse.ArgumentParser) -> None:
 
 
 def check_figures_folder(options: argparse.Namespace, folder: str, formats: str) -> None:
-    """Raises an :class:`~jaxball.results.OutputError` where figures cannot be written into the folder of an option."""
+    """Raises an :class:`~jaxball.files.results.OutputError` where figures cannot be written into the folder of an
+    option.
+    """
     path, option = getattr(options, folder), formats.replace("_", "-")
     if path is None:
         if getattr(options, formats) is not None:

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .. import programs
-from ..grid import Grid, grid_of
-from ..interface.arguments import require, whole_number
+from ..interface.arguments import whole_number
+from ..interface.names import leave_to
 from ..interface.printing import Printed
 from ..interface.status import BACK_WITHIN
 from ..numerics.arrays import Numbers, to_numpy
@@ -19,12 +19,15 @@ from ..physics.body import System
 from ..physics.contact.law import Contact
 from ..physics.forces.force import AbstractWrench
 from ..programs.operation import in_threads
+from ..simulation.grid import Grid, grid_of
 from .feedback import AbstractFeedback
 from .loop import plant_of, run_loop
 from .sampled import SampledSystem
 from .weights import Weights, weight_matrix
 
 if TYPE_CHECKING:
+    import matplotlib.axes
+    import matplotlib.figure
     import xarray
 
 
@@ -93,6 +96,14 @@ class Basin(Printed):
         count = int(np.sum(self.returned))
         return f"Basin: {count:,} of {len(self.returned):,} starts come back, {self.share:.1%}"
 
+    @leave_to("..plot.control:basin_map")
+    def plot(self, ax: "matplotlib.axes.Axes | None" = None) -> "matplotlib.axes.Axes":
+        """Draws in colour which starts of a grid come back; its first direction is on the vertical axis.
+
+        **Raises:** ``ValueError`` for starts that are not of a grid, and when ``ax`` is three-dimensional.
+        """
+        raise NotImplementedError
+
 
 def basin(
     feedback: AbstractFeedback,
@@ -109,40 +120,6 @@ def basin(
     contact: Contact | None = None,
     threads: int | None = None,
 ) -> Basin:
-    """Simulates many disturbed starts under feedback, and says which come back to the motion.
-
-    The contact force is that at the samples. Between them it may be larger: :func:`~jaxball.contact_extremes` finds it
-    for one closed loop, which it solves again.
-
-    **Arguments:**
-
-    - ``feedback``: such as a :class:`Track`.
-    - ``starts``: deviations from the start of the motion in local coordinates, shape (runs, n), or a dictionary of two
-      directions, each with a row of values, as in ``{"z[0]": [...], "Omega[1]": [...]}``, for every pair of them.
-    - ``Q``: the weights by which a deviation at the end is measured, as for :func:`tvlqr`; all 1 by default.
-    - ``within``: how small √(ξ·Q ξ / tr Q) must be at the end.
-    - ``friction``: a coefficient μ; if given, a start whose run needs |f| > μ N at a sample does not come back.
-    - ``system``, ``limits``, ``delay``, ``push``, ``samples``, ``contact``: as for :func:`closed_loop`. With a law of
-      contact, in place of ``friction``, the robot may slip and fly, and come back all the same.
-    - ``threads``: how many blocks of starts are computed at a time; by default the number of this process's cores.
-
-    **Raises:** ``ValueError`` for starts or directions that do not fit the motion, and for ``friction`` with
-    ``contact``; else as :func:`closed_loop`.
-
-    **Example:**
-
-    >>> import jax
-    >>> jax.config.update("jax_enable_x64", True)
-    >>> import numpy as np
-    >>> from jaxball import Disk, Motor, planar_pendulum, simulate
-    >>> from jaxball.control import basin, tvlqr
-    >>> robot = Disk(mass=1.0, inertia=0.5, mechanisms=[planar_pendulum(0.5, 0.6, drive=Motor(0.0, limit=0.05))])
-    >>> track = tvlqr(simulate(robot, [0.0, 10.0]), Q={"phi": 1.0, "theta": 1.0}, R=1.0)
-    >>> weak = basin(track, {"phi": np.linspace(-2.0, 2.0, 9), "phidot": np.linspace(-1.0, 1.0, 5)}, Q={"phi": 1.0})
-    >>> weak.returned.shape, 0.0 < weak.share < 1.0
-    ((45,), True)
-    """
-    require("feedback", feedback, AbstractFeedback, "a feedback, such as tvlqr(...) makes")
     if contact is not None and friction is not None:
         raise ValueError(
             "Argument `friction` must be left out with `contact`, because the robot slips by that, but both are given."

@@ -1,22 +1,29 @@
 """The contract of feedback, the nominal motion that it holds, and feedforward alone.
 
-``track``, ``prediction`` and :mod:`jaxball.estimation` implement the contract; ``loop`` simulates a robot under it.
+``track``, ``prediction`` and :mod:`jaxball.control.estimation` implement the contract; ``loop`` simulates a robot under
+it.
 """
 
 import abc
-from typing import Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
+import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .. import programs
-from ..compat import is_traced
 from ..interface.arguments import require
+from ..interface.compat import is_traced
+from ..interface.names import leave_to
 from ..interface.printing import Printed
+from ..interface.status import BACK_WITHIN
 from ..numerics.arrays import Numbers, default_dtype
 from ..physics.body import Ball, Disk, System
+from ..physics.contact.law import Contact
+from ..physics.forces.force import AbstractWrench
 from ..physics.observables import Observables
 from ..physics.prescribed.schedules import AbstractSchedule
 from ..physics.state import BallState, DiskState, PlacedState, RotationState
@@ -24,6 +31,11 @@ from ..simulation.simulate import simulate
 from ..simulation.trajectory import Trajectory
 from .inputs import Place, drive_without_motors
 from .sampled import SampledSystem
+from .weights import Weights
+
+if TYPE_CHECKING:
+    from .basins import Basin
+    from .loop import ClosedLoop
 
 GAUSS = (0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5)  # of a sample
 MISSING = 1e-9  # of a sample, by which a run may be shorter than a whole number of them
@@ -219,20 +231,121 @@ class AbstractFeedback(Printed):
         """Returns what it has estimated at the samples of a run and its end, by what it remembered; None if nothing."""
         return None
 
+    def feedforward(self) -> "Feedforward":
+        """Returns no feedback, but the inputs of the same motion alone, to compare with it."""
+        return Feedforward(self.sampled, self.nominal)
+
     def deviation(self, k: Int[Array, ""], state: PlacedState) -> Float[Array, " n"]:
         """Computes ξ: the deviation of ``state`` from the state of the motion at sample ``k``, as in
         :class:`SampledSystem`.
         """
         return self.sampled.deviation(self.nominal.state(k), state)
 
+    @leave_to(".loop")
+    def closed_loop(
+        self,
+        start: PlacedState | Mapping[str, Numbers] | Numbers | None = None,
+        *,
+        system: System | None = None,
+        limits: Numbers | Mapping[str, Numbers] | None = None,
+        delay: int = 0,
+        push: AbstractWrench | None = None,
+        samples: int | None = None,
+        contact: Contact | None = None,
+        adjoint: diffrax.AbstractAdjoint | None = None,
+    ) -> "ClosedLoop":
+        """Simulates a robot under the feedback, sampled.
+
+        At each sample the state is measured, and the feedback's inputs are added to those of the motion; the sum is
+        limited, and held until the next sample. It can be traced and differentiated, by every number in the feedback,
+        in ``start`` and ``system``.
+
+        **Arguments:**
+
+        - ``start``: a state with θ and θ̇ of every input, or its deviation from the start of the motion in local
+          coordinates: numbers by name, as in ``{"z": 0.1, "Omega[2]": 0.3}``, or all of them, shape (n,). By default
+          none.
+        - ``system``: the robot that is simulated; by default that of the design. One with other parameters shows how
+          much the feedback depends on knowing them.
+        - ``limits``: the largest magnitude of each input: a number for all, a row, or numbers by name; by default those
+          of the motors.
+        - ``delay``: how many samples pass before what feedback adds takes effect.
+        - ``push``: a further force on the robot, such as a :class:`Push`.
+        - ``samples``: how many; by default those of the motion. Later ones hold its last state.
+        - ``contact``: a :class:`~jaxball.Contact`, with which the robot may slip and fly; the motion and the feedback
+          are those of one that rolls.
+        - ``adjoint``: as for :func:`jaxball.simulate`.
+
+        **Raises:** ``TypeError`` and ``ValueError`` for a start, limits or a robot that do not fit the motion.
+
+        **Example:**
+
+        >>> import jax
+        >>> jax.config.update("jax_enable_x64", True)
+        >>> from jaxball import Disk, Motor, planar_pendulum, simulate
+        >>> from jaxball.control import tvlqr
+        >>> robot = Disk(mass=1.0, inertia=0.5, mechanisms=[planar_pendulum(0.5, 0.6, drive=Motor(0.0))])
+        >>> track = tvlqr(simulate(robot, [0.0, 10.0]), Q={"phi": 1.0, "theta": 1.0}, R=1.0)
+        >>> held = track.closed_loop({"phi": 0.2}, limits=0.08)
+        >>> bool(abs(held.xi[-1, 0]) < 0.05), float(abs(held.u).max())
+        (True, 0.08)
+        """
+        raise NotImplementedError
+
+    @leave_to(".basins")
+    def basin(
+        self,
+        starts: Mapping[str, Numbers] | Numbers,
+        *,
+        Q: Weights = 1.0,
+        within: float = BACK_WITHIN,
+        friction: float | None = None,
+        system: System | None = None,
+        limits: Numbers | Mapping[str, Numbers] | None = None,
+        delay: int = 0,
+        push: AbstractWrench | None = None,
+        samples: int | None = None,
+        contact: Contact | None = None,
+        threads: int | None = None,
+    ) -> "Basin":
+        """Simulates many disturbed starts under the feedback, and says which come back to the motion.
+
+        The contact force is that at the samples. Between them it may be larger: :func:`~jaxball.contact_extremes` finds
+        it for one closed loop, which it solves again.
+
+        **Arguments:**
+
+        - ``starts``: deviations from the start of the motion in local coordinates, shape (runs, n), or a dictionary of
+          two directions, each with a row of values, as in ``{"z[0]": [...], "Omega[1]": [...]}``, for every pair of
+          them.
+        - ``Q``: the weights by which a deviation at the end is measured, as for :func:`tvlqr`; all 1 by default.
+        - ``within``: how small √(ξ·Q ξ / tr Q) must be at the end.
+        - ``friction``: a coefficient μ; if given, a start whose run needs |f| > μ N at a sample does not come back.
+        - ``system``, ``limits``, ``delay``, ``push``, ``samples``, ``contact``: as for :meth:`closed_loop`. With a law
+          of contact, in place of ``friction``, the robot may slip and fly, and come back all the same.
+        - ``threads``: how many blocks of starts are computed at a time; by default the number of this process's cores.
+
+        **Raises:** ``ValueError`` for starts or directions that do not fit the motion, and for ``friction`` with
+        ``contact``; else as :meth:`closed_loop`.
+
+        **Example:**
+
+        >>> import jax
+        >>> jax.config.update("jax_enable_x64", True)
+        >>> import numpy as np
+        >>> from jaxball import Disk, Motor, planar_pendulum, simulate
+        >>> from jaxball.control import tvlqr
+        >>> robot = Disk(mass=1.0, inertia=0.5, mechanisms=[planar_pendulum(0.5, 0.6, drive=Motor(0.0, limit=0.05))])
+        >>> track = tvlqr(simulate(robot, [0.0, 10.0]), Q={"phi": 1.0, "theta": 1.0}, R=1.0)
+        >>> weak = track.basin({"phi": np.linspace(-2.0, 2.0, 9), "phidot": np.linspace(-1.0, 1.0, 5)}, Q={"phi": 1.0})
+        >>> weak.returned.shape, 0.0 < weak.share < 1.0
+        ((45,), True)
+        """
+        raise NotImplementedError
+
 
 class Feedforward(AbstractFeedback):
-    """No feedback: the inputs of the motion alone, whatever happens.
-
-    **Arguments:**
-
-    - ``sampled``, ``nominal``: those of a feedback, to compare with it.
-    """
+    """No feedback: the inputs of the motion alone, whatever happens."""
 
     def __call__(self, k, state, memory):
         # 0 with the shape and the type of inputs.

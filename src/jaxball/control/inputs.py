@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..compat import is_traced
 from ..interface.arguments import refusal
+from ..interface.compat import is_traced
 from ..interface.wording import did_you_mean
 from ..numerics.arrays import default_dtype
 from ..physics.body import System

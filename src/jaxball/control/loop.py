@@ -1,8 +1,12 @@
-"""A robot under sampled feedback: measured at each sample, with inputs that are limited, delayed and held."""
+"""A robot under sampled feedback: measured at each sample, with inputs that are limited, delayed and held.
+
+What a run records besides its states, the motion that it holds, its inputs and estimates, is its ``history``, from
+which files and the page that shows a run have it; ``results.loading`` makes it again from a file.
+"""
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import diffrax
 import equinox as eqx
@@ -12,8 +16,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .. import programs
-from ..compat import is_traced
 from ..interface.arguments import refusal, require, whole_number
+from ..interface.compat import is_traced
 from ..interface.printing import Printed
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, to_array
@@ -29,10 +33,83 @@ from ..simulation.extremes import most_steps_of_sample
 from ..simulation.simulate import simulate
 from ..simulation.trajectory import Trajectory
 from .feedback import AbstractFeedback
-from .history import FeedbackHistory, until_end
 from .inputs import replay_inputs
 from .sampled import SampledSystem
 from .weights import by_name
+
+
+class FeedbackHistory(AbstractHistory):
+    """The history of a run under feedback, at its saved times, which are the samples.
+
+    - ``modes``: the history of the body itself: its modes with a law of contact, exact dry resistance, or joints that
+      stick or have stops.
+    - ``nominal``: the states of the motion that is held.
+    - ``u``: the inputs from each time on; NaN at the end, after which there are none, shape (T, m).
+    - ``estimate``: the :class:`~jaxball.control.estimation.estimate.LoopEstimate` of a feedback from sensors; else
+      None.
+    - ``inputs``: the names of the inputs.
+    """
+
+    described: ClassVar[str] = "feedback, between whose samples it is not known"
+    restarts: ClassVar[bool] = False  # the inputs follow from the states of the run, which have errors
+
+    modes: AbstractHistory
+    nominal: PlacedState
+    u: Float[Array, "T m"]
+    estimate: Any
+    inputs: tuple[str, ...] = eqx.field(static=True)
+
+    @property
+    def switches(self) -> Any:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Those of the body."""
+        return self.modes.switches
+
+    @property
+    def always_rolls(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return self.modes.always_rolls
+
+    @property
+    def of_body(self) -> AbstractHistory:
+        return self.modes
+
+    @property
+    def over_time(self) -> dict[str, Array]:
+        return self.modes.over_time
+
+    @property
+    def coefficients(self) -> dict[str, Array]:
+        return self.modes.coefficients
+
+    @property
+    def advice(self) -> str:
+        return self.modes.advice
+
+    @property
+    def directions(self) -> tuple[str, ...]:
+        """The names of the local coordinates."""
+        return jax.tree.map(lambda leaf: leaf[0], self.nominal).directions
+
+    def deviations(self, states: PlacedState) -> Float[Array, "T n"]:
+        """Computes ξ: the local coordinates of the ``states`` of the run around the states of the motion."""
+        return jax.vmap(lambda nominal, state: nominal.difference(state))(self.nominal, states)
+
+    @property
+    def lines(self) -> list[str]:
+        sees = "of its state" if self.estimate is None else "of its sensors' readings"
+        return [f"under feedback {sees}, by {', '.join(self.inputs)}", *self.modes.lines]
+
+    def at_rows(self, rows: slice) -> "FeedbackHistory":
+        # The estimate has names besides arrays, which have no rows.
+        arrays, names = eqx.partition((self.nominal, self.u, self.estimate), eqx.is_array)
+        nominal, u, estimate = eqx.combine(jax.tree.map(lambda leaf: leaf[rows], arrays), names)
+        return dataclasses.replace(self, modes=self.modes.at_rows(rows), nominal=nominal, u=u, estimate=estimate)
+
+
+def until_end(rows: Float[Array, "samples ..."], count: int) -> Float[Array, "samples_and_end ..."]:
+    """Returns the first ``count`` rows, and NaN where there are fewer."""
+    missing = jnp.full((max(count - rows.shape[0], 0), *rows.shape[1:]), jnp.nan, rows.dtype)
+    return jnp.concatenate([rows[:count], missing])
+
 
 PAST_FAILURE = 1e-6  # of a sample
 
@@ -158,60 +235,11 @@ def closed_loop(
     contact: Contact | None = None,
     adjoint: diffrax.AbstractAdjoint | None = None,
 ) -> ClosedLoop:
-    """Simulates a robot under sampled feedback.
-
-    At each sample the state is measured, and the feedback's inputs are added to those of the motion; the sum is
-    limited, and held until the next sample. It can be traced and differentiated, by every number in ``feedback``,
-    ``start`` and ``system``.
-
-    **Arguments:**
-
-    - ``feedback``: such as a :class:`Track`; :class:`Feedforward` for none.
-    - ``start``: a state with θ and θ̇ of every input, or its deviation from the start of the motion in local
-      coordinates: numbers by name, as in ``{"z": 0.1, "Omega[2]": 0.3}``, or all of them, shape (n,). By default none.
-    - ``system``: the robot that is simulated; by default that of the design. One with other parameters shows how much
-      the feedback depends on knowing them.
-    - ``limits``: the largest magnitude of each input: a number for all, a row, or numbers by name; by default those of
-      the motors.
-    - ``delay``: how many samples pass before what feedback adds takes effect.
-    - ``push``: a further force on the robot, such as a :class:`Push`.
-    - ``samples``: how many; by default those of the motion. Later ones hold its last state.
-    - ``contact``: a :class:`~jaxball.Contact`, with which the robot may slip and fly; the motion and the feedback are
-      those of one that rolls.
-    - ``adjoint``: as for :func:`jaxball.simulate`.
-
-    **Raises:** ``TypeError`` and ``ValueError`` for a start, limits or a robot that do not fit the motion.
-
-    **Example:**
-
-    >>> import jax
-    >>> jax.config.update("jax_enable_x64", True)
-    >>> from jaxball import Disk, Motor, planar_pendulum, simulate
-    >>> from jaxball.control import closed_loop, tvlqr
-    >>> robot = Disk(mass=1.0, inertia=0.5, mechanisms=[planar_pendulum(0.5, 0.6, drive=Motor(0.0))])
-    >>> track = tvlqr(simulate(robot, [0.0, 10.0]), Q={"phi": 1.0, "theta": 1.0}, R=1.0)
-    >>> held = closed_loop(track, {"phi": 0.2}, limits=0.08)
-    >>> bool(abs(held.xi[-1, 0]) < 0.05), float(abs(held.u).max())
-    (True, 0.08)
-    """
-    require("feedback", feedback, AbstractFeedback, "a feedback, such as tvlqr(...) makes")
     plant = plant_of(feedback, system, limits, push, contact)
     first = start_of(feedback, start)
     count = feedback.nominal.samples if samples is None else whole_number("samples", samples, 1)
     late = whole_number("delay", delay, 0)
     return _run_loop(feedback, plant, first, count, late, adjoint)
-
-
-@programs.filter_jit
-def _run_loop(
-    feedback: AbstractFeedback,
-    plant: SampledSystem,
-    start: PlacedState,
-    samples: int,
-    delay: int,
-    adjoint: diffrax.AbstractAdjoint | None,
-) -> ClosedLoop:
-    return run_loop(feedback, plant, start, samples, delay, adjoint)
 
 
 def run_loop(
@@ -258,6 +286,9 @@ def run_loop(
     # What follows a failure has states of NaN, which is impossible; the first says what it was.
     status = statuses[jnp.argmax(statuses != int(Status.SUCCESS))]
     return ClosedLoop(times, moving, u, du, xi, feedback, plant, memory, status)
+
+
+_run_loop = programs.filter_jit(run_loop)
 
 
 def plant_of(

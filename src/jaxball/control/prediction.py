@@ -10,8 +10,9 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .. import programs
-from ..compat import is_traced
-from ..interface.arguments import require, whole_number
+from ..interface.arguments import whole_number
+from ..interface.compat import is_traced
+from ..interface.status import PENALTY
 from ..numerics.arrays import Numbers, to_array
 from ..physics.observables import movement
 from ..physics.state import PlacedState, RotationState
@@ -21,7 +22,6 @@ from .quadratic_program import Plan, Stages, solve_stages
 from .track import Track
 
 FACETS = 8  # of the pyramid within the friction cone
-PENALTY = 1e3
 
 
 class Limits(NamedTuple):
@@ -45,7 +45,7 @@ class Memory(NamedTuple):
 
 
 class PredictiveControl(AbstractFeedback):
-    """Model predictive control along a motion, of :func:`mpc`.
+    """Model predictive control along a motion, of :meth:`Track.mpc`.
 
     - ``sampled``, ``nominal``: the robot with its inputs, and the motion.
     - ``track``: the regulator, whose linear flow and weights it has, and whose cost-to-go is that beyond the horizon.
@@ -121,47 +121,6 @@ def mpc(
     friction: Numbers | None = None,
     penalty: Numbers = PENALTY,
 ) -> PredictiveControl:
-    """Makes model predictive control along a motion, which foresees its limits.
-
-    At each sample it finds the inputs over a horizon that have the least cost of ``track`` along its linear flow, with
-    its cost-to-go beyond, among those within the limits; and applies the first. Where the regulator of ``track`` keeps
-    the limits, it is the same. It begins from its last plan. Limits that cannot be kept are exceeded as little as their
-    ``penalty`` makes best; :meth:`PredictiveControl.exceeded` names them.
-
-    Plans can be differentiated in both modes, by all numbers, also where limits are active.
-
-    Friction and normal force are linearised along the motion. The friction cone is replaced by a pyramid of eight sides
-    within it, in which the normal force is positive too.
-
-    **Arguments:**
-
-    - ``track``: what :func:`tvlqr` returns.
-    - ``horizon``: the number of samples ahead.
-    - ``limits``: the largest magnitude of each input: a number for all, a row, or numbers by name; by default those of
-      the motors.
-    - ``friction``: the coefficient μ of |f| ≤ μ N; if not given, only N ≥ 0 is required.
-    - ``penalty``: the cost, per time, of exceeding a limit by its own size, and the friction cone by the weight. It
-      must be more than keeping a limit costs, or limits that could be kept are exceeded.
-
-    **Raises:** ``ValueError`` for a horizon below 1, and for limits, friction or a penalty that are not positive or do
-    not fit; ``TypeError`` for anything but a :class:`Track`.
-
-    **Example:**
-
-    >>> import jax
-    >>> jax.config.update("jax_enable_x64", True)
-    >>> from jaxball import Disk, Motor, planar_pendulum, simulate
-    >>> from jaxball.control import closed_loop, mpc, tvlqr
-    >>> robot = Disk(mass=1.0, inertia=0.5, mechanisms=[planar_pendulum(0.5, 0.6, drive=Motor(0.0, limit=0.05))])
-    >>> track = tvlqr(simulate(robot, [0.0, 5.0]), Q={"phi": 1.0, "theta": 1.0}, R=1.0, sample=0.05)
-    >>> control = mpc(track, 20, friction=0.3)
-    >>> control.names
-    ('mechanisms[0].joints[0]', '-mechanisms[0].joints[0]', 'friction[0]', 'friction[1]')
-    >>> plan = control.plan(0, track.nominal.state(0).retract([0.3, 0.0, 0.0, 0.0, 0.0]))
-    >>> control.exceeded(plan), bool(abs(plan.z[0, -1]) <= 0.05 + 1e-9)
-    ((), True)
-    """
-    require("track", track, Track, "a Track, which tvlqr(...) makes")
     ahead = whole_number("horizon", horizon, 1)
     most = track.sampled.limits if limits is None else limits_of(track.sampled, limits)
     mu = None if friction is None else _positive("friction", friction)

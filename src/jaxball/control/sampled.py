@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..compat import is_traced
+from ..interface.compat import is_traced
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, default_dtype, numbers
 from ..numerics.vectors import apply
@@ -50,7 +50,7 @@ class SampledSystem(Printed):
     """A body whose inputs are set at each sample and held until the next one: a zero-order hold.
 
     Its inputs are efforts of joints, which add to passive forces there, and accelerations θ̈ of masses on rails, of
-    :class:`~jaxball.Accelerated` joints, and of angles of a :class:`~jaxball.TiltingPlane`. What moved these, a
+    :class:`~jaxball.Accelerated` joints, and of angles of a :class:`~jaxball.physics.TiltingPlane`. What moved these, a
     schedule, a law or a :class:`~jaxball.Motor`, is gone, and θ and θ̇ of each belong to the state.
 
     - ``system``: the body, with every input 0.

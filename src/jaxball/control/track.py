@@ -1,7 +1,14 @@
-"""A time-varying linear quadratic regulator along a motion: the feedback that holds it at the least cost."""
+"""A time-varying linear quadratic regulator along a motion: the feedback that holds it at the least cost.
 
-from collections.abc import Sequence
-from typing import Any
+Its gains follow from the Riccati recursion in square-root form. The cost-to-go of a deviation ξ from a motion is
+|S (ξ, 1)|², with S upper triangular. It follows from that of the next sample by a QR factorisation, without subtraction
+and without the inverse of anything but a triangle that the weights of the inputs keep regular; so S may be singular,
+where deviations cost nothing. Source: Kailath, Sayed & Hassibi, *Linear Estimation* (2000), chapter 12, for the filter
+that is dual to it.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -10,16 +17,121 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .. import programs
-from ..compat import is_traced
+from ..interface.compat import is_traced
+from ..interface.names import leave_to
 from ..interface.printing import format_value
+from ..interface.status import PENALTY
 from ..interface.wording import number_of
 from ..numerics.arrays import AnyArray, Numbers, default_dtype, to_numpy
 from ..simulation import DEFAULT_TOLERANCE
 from ..simulation.trajectory import Trajectory
 from .feedback import AbstractFeedback, NominalMotion, nominal_of, require_motion, samples_in
-from .riccati import Regulator, regulator, stationary
 from .sampled import Linear, SampledSystem, uncontrollable
 from .weights import Weights, factor, require_positive, weight_matrix
+
+if TYPE_CHECKING:
+    import matplotlib.axes
+    import matplotlib.figure
+
+    from .prediction import PredictiveControl
+
+
+class Regulator(NamedTuple):
+    """The best feedback of each sample, δu = −K ξ − k, and its cost-to-go.
+
+    - ``K``, ``k``: shapes (N, m, n) and (N, m).
+    - ``P``: of (ξ, 1), symmetric: the cost from each sample on is (ξ, 1)·P (ξ, 1), shape (N + 1, n + 1, n + 1).
+    """
+
+    K: Float[Array, "samples m n"]
+    k: Float[Array, "samples m"]
+    P: Float[Array, "samples_and_end n_plus_one n_plus_one"]
+
+
+def regulator(linear: Linear, W: Float[Array, "rows n_plus_m"], S: Float[Array, "n_plus_one n_plus_one"]) -> Regulator:
+    """Computes the regulator with the least Σ |W (ξ, δu)|² + |S (ξ, 1)|² at the end, for ξ⁺ = A ξ + B δu + c.
+
+    ``WᵀW`` must be positive definite in δu. It can be differentiated in both modes.
+    """
+    A, B = _homogeneous(linear)
+    gains, P = _solve_backward(A, B, W, S)
+    return Regulator(gains[..., :-1], gains[..., -1], P)
+
+
+def stationary(linear: Linear, W: Float[Array, "rows n_plus_m"], samples: int) -> Float[Array, "n_plus_one n_plus_one"]:
+    """Computes S at the start of ``samples`` samples of one linear flow, without its c: near its limit, if there are
+    enough.
+    """
+    # With c, which the motion itself misses, the cost would grow with every repeated sample; without it there is a
+    # limit.
+    A, B = _homogeneous(linear._replace(c=jnp.zeros_like(linear.c)))
+    n = linear.A.shape[-1]
+    end = jnp.zeros((n + 1, n + 1), A.dtype)
+
+    def step(S, _):
+        return _previous(A, B, W, S)[1], None
+
+    return jax.lax.scan(step, end, length=samples)[0]
+
+
+def _homogeneous(linear: Linear) -> tuple[Array, Array]:
+    """Returns A and B of (ξ, 1)."""
+    A, B, c = linear
+    below = jnp.zeros_like(A[..., :1, :])
+    last = jnp.concatenate([below, below[..., :1] + 1], axis=-1)
+    A = jnp.concatenate([jnp.concatenate([A, c[..., None]], axis=-1), last], axis=-2)
+    return A, jnp.concatenate([B, jnp.zeros_like(B[..., :1, :])], axis=-2)
+
+
+def _previous(A: Array, B: Array, W: Array, S: Array) -> tuple[Array, Array]:
+    """Computes the gain of a sample, and S at its start, from S at its end."""
+    size, m = B.shape
+    # Inputs come first, so that the triangle's first rows have the gain, and the rest of it is S.
+    now = jnp.concatenate([W[:, size - 1 :], W[:, : size - 1], jnp.zeros_like(W[:, :1])], axis=1)
+    stacked = jnp.concatenate([now, jnp.concatenate([S @ B, S @ A], axis=1)])
+    triangle = jnp.linalg.qr(stacked, mode="r")
+    gain = jax.scipy.linalg.solve_triangular(triangle[:m, :m], triangle[:m, m:])
+    return gain, triangle[m:, m:]
+
+
+@jax.custom_jvp
+def _solve_backward(A: Array, B: Array, W: Array, S: Array) -> tuple[Array, Array]:
+    """Computes the gains of all samples, and P = SᵀS at each and at the end."""
+
+    def step(S, sample):
+        A, B = sample
+        gain, before = _previous(A, B, W, S)
+        return before, (gain, before.T @ before)
+
+    gains, P = jax.lax.scan(step, S, (A, B), reverse=True)[1]
+    return gains, jnp.concatenate([P, (S.T @ S)[None]])
+
+
+@_solve_backward.defjvp
+def _derivative(primals, tangents):
+    """Differentiates by the recursion for P itself, in Joseph's form: a triangle that is singular has no
+    derivatives.
+    """
+    return _solve_backward(*primals), jax.jvp(_by_joseph, primals, tangents)[1]
+
+
+def _by_joseph(A: Array, B: Array, W: Array, S: Array) -> tuple[Array, Array]:
+    size = A.shape[-1]
+    # The constant 1, the last component, has no weight of its own.
+    Wx = jnp.concatenate([W[:, : size - 1], jnp.zeros_like(W[:, :1])], axis=1)
+    Wu = W[:, size - 1 :]
+
+    def step(P, sample):
+        A, B = sample
+        gain = jnp.linalg.solve(Wu.T @ Wu + B.T @ P @ B, Wu.T @ Wx + B.T @ P @ A)
+        closed, cost = A - B @ gain, Wx - Wu @ gain
+        before = closed.T @ P @ closed + cost.T @ cost
+        return before, (gain, before)
+
+    end = S.T @ S
+    gains, P = jax.lax.scan(step, end, (A, B), reverse=True)[1]
+    return gains, jnp.concatenate([P, end[None]])
+
 
 SAMPLE = 0.01
 
@@ -85,6 +197,68 @@ class Track(AbstractFeedback):
         fixed = self.uncontrollable
         return "\n".join([*lines, f"  no input changes {', '.join(fixed)}"] if fixed else lines)
 
+    @leave_to(".prediction")
+    def mpc(
+        self,
+        horizon: int,
+        *,
+        limits: Numbers | Mapping[str, Numbers] | None = None,
+        friction: Numbers | None = None,
+        penalty: Numbers = PENALTY,
+    ) -> "PredictiveControl":
+        """Makes model predictive control along a motion, which foresees its limits.
+
+        At each sample it finds the inputs over a horizon that have the least cost of the track along its linear flow,
+        with its cost-to-go beyond, among those within the limits; and applies the first. Where its regulator keeps the
+        limits, it is the same. It begins from its last plan. Limits that cannot be kept are exceeded as little as their
+        ``penalty`` makes best; :meth:`PredictiveControl.exceeded` names them.
+
+        Plans can be differentiated in both modes, by all numbers, also where limits are active.
+
+        Friction and normal force are linearised along the motion. The friction cone is replaced by a pyramid of eight
+        sides within it, in which the normal force is positive too.
+
+        **Arguments:**
+
+        - ``horizon``: the number of samples ahead.
+        - ``limits``: the largest magnitude of each input: a number for all, a row, or numbers by name; by default those
+          of the motors.
+        - ``friction``: the coefficient μ of |f| ≤ μ N; if not given, only N ≥ 0 is required.
+        - ``penalty``: the cost, per time, of exceeding a limit by its own size, and the friction cone by the weight. It
+          must be more than keeping a limit costs, or limits that could be kept are exceeded.
+
+        **Raises:** ``ValueError`` for a horizon below 1, and for limits, friction or a penalty that are not positive or
+        do not fit.
+
+        **Example:**
+
+        >>> import jax
+        >>> jax.config.update("jax_enable_x64", True)
+        >>> from jaxball import Disk, Motor, planar_pendulum, simulate
+        >>> from jaxball.control import tvlqr
+        >>> robot = Disk(mass=1.0, inertia=0.5, mechanisms=[planar_pendulum(0.5, 0.6, drive=Motor(0.0, limit=0.05))])
+        >>> track = tvlqr(simulate(robot, [0.0, 5.0]), Q={"phi": 1.0, "theta": 1.0}, R=1.0, sample=0.05)
+        >>> control = track.mpc(20, friction=0.3)
+        >>> control.names
+        ('mechanisms[0].joints[0]', '-mechanisms[0].joints[0]', 'friction[0]', 'friction[1]')
+        >>> plan = control.plan(0, track.nominal.state(0).retract([0.3, 0.0, 0.0, 0.0, 0.0]))
+        >>> control.exceeded(plan), bool(abs(plan.z[0, -1]) <= 0.05 + 1e-9)
+        ((), True)
+        """
+        raise NotImplementedError
+
+    @leave_to("..plot.control:gains")
+    def plot(self, name: str | None = None, ax: "matplotlib.axes.Axes | None" = None) -> "matplotlib.axes.Axes":
+        """Draws the gains of one input over time, one line for each local coordinate whose gain is not 0 throughout.
+
+        **Arguments:**
+
+        - ``name``: that of the input; the first if not given.
+
+        **Raises:** ``ValueError`` for an unknown input, and when ``ax`` is three-dimensional.
+        """
+        raise NotImplementedError
+
 
 def tvlqr(
     run: Trajectory[Any, Any],
@@ -112,7 +286,7 @@ def tvlqr(
     input and gain are held. Where deviations of a symmetry have weight 0, such as those of the place on a level plane,
     they cost nothing and do not act on the inputs: the robot then holds its motion from wherever it is.
 
-    For motions of any shape that are found by optimisation, see :mod:`jaxball.design.optimal_control`.
+    For motions of any shape that are found by optimisation, see :mod:`jaxball.studies.design.optimal_control`.
 
     **Arguments:**
 

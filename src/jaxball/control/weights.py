@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..compat import is_traced
 from ..interface.arguments import require
+from ..interface.compat import is_traced
 from ..interface.wording import did_you_mean
 from ..numerics.arrays import AnyArray, Numbers, to_numpy
 

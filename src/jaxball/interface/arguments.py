@@ -267,3 +267,21 @@ def _is_weakly_hashable(function: Any) -> bool:
 def _name(function: Callable[..., Any]) -> str:
     name = getattr(function, "__name__", type(function).__name__)
     return "the lambda given" if name == "<lambda>" else name
+
+
+def require_one(argument: str, kind: str, given: Any, shapes: Mapping[str, tuple[int, ...]]) -> None:
+    """Raises ``ValueError`` where an array has another shape; of a sized field, another number of axes.
+
+    The system has checked the length of such a field, but not that it belongs to one state.
+    """
+    sized, values = getattr(given, "sized", ()), vars(given)  # Equinox looks up attributes more slowly
+    for name, shape in shapes.items():
+        if (value := values[name]) is None:
+            continue
+        actual = value.shape if hasattr(value, "shape") else np.shape(value)
+        fits = len(actual) == len(shape) if name in sized else actual == shape
+        if not fits:
+            raise ValueError(
+                f"Argument `{argument}` must be one {kind}, with `{name}` of shape {shape}, but its shape is {actual}; "
+                "for many runs use jax.vmap or jaxball.simulation.ensemble.simulate_ensemble."
+            )

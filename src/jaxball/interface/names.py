@@ -1,8 +1,19 @@
-"""The public names of a package: what ``dir`` and ``from ... import *`` find, and what is imported on first use."""
+"""The public names of a package: what ``dir`` and ``from ... import *`` find, and what is imported on first use.
+
+A class may also declare methods whose functions a module built upon its own has, so that it does not import that one.
+``Trajectory`` has its methods to save, draw and view a run in this way.
+"""
 
 import importlib
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+
+TYPE_CHECKING = False  # as in jaxball/__init__.py
+
+if TYPE_CHECKING:
+    from types import ModuleType
+else:
+    ModuleType = type(sys)  # `types` would be imported with jaxball itself
 
 
 def interface(names: Mapping[str, object], *packages: str) -> tuple[list[str], Callable[[], list[str]]]:
@@ -10,32 +21,30 @@ def interface(names: Mapping[str, object], *packages: str) -> tuple[list[str], C
 
     Modules are left out, except for ``packages``, the public packages within it, which ``dir`` shows too.
     """
-    from types import ModuleType  # here, because jaxball itself is imported without
-
     public = sorted(
         name for name, value in names.items() if not (name.startswith("_") or isinstance(value, ModuleType))
     )
     return public, lambda: sorted([*public, *packages])
 
 
-def lazy_interface(
-    package: str, names: Mapping[str, str] | None = None, *shown: str
-) -> tuple[list[str], Callable[[], list[str]], Callable[[str], object]]:
+def lazy_interface(package: str, *shown: str) -> tuple[list[str], Callable[[], list[str]], Callable[[str], object]]:
     """Returns ``__all__``, ``__dir__`` and ``__getattr__`` of a package that imports its names when they are first
     used.
 
-    ``names`` are the modules of the public names, by default :func:`imports_of` the package; no name may be that of a
-    module of the package, which would hide it. ``dir`` shows what is ``shown`` as well.
+    They are those of :func:`imports_of` the package. No name may be that of a module of the package, which would hide
+    it. ``dir`` shows the packages that it imports from ``.``, and what is ``shown``, as well.
     """
-    module_of = imports_of(package) if names is None else names
+    module_of = imports_of(package)
+    packages = [name for name, module in module_of.items() if module == "."]
+    public = sorted(module_of.keys() - set(packages))
 
     def load(name: str) -> object:
         if name not in module_of:
             raise missing(package, name)
-        value = getattr(importlib.import_module(module_of[name], package), name)
-        return vars(sys.modules[package]).setdefault(name, value)
+        module = importlib.import_module(f"{package}.{name}" if name in packages else module_of[name], package)
+        return module if name in packages else vars(sys.modules[package]).setdefault(name, getattr(module, name))
 
-    return sorted(module_of), lambda: sorted([*module_of, *shown]), load
+    return public, lambda: sorted([*public, *packages, *shown]), load
 
 
 def imports_of(package: str) -> dict[str, str]:
@@ -57,3 +66,40 @@ def imports_of(package: str) -> dict[str, str]:
 def missing(package: str, name: str) -> AttributeError:
     """Makes the error for a name that a package does not have."""
     return AttributeError(f"module {package!r} has no attribute {name!r}", name=name, obj=sys.modules[package])
+
+
+def public_packages(package: ModuleType) -> Iterator[ModuleType]:
+    """Yields a package and, from the top down, the packages within it that ``dir`` shows."""
+    yield package
+    for name in dir(package):
+        if isinstance(value := getattr(package, name), ModuleType) and hasattr(value, "__all__"):
+            yield from public_packages(value)
+
+
+if TYPE_CHECKING:
+    from typing import TypeVar
+
+    Method = TypeVar("Method", bound=Callable[..., object])
+else:
+    Method = Callable
+
+
+def leave_to(function: str) -> Callable[[Method], Method]:
+    """Makes a method that calls a function of another module, as in ``.loop:run_loop``, or ``.loop`` with its own name.
+
+    The module is imported when it is called. Its class has the signature and the docstring.
+    """
+    import functools  # here, because it would double the time to import jaxball
+
+    def declare(method: Method) -> Method:
+        package, (module, _, other) = method.__module__.rpartition(".")[0], function.partition(":")
+        name = other or method.__name__
+
+        @functools.wraps(method)
+        def call(*args: object, **options: object) -> object:
+            return getattr(importlib.import_module(module, package), name)(*args, **options)
+
+        call.left_to = (module, package, name)  # pyright: ignore[reportAttributeAccessIssue]
+        return call  # pyright: ignore[reportReturnType]
+
+    return declare

@@ -150,7 +150,7 @@ MARK = "<!doctype html>\n<!-- jaxball view -->\n"  # what every view begins with
 
 
 def check_view(path: Path, argument: str = "path") -> None:
-    """Raises an :class:`~jaxball.results.OutputError` unless a view can be written at ``path``.
+    """Raises an :class:`~jaxball.files.results.OutputError` unless a view can be written at ``path``.
 
     A file that is already there must be a view. The message calls the path ``argument``.
     """

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 from typing_extensions import TypeAliasType
 
-from ..compat import is_traced as is_traced
 from ..interface.arguments import refusal
+from ..interface.compat import is_traced as is_traced
 from ..interface.printing import is_array
 
 T = TypeVar("T")

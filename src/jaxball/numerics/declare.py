@@ -2,7 +2,7 @@
 
 From ``radius: Float[Array, "*group"] = eqx.field(converter=number(LENGTH, POSITIVE))`` follow the conversion of the
 argument, the condition on it (:func:`jaxball.physics.conditions.on_numbers`), and its key in files with its unit
-(``jaxball.scenario.own``). The name is that of the field, and the shape that of its annotation.
+(``jaxball.files.scenario.own``). The name is that of the field, and the shape that of its annotation.
 """
 
 import dataclasses

@@ -17,8 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ..programs.batches import fill_vectors
-from .cuts import Cut
-from .pieces import LONGER_PIECE, LONGEST_PIECE, Piece, nodes_between
+from .pieces import LONGER_PIECE, LONGEST_PIECE, Cut, Piece, nodes_between
 
 SAMPLES = 16  # of a piece
 DOUBT = 64.0  # the weight of the last terms of a series, relative to that within a step

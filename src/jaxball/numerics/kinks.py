@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from ..interface.arguments import call_with
 from ..interface.printing import is_array
-from ..interface.warning import warn_of_kinks
+from ..interface.status import warn_of_kinks
 from .arrays import default_dtype, join_arrays
 from .time_comparisons import find_compared_times
 

@@ -1,7 +1,11 @@
-"""Cuts a step of a solve into pieces, and tells what is certain about functions of time in each of them.
+"""Cuts a step of a solve, or a run, into pieces that are short enough for what is asked of functions of time within it.
 
-``crossings`` looks for zeros in them, and ``excursions`` in pieces of a whole run. The Chebyshev series of the
-polynomial through a few samples of a piece tells whether a function has no zero there, and whether it is monotone.
+``crossings`` looks for zeros in pieces of steps, and ``excursions`` in those of a whole run: the Chebyshev series of
+the polynomial through a few samples of a piece tells whether a function has no zero there, and whether it is monotone.
+``integrals`` integrates functions, and ``peaks`` finds where they are largest.
+
+A piece that is not good enough is halved. The halves are looked at from left to right, so that nothing need be kept of
+the others.
 """
 
 from functools import cache
@@ -24,6 +28,7 @@ TAIL = (16.0, 16.0, 64.0, 64.0)
 SLOPE_TAIL = 64.0  # the same for the slope: the term of order n weighs n² as much
 DECAYED = 0.1  # the last terms, relative to all but the constant one, of a series that is trusted
 ROUNDINGS = 64  # of a function's size in a step: values below are zero
+MOST_PIECES_TRIED = 4096  # in a step, after which the rest of it is one piece
 
 
 class Span(NamedTuple):
@@ -127,18 +132,23 @@ class Pieces(NamedTuple):
     """The pieces of steps, in units of the smallest one: ``unit`` of them are a step.
 
     A step is halved, and its halves are, so that the pieces are leaves of a tree: one begins at a multiple of its
-    width.
+    width. ``whole`` says that a piece may be a whole step, however long that is.
     """
 
     unit: int
+    whole: bool = False
 
     @classmethod
-    def of(cls, dtype: Any) -> "Pieces":
+    def of(cls, dtype: Any, whole: bool = False) -> "Pieces":
         """Chooses the smallest piece for a type of numbers, in which the ends of all pieces are exact."""
-        return cls(1 << (44 if jnp.finfo(dtype).bits == 64 else 18))
+        return cls(1 << (44 if jnp.finfo(dtype).bits == 64 else 18), whole)
 
     def longest(self, span: Span) -> Int[Array, ""]:
         """Returns the width of the longest pieces of a step."""
+        return jnp.asarray(self.unit) if self.whole else self.shortest(span)
+
+    def shortest(self, span: Span) -> Int[Array, ""]:
+        """Returns the width of the pieces of a step in which all that varies with time alone is looked at."""
         halvings = [
             span.length > LONGEST_PIECE * 2.0**k * span.of_run for k in range(MOST_FIRST_PIECES.bit_length() - 1)
         ]
@@ -167,3 +177,53 @@ class Pieces(NamedTuple):
         """Returns the times of the Chebyshev points of a piece."""
         nodes = jnp.asarray(_matrices(SAMPLES).nodes, span.start.dtype)
         return span.time((place.astype(nodes.dtype) + nodes * width.astype(nodes.dtype)) / float(self.unit))
+
+
+class Cut(NamedTuple):
+    """The piece of a step that is tried next, in fractions of the step, or of a longer range of places.
+
+    - ``limit``: the end of the last piece that was not good enough, if that lies beyond ``start``.
+    - ``trials``: how many pieces have been tried.
+    """
+
+    start: Float[Array, ""]
+    end: Float[Array, ""]
+    limit: Float[Array, ""]
+    trials: Int[Array, ""]
+
+    @classmethod
+    def first(cls, start: Float[Array, ""], longest: Float[Array, ""], last: Float[Array, ""] | float) -> "Cut":
+        """Returns the first piece, from ``start``."""
+        return cls(start, jnp.minimum(start + longest, last), start, jnp.asarray(0))
+
+    @property
+    def width(self) -> Float[Array, ""]:
+        """The width of the piece."""
+        return self.end - self.start
+
+    @property
+    def is_last(self) -> Bool[Array, ""]:
+        """Whether no piece is cut any more, because too many have been."""
+        return self.trials >= MOST_PIECES_TRIED
+
+    def shorten(self, end: Float[Array, ""] | None = None) -> "Cut":
+        """Returns the piece up to an ``end``, or half of it, to be tried next."""
+        end = self.start + 0.5 * self.width if end is None else end
+        return self._replace(end=end, limit=self.end, trials=self.trials + 1)
+
+    def go_on(self, longest: Float[Array, ""], last: Float[Array, ""] | float) -> "Cut":
+        """Returns the piece behind this one: the rest of one that was not good enough, or one as long as
+        ``longest``, up to ``last``.
+        """
+        start, trials = self.end, self.trials + 1
+        end = jnp.where(trials < MOST_PIECES_TRIED, jnp.minimum(start + longest, last), last)
+        return Cut(start, jnp.where(start < self.limit, self.limit, end), self.limit, trials)
+
+
+def longest_share(length: Float[Array, ""], run: Float[Array, ""]) -> Float[Array, ""]:
+    """Returns the largest share of a step of a ``length`` that is one piece at first, in a run of the length ``run``.
+
+    Where the state rests a step may be as long as the run, and functions may swing many times within it.
+    """
+    share = LONGEST_PIECE * run / jnp.where(length > 0, length, run)
+    return jnp.clip(share, 1 / MOST_FIRST_PIECES, 1.0)

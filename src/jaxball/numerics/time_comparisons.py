@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..compat import Literal, Program, argument, branches, function_of, loop, program_within
+from ..interface.compat import Literal, Program, argument, branches, function_of, loop, program_within
 from .time_dependence import (
     Dependent,
     Fixed,

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..compat import function_of
+from ..interface.compat import function_of
 
 MOST_PIECES = 16
 

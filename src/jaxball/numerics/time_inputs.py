@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..compat import Literal, Program, argument, branches, function_of, loop, program_within
+from ..interface.compat import Literal, Program, argument, branches, function_of, loop, program_within
 
 # A polynomial in time of higher degree, or sinusoids of more phases or harmonics, may be almost zero but for a moment.
 MOST_DEGREES, MOST_PHASES, MOST_HARMONICS = 32, 8, 16

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..compat import differentiate_by, primitive
+from ..interface.compat import differentiate_by, primitive
 
 # π/2 in three parts; the first two have 33 bits, so that multiples of them up to 2²⁰ are exact.
 HALF_PI = (

@@ -3,19 +3,12 @@
 ``reference`` contains the solutions; ``reproduce`` draws the figures and measures the solvers.
 """
 
-from ..interface.names import interface as _interface
-from .systems import (
-    BALL_RAIL_DIRECTIONS as BALL_RAIL_DIRECTIONS,
-    BALL_RAIL_RADII as BALL_RAIL_RADII,
-    BALL_THETA as BALL_THETA,
-    BALL_TOLERANCE as BALL_TOLERANCE,
-    DISK_RAIL_RADII as DISK_RAIL_RADII,
-    DISK_THETA as DISK_THETA,
-    DISK_TOLERANCE as DISK_TOLERANCE,
-    PAPER_END as PAPER_END,
-    PAPER_START as PAPER_START,
-    ball as ball,
-    disk as disk,
-)
+TYPE_CHECKING = False
 
-__all__, __dir__ = _interface(globals(), "reference", "reproduce")
+if TYPE_CHECKING:  # for type checkers and editors, the same interface
+    from . import reference as reference, reproduce as reproduce
+    from .systems import BALL_TOLERANCE as BALL_TOLERANCE, DISK_TOLERANCE as DISK_TOLERANCE, ball as ball, disk as disk
+else:
+    from ..interface.names import lazy_interface
+
+    __all__, __dir__, __getattr__ = lazy_interface(__name__)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-__all__ = ["Reference", "ball", "disk"]
+__all__ = ["ball", "disk"]
 
 
 @dataclass(frozen=True)

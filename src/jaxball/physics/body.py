@@ -13,17 +13,16 @@ from jaxtyping import Array, Bool, Float
 from ..interface.printing import is_array
 from ..interface.wording import all_of, number_of
 from ..numerics.arrays import AnyArray, Numbers, default_dtype, join_arrays, namespace_of, to_array
-from .conditions import Condition, ExplainedCondition, Problem, all_hold, positive, positive_inertia, real_inertia
+from ..numerics.declare import OF_INERTIA, POSITIVE, number
+from .conditions import Condition, ExplainedCondition, Problem, all_hold, on_numbers, real_inertia
 from .dynamics.coupling import mass_conditions
+from .dynamics.dry_friction import TurningMode
 from .dynamics.equations import accelerations, solvable_friction
 from .dynamics.footing import rates, surface_under
 from .dynamics.load import load
-from .dynamics.locked import field_of_locked, from_locked, to_locked
+from .dynamics.locked import field_of_locked, from_locked, reaction, to_locked
 from .dynamics.parameters import BodyParameters, PointMass
-from .dynamics.reaction import reaction
-from .dynamics.rest import TurningMode
-from .dynamics.sticking import sticking_slots
-from .dynamics.stops import has_stops, range_conditions
+from .dynamics.sticking import has_stops, range_conditions, sticking_slots
 from .feedback import AbstractLaw, FollowSchedules
 from .forces.force import shapes_of_motion
 from .limits.breaches import breaches, in_plane, wild_masses
@@ -54,12 +53,9 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
         return f"{self.title} with {all_of(parts) if parts else 'no point masses'}"
 
     def conditions(self) -> Iterator[Condition]:
-        yield Condition(positive(self.mass), "mass", self.mass, "a positive number")
-        yield Condition(positive(self.radius), "radius", self.radius, "a positive number")
-        yield positive_inertia(self.inertia)
+        yield from on_numbers(self, "")
         if not self.planar:
             yield real_inertia(self.inertia)
-        yield Condition(namespace_of(self.gravity).isfinite(self.gravity), "gravity", self.gravity, "a finite number")
         yield Condition(
             (self.offset**2).sum() <= self.radius**2,
             "offset",
@@ -238,6 +234,84 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
         if state is not None:
             yield from wild_masses(self, times[0], state)
 
+    def with_masses(self: AnyBody, masses: Sequence[PointMass], law: AbstractLaw | None = None) -> AnyBody:
+        """Returns the same body with other point masses, and the law that drives them.
+
+        **Arguments:**
+
+        - ``masses``: the point masses, any number of them.
+        - ``law``: the feedback law of those that are :class:`~jaxball.Driven`, or None.
+
+        **Example:**
+
+        >>> from jaxball import Disk, Fixed, PointMass
+        >>> empty = Disk(mass=1.0, inertia=0.5)
+        >>> empty.with_masses([PointMass(0.5, Fixed((0.0, 0.0, -0.5)))]).n_masses
+        1
+        """
+        return type(self)(**{**self.arguments, "masses": masses, "law": law})
+
+    def with_integrated_angles(
+        self: AnyBody, t0: Numbers = 0.0, state: State | None = None
+    ) -> tuple[AnyBody, dict[str, Array]]:
+        """Returns the same system in the paper's own form, where the state contains θ and θ̇ of everything that has a
+        schedule.
+
+        **Arguments:**
+
+        - ``t0``: the time of the state.
+        - ``state``: a state of the system at that time, needed only if some of its joints are free; their θ and θ̇ are
+          kept.
+
+        **Returns:** the system with its :class:`~jaxball.OnRail` masses replaced by driven ones that follow θ̈(t) of
+        their schedules, as do joints, and angles of a :class:`~jaxball.physics.TiltingPlane`, with schedules; and the
+        entries ``theta`` and ``thetadot`` of its state at ``t0``.
+
+        **Raises:** ``ValueError`` when the system already has a feedback law, and when it has free joints but no state
+        is given.
+
+        **Example:**
+
+        >>> from jaxball import Circle, ConstantRate, Disk, DiskState, OnRail, PointMass
+        >>> mass = PointMass(0.5, OnRail(Circle(0.9), ConstantRate(0.0, rate=2.0)))
+        >>> driven, angles = Disk(mass=1.0, inertia=0.5, masses=[mass]).with_integrated_angles(t0=1.0)
+        >>> DiskState(**angles)
+        DiskState(phi=0.0, phidot=0.0, z=0.0, theta=(2.0,), thetadot=(2.0,))
+        """
+        if self.accelerated:
+            driven = all_of([self.coordinates[slot] for slot in self.accelerated])
+            raise ValueError(f"The body must have no feedback law, but one drives {driven}.")
+        masses, mechanisms, schedules = [], [], []
+        for item in self.point_masses:
+            if item.schedule is not None:
+                schedules.append(item.schedule)
+                item = item.follow_law()
+            masses.append(item)
+        for mechanism in self.mechanisms:
+            drives = list(mechanism.drives)
+            for a, drive in enumerate(drives):
+                if isinstance(drive, AbstractSchedule):
+                    schedules.append(drive)
+                    drives[a] = Accelerated()
+            mechanisms.append(mechanism.with_drives(drives))
+        ground = self.ground
+        if ground is not None:
+            schedules += ground.schedules
+            ground = ground.follow_law()
+        law = FollowSchedules(tuple(schedules)) if schedules else None
+        parts = {"masses": masses, "law": law, "mechanisms": mechanisms, "ground": ground}
+        driven = type(self)(**{**self.arguments, **parts})
+        free_angles = _free_angles(self, state)
+        rates = [schedule.derivatives(to_array(t0)) for schedule in schedules]
+        accelerated = driven.accelerated
+        # The values are those of the schedules, then of the free joints; a state has them in the order of coordinates.
+        places = [*accelerated, *(slot for slot in range(len(driven.coordinates)) if slot not in accelerated)]
+        angles = {}
+        for order, name in enumerate(("theta", "thetadot")):
+            values = jnp.concatenate([to_array([rate[order] for rate in rates]), free_angles[name]])
+            angles[name] = values[np.argsort(places)] if free_angles[name].size else values
+        return driven, angles
+
 
 class AbstractBodyWithModes(AbstractSystem[AnyState]):
     """A ball or a disk whose motion has modes: what no mode changes is that of its ``body``.
@@ -300,11 +374,12 @@ class Ball(AbstractBody):
 
     **Arguments:**
 
-    - ``mass``: m_0, of the shell with its static internal structure, in units of mass.
-    - ``inertia``: the principal moments (d1, d2, d3) about the shell's own centre of mass, mass length², shape (3,).
-    - ``radius``: r, length.
+    - ``mass``: m_0, the mass of the shell with its static internal structure, in units of mass.
+    - ``inertia``: the principal moments (d1, d2, d3) about the shell's own centre of mass, none more than the sum of
+      the other two, mass length², shape (3,).
+    - ``radius``: r, the radius of the shell, length.
     - ``offset``: χ_0 = ζ_0, from the geometric centre to the shell's centre of mass, body axes, length, shape (3,).
-    - ``gravity``: g, length/time².
+    - ``gravity``: g, the acceleration of gravity, length/time².
     - ``force``: Fe(t) at the geometric centre, a :class:`~jaxball.FunctionWrench` if it depends on the motion, or None.
     - ``masses``: the point masses, any number of them.
     - ``law``: the feedback law that drives the :class:`~jaxball.Driven` masses and :class:`~jaxball.Accelerated`
@@ -312,8 +387,9 @@ class Ball(AbstractBody):
     - ``mechanisms``: joints with masses, such as a :class:`~jaxball.Mechanism`, any number of them.
     - ``ground``: a :class:`~jaxball.Ground`, if the plane is tilted or moves, or a surface such as a
       :class:`~jaxball.HeightField`; None for a level plane at rest.
-    - ``resistance``: a :class:`~jaxball.Resistance` to rolling, another :class:`~jaxball.AbstractResistance`, or None.
-    - ``own_states``: states of your own beside the body, an :class:`~jaxball.OwnStates`, or None.
+    - ``resistance``: a :class:`~jaxball.Resistance` to rolling, another :class:`~jaxball.physics.AbstractResistance`,
+      or None.
+    - ``own_states``: states of your own beside the body, an :class:`~jaxball.physics.OwnStates`, or None.
 
     Any consistent units will do; the paper rescales so that m = r = g = 1.
 
@@ -364,8 +440,8 @@ class Disk(AbstractBody):
     **Arguments:**
 
     - ``inertia``: the only moment d2, about the shell's own centre of mass, mass length².
-    - ``offset``: as for a :class:`Ball`, length, shape (3,), in the plane of E1 and E3, as are the rails and the free
-      motions of the masses.
+    - ``offset``: χ_0, from the geometric centre to the shell's centre of mass, in the plane of E1 and E3, length, shape
+      (3,). The rails and the free motions of the masses are in this plane as well.
     - ``mass``, ``radius``, ``gravity``, ``force``, ``masses``, ``law``, ``mechanisms``, ``ground``, ``resistance`` and
       ``own_states``: as for a :class:`Ball`; no turntable, and a surface must be symmetric about e1 and e3.
 
@@ -381,7 +457,8 @@ class Disk(AbstractBody):
 
     __init__ = BodyParameters.__init__
 
-    inertia_shape: ClassVar[tuple[int, ...]] = ()
+    inertia: Float[Array, "*group"] = eqx.field(converter=number(OF_INERTIA, POSITIVE))
+
     planar: ClassVar[bool] = True
     title: ClassVar[str] = "disk"
     state_type: ClassVar[Any] = DiskState
@@ -393,88 +470,6 @@ class Disk(AbstractBody):
 
 
 System = Ball | Disk | AbstractBody  # which may be a ConvexBody
-
-
-def with_masses(system: System, masses: Sequence[PointMass], law: AbstractLaw | None = None) -> System:
-    """Returns the same body with other point masses, and the law that drives them.
-
-    **Arguments:**
-
-    - ``system``: a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`.
-    - ``masses``: the point masses, any number of them.
-    - ``law``: the feedback law of those that are :class:`~jaxball.Driven`, or None.
-
-    **Example:**
-
-    >>> from jaxball import Disk, Fixed, PointMass, with_masses
-    >>> empty = Disk(mass=1.0, inertia=0.5)
-    >>> with_masses(empty, [PointMass(0.5, Fixed((0.0, 0.0, -0.5)))]).n_masses
-    1
-    """
-    return type(system)(**{**system.arguments, "masses": masses, "law": law})
-
-
-def with_integrated_angles(
-    system: System, t0: Numbers = 0.0, state: State | None = None
-) -> tuple[System, dict[str, Array]]:
-    """Returns the same system in the paper's own form, where the state contains θ and θ̇ of everything that has a
-    schedule.
-
-    **Arguments:**
-
-    - ``system``: a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`.
-    - ``t0``: the time of the state.
-    - ``state``: a state of the system at that time, needed only if some of its joints are free; their θ and θ̇ are
-      kept.
-
-    **Returns:** the system with its :class:`~jaxball.OnRail` masses replaced by driven ones that follow θ̈(t) of their
-    schedules, as do joints, and angles of a :class:`~jaxball.TiltingPlane`, with schedules; and the entries ``theta``
-    and ``thetadot`` of its state at ``t0``.
-
-    **Raises:** ``ValueError`` when the system already has a feedback law, and when it has free joints but no state is
-    given.
-
-    **Example:**
-
-    >>> from jaxball import Circle, ConstantRate, Disk, DiskState, OnRail, PointMass, with_integrated_angles
-    >>> disk = Disk(mass=1.0, inertia=0.5, masses=[PointMass(0.5, OnRail(Circle(0.9), ConstantRate(0.0, rate=2.0)))])
-    >>> driven, angles = with_integrated_angles(disk, t0=1.0)
-    >>> DiskState(**angles)
-    DiskState(phi=0.0, phidot=0.0, z=0.0, theta=(2.0,), thetadot=(2.0,))
-    """
-    if system.accelerated:
-        driven = all_of([system.coordinates[slot] for slot in system.accelerated])
-        raise ValueError(f"Argument `system` must have no feedback law, but one drives {driven}.")
-    masses, mechanisms, schedules = [], [], []
-    for item in system.point_masses:
-        if item.schedule is not None:
-            schedules.append(item.schedule)
-            item = item.follow_law()
-        masses.append(item)
-    for mechanism in system.mechanisms:
-        drives = list(mechanism.drives)
-        for a, drive in enumerate(drives):
-            if isinstance(drive, AbstractSchedule):
-                schedules.append(drive)
-                drives[a] = Accelerated()
-        mechanisms.append(mechanism.with_drives(drives))
-    ground = system.ground
-    if ground is not None:
-        schedules += ground.schedules
-        ground = ground.follow_law()
-    law = FollowSchedules(tuple(schedules)) if schedules else None
-    parts = {"masses": masses, "law": law, "mechanisms": mechanisms, "ground": ground}
-    driven = type(system)(**{**system.arguments, **parts})
-    free_angles = _free_angles(system, state)
-    rates = [schedule.derivatives(to_array(t0)) for schedule in schedules]
-    accelerated = driven.accelerated
-    # The values are those of the schedules, then of the free joints; a state has them in the order of coordinates.
-    places = [*accelerated, *(slot for slot in range(len(driven.coordinates)) if slot not in accelerated)]
-    angles = {}
-    for order, name in enumerate(("theta", "thetadot")):
-        values = jnp.concatenate([to_array([rate[order] for rate in rates]), free_angles[name]])
-        angles[name] = values[np.argsort(places)] if free_angles[name].size else values
-    return driven, angles
 
 
 def _free_angles(system: System, state: State | None) -> dict[str, Array]:

@@ -89,11 +89,6 @@ def on_numbers(item: Any, prefix: str) -> Iterator[Condition]:
             yield Condition(rule.holds(value), prefix + name, value, rule.words(declared.shape))
 
 
-def positive_inertia(d: Float[AnyArray, "..."]) -> Condition:
-    """Returns the condition on a moment of inertia, or on three, to be positive."""
-    return Condition(positive(d), "inertia", d, "positive")
-
-
 def real_inertia(d: Float[AnyArray, "3"]) -> Condition:
     """Returns the condition that three principal moments belong to some distribution of mass."""
     return Condition(

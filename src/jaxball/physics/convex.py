@@ -29,7 +29,8 @@ class ConvexBody(AbstractBody):
 
     **Arguments:**
 
-    - ``shape``: its surface: an :class:`~jaxball.Ellipsoid`, or any by a :class:`~jaxball.SupportFunction`.
+    - ``shape``: its surface. An :class:`~jaxball.physics.Ellipsoid`, or any by a
+      :class:`~jaxball.physics.SupportFunction`.
     - ``mass``, ``inertia``, ``offset``, ``gravity``, ``force``, ``masses``, ``law``, ``mechanisms``, ``resistance`` and
       ``own_states``: as for a :class:`~jaxball.Ball`. The radius by which dry friction is multiplied is the height of
       the geometric centre over the plane.
@@ -47,7 +48,8 @@ class ConvexBody(AbstractBody):
 
     **Example:**
 
-    >>> from jaxball import BallState, ConvexBody, Ellipsoid, simulate
+    >>> from jaxball import BallState, ConvexBody, simulate
+    >>> from jaxball.physics import Ellipsoid
     >>> egg = ConvexBody(shape=Ellipsoid((1.0, 1.0, 1.5)), mass=1.0, inertia=(0.65, 0.65, 0.4))
     >>> lying = BallState(q=(0.5**0.5, 0.5**0.5, 0.0, 0.0), Omega=(0.0, 0.0, 1.0))
     >>> round(float(simulate(egg, [0.0, 2.0], lying).state.z[-1, 0]), 6)  # it rolls about its long axis

@@ -64,7 +64,7 @@ class FunctionLaw(OfKinkedFunctionOfState, AbstractLaw):
     - ``function``: of (t, state, parameters), to θ̈ of each driven mass, rad/time², or length/time² in a tube,
       shape (driven,).
     - ``parameters``: arrays, in any PyTree, passed to it; they can be swept and differentiated.
-    - ``kink_times``: times, shape (kinks,), at which it jumps or has a kink.
+    - ``kink_times``: the times at which it jumps or has a kink, shape (kinks,).
 
     **Example:**
 
@@ -131,8 +131,8 @@ class Servo(AbstractLaw):
     **Arguments:**
 
     - ``targets``: a schedule for each driven mass, in the order of the masses.
-    - ``stiffness``: 1/time², shape (driven,).
-    - ``damping``: 1/time, shape (driven,).
+    - ``stiffness``: one for each driven coordinate, 1/time², shape (driven,).
+    - ``damping``: one for each driven coordinate, 1/time, shape (driven,).
 
     **Example:**
 
@@ -183,13 +183,14 @@ class LinearLaw(AbstractLaw):
     **Arguments:**
 
     - ``theta``: the factors of every θ of the state, 1/time², shape (driven, coordinates).
-    - ``thetadot``: those of every θ̇, 1/time, shape (driven, coordinates).
-    - ``Omega``: those of Ω, rad/time² per rad/time, shape (driven, 3).
-    - ``Gamma``: those of Γ, rad/time², shape (driven, 3).
-    - ``z``: those of the position, rad/time² per length, shape (driven, 2), and (driven, 1) for a disk.
-    - ``signals``: the terms added: for each driven coordinate a number, a :class:`~jaxball.PiecewiseSignal` or a
-      schedule, rad/time².
-    - ``omega``: the factors of ω, rad/time² per rad/time, shape (driven, 3).
+    - ``thetadot``: the factors of every θ̇, 1/time, shape (driven, coordinates).
+    - ``Omega``: the factors of Ω, 1/time, shape (driven, 3).
+    - ``Gamma``: the factors of Γ, rad/time², shape (driven, 3).
+    - ``z``: the factors of the position, 2 of a ball and 1 of a disk, rad/(length time²), shape (driven, 2), and
+      (driven, 1) for a disk.
+    - ``signals``: the terms added, one for each driven coordinate, rad/time². A number, a
+      :class:`~jaxball.PiecewiseSignal` or a schedule.
+    - ``omega``: the factors of ω, in space axes, 1/time, shape (driven, 3).
 
     A factor that is not given is 0. For a mass in a tube or a slider, θ, θ̇ and θ̈ have length instead of rad.
 

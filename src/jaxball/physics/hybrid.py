@@ -16,8 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.printing import Printed, format_value, is_single
-from ..numerics.calculus import with_second_derivatives
-from ..numerics.flows import move, move_to_zero, rates_along
+from ..numerics.calculus import move, move_to_zero, rates_along, with_second_derivatives
 from ..numerics.kinks import after
 from ..programs.derivatives.differentiation import without_derivatives
 
@@ -207,7 +206,7 @@ class Record(NamedTuple):
 
 STIFF = (
     "where friction all but holds a body its direction turns in a time that shrinks with its speed; an implicit solver "
-    "follows it, RadauIIA(3) of jaxball.solvers, which is `radau5` in files."
+    "follows it, RadauIIA(3) of jaxball.simulation.solvers, which is `radau5` in files."
 )
 SLOW_ROLLING = f"The body moves against exact dry resistance. Slow rolling is stiff: {STIFF}"
 

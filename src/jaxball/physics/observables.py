@@ -19,22 +19,28 @@ from .body import AbstractBody
 from .contact.body_on_plane import BodyOnPlane
 from .contact.modes import Mode
 from .contact.released import load_of_released
-from .dynamics.energy import (
+from .dynamics.dry_friction import TurningMode
+from .dynamics.equations import accelerations, angles_in_state, equations
+from .dynamics.footing import place_of_centre, velocity_by_turning
+from .dynamics.load import (
+    Load,
     accelerations_of_masses,
     actuation_power,
     dissipation,
     external_power,
     kinetic_energy,
+    load,
     potential_energy,
 )
-from .dynamics.equations import accelerations, angles_in_state, equations
-from .dynamics.footing import place_of_centre, velocity_by_turning
-from .dynamics.load import Load, load
-from .dynamics.moments import AbstractMoments, joint_motion, kinematics, point_mass_values, principal_inertia
-from .dynamics.momentum import contact_momentum, linear_momentum
-from .dynamics.rails import along_rails
-from .dynamics.reaction import ContactForce, reaction_in_body
-from .dynamics.rest import TurningMode
+from .dynamics.locked import ContactForce, contact_momentum, linear_momentum, reaction_in_body
+from .dynamics.moments import (
+    AbstractMoments,
+    along_rails,
+    joint_motion,
+    kinematics,
+    point_mass_values,
+    principal_inertia,
+)
 from .grounds.ground import Ground
 from .prescribed.motion import Kinematics
 from .state import BallState, DiskState, Rates, ReducedState, RotationState, State

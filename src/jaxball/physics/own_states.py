@@ -46,19 +46,21 @@ class OwnStates(OfKinkedFunctionOfState):
 
     **Arguments:**
 
-    - ``function``: of (t, state, parameters), to ẋ, shape (own,), in the order of ``names``.
+    - ``function``: a function of (t, state, parameters), to their rates ẋ, in the order of ``names``, shape (own,).
     - ``parameters``: arrays, in any PyTree, passed to it; they can be swept and differentiated.
-    - ``kink_times``: times, shape (kinks,), at which it jumps or has a kink.
+    - ``kink_times``: the times at which it jumps or has a kink, besides those found in its trace, shape (kinks,).
     - ``names``: what they are called in files and figures, one each.
-    - ``units``: the dimension of each in words, such as ``"energy"`` or ``"length/time"``, which becomes a unit where a
-      scenario states its units; or a unit of its own, such as ``"A"``; ``""`` for a number, as all are if not given.
+    - ``units``: the dimension of each in words, such as ``"energy"`` or ``"length/time"``, or a unit of its own, such
+      as ``"A"``, or ``""`` for a number; all numbers if not given. A dimension becomes a unit where a scenario states
+      its units.
 
     **Raises:** ``TypeError`` and ``ValueError`` for names and units that are none, or not one each.
 
     **Example:**
 
     >>> import jax.numpy as jnp
-    >>> from jaxball import Disk, DiskState, OwnStates, simulate
+    >>> from jaxball import Disk, DiskState, simulate
+    >>> from jaxball.physics import OwnStates
     >>> def odometer(t, state):
     ...     return jnp.abs(state.phidot)[None]
     >>> disk = Disk(mass=1.0, inertia=0.5, own_states=OwnStates(odometer, names="turned"))
@@ -95,7 +97,7 @@ class OwnStates(OfKinkedFunctionOfState):
 
 
 def odometer(t: Float[Array, ""], state: State, axis: Numbers = (0.0, 1.0, 0.0)) -> Float[Array, "2"]:
-    """Computes the rates of two angles of a rolling body, a function for :class:`~jaxball.OwnStates`.
+    """Computes the rates of two angles of a rolling body, a function for :class:`~jaxball.physics.OwnStates`.
 
     The first, Ω·``axis``, is that of the angle by which the body has turned about an axis of its own, as a counter on
     it would read: φ of a disk has the opposite sign. It is not limited to a whole turn. The second, |Ω × Γ|, is that of
@@ -107,11 +109,12 @@ def odometer(t: Float[Array, ""], state: State, axis: Numbers = (0.0, 1.0, 0.0))
 
     - ``t``, ``state``: time, and the state of the body.
     - ``axis``: body axes, of length 1, shape (3,); E2 if not given, about which a body rolls along e1 from its default
-      state. These are the ``parameters`` of the :class:`~jaxball.OwnStates`.
+      state. These are the ``parameters`` of the :class:`~jaxball.physics.OwnStates`.
 
     **Example:**
 
-    >>> from jaxball import Ball, BallState, OwnStates, odometer, simulate
+    >>> from jaxball import Ball, BallState, simulate
+    >>> from jaxball.physics import OwnStates, odometer
     >>> counted = OwnStates(odometer, names=("turned", "rolled"))
     >>> ball = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), radius=0.5, own_states=counted)
     >>> run = simulate(ball, [0.0, 10.0], BallState(Omega=(0.0, -3.0, 0.0), own=(0.0, 0.0)))

@@ -21,7 +21,7 @@ class Reaction(NamedTuple):
     **Example:**
 
     >>> import jax.numpy as jnp
-    >>> from jaxball import Reaction
+    >>> from jaxball.physics import Reaction
     >>> force = Reaction(normal=jnp.array(2.0), friction_squared=jnp.array(0.25))
     >>> float(force.friction), float(force.ratio)
     (0.5, 0.25)
@@ -69,7 +69,7 @@ class AbstractRollingSystem(AbstractSystem[AnyState]):
 
     In return its runs have extremes of the contact force (:func:`jaxball.contact_extremes`), the events
     :class:`~jaxball.Detachment` and :class:`~jaxball.Slip`, reductions of the contact force in ensembles and studies,
-    and a row of :func:`jaxball.verify.verify` that says whether the plane could hold it.
+    and a row of :func:`jaxball.analysis.verify.check_laws` that says whether the plane could hold it.
     """
 
     @abc.abstractmethod

@@ -69,14 +69,14 @@ class Ellipsoid(AbstractShape):
 
     **Arguments:**
 
-    - ``semiaxes``: A, along the body axes, length, shape (3,).
+    - ``semiaxes``: A, the semi-axes, along the body axes, length, shape (3,).
     - ``turn``: by how much the first two are turned about E3 against the body axes, which are those of the principal
-      moments of inertia, rad; that makes a rattleback.
+      moments of inertia, rad. That makes a rattleback.
 
     **Example:**
 
     >>> import jax.numpy as jnp
-    >>> from jaxball import Ellipsoid
+    >>> from jaxball.physics import Ellipsoid
     >>> Ellipsoid((1.0, 1.0, 1.5)).arm(jnp.array([0.0, 0.0, 1.0]))
     Array([0. , 0. , 1.5], dtype=float64)
     """
@@ -100,14 +100,14 @@ class SupportFunction(OfFunction, AbstractShape):
 
     **Arguments:**
 
-    - ``function``: of (Γ, parameters), to h, the height of the centre over the plane, length; Γ is the upward normal of
-      the plane, a unit vector in body axes, shape (3,). It must be smooth, and the surface convex.
+    - ``function``: a function of (Γ, parameters), to h, the height of the centre over the plane, length. Γ is the
+      upward normal of the plane, a unit vector in body axes, shape (3,). It must be smooth, and the surface convex.
     - ``parameters``: arrays, in any PyTree, passed to it; they can be swept and differentiated.
 
     **Example:**
 
     >>> import jax.numpy as jnp
-    >>> from jaxball import SupportFunction
+    >>> from jaxball.physics import SupportFunction
     >>> def egg(Gamma, sharpness):
     ...     return jnp.sqrt(1.0 + 0.5 * Gamma[2] ** 2) + sharpness * Gamma[2] ** 3
     >>> round(float(SupportFunction(egg, 0.1).height(jnp.array([0.0, 0.0, 1.0]))), 6)

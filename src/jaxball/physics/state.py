@@ -77,7 +77,7 @@ class BallState(AbstractBodyState):
     - ``theta``: θ of each :class:`~jaxball.Driven` mass, rad on a closed rail and length in a tube, shape (driven,);
       empty where every motion is prescribed.
     - ``thetadot``: θ̇ of each of them, shape (driven,).
-    - ``own``: the values of the body's :class:`~jaxball.OwnStates`, shape (own,); None where it has none.
+    - ``own``: the values of the body's :class:`~jaxball.physics.OwnStates`, shape (own,); None where it has none.
 
     **Example:**
 
@@ -149,11 +149,11 @@ class RotationState(AbstractBodyState):
     - ``theta``: θ of each driven mass, rad on a closed rail and length in a tube, shape (driven,); empty if there are
       none.
     - ``thetadot``: θ̇ of each of them, shape (driven,).
-    - ``own``: the values of the body's :class:`~jaxball.OwnStates`, shape (own,); None where it has none.
+    - ``own``: the values of the body's :class:`~jaxball.physics.OwnStates`, shape (own,); None where it has none.
 
     **Example:**
 
-    >>> from jaxball import RotationState
+    >>> from jaxball.physics import RotationState
     >>> RotationState(Omega=(0.0, 1.0, 0.0)).in_space().q
     Array([1., 0., 0., 0.], dtype=float64)
     """
@@ -235,11 +235,11 @@ class ReducedState(AbstractBodyState):
     - ``theta``: θ of each driven mass, rad on a closed rail and length in a tube, shape (driven,); empty if there are
       none.
     - ``thetadot``: θ̇ of each of them, shape (driven,).
-    - ``own``: the values of the body's :class:`~jaxball.OwnStates`, shape (own,); None where it has none.
+    - ``own``: the values of the body's :class:`~jaxball.physics.OwnStates`, shape (own,); None where it has none.
 
     **Example:**
 
-    >>> from jaxball import ReducedState
+    >>> from jaxball.physics import ReducedState
     >>> ReducedState(Omega=(0.0, 0.0, 2.0))  # spinning about the vertical
     ReducedState(Omega=(0.0, 0.0, 2.0), Gamma=(0.0, 0.0, 1.0), theta=(), thetadot=())
     """
@@ -278,7 +278,7 @@ class DiskState(AbstractBodyState):
     - ``theta``: θ of each driven mass, rad on a closed rail and length in a tube, shape (driven,); empty if there are
       none.
     - ``thetadot``: θ̇ of each of them, shape (driven,).
-    - ``own``: the values of the body's :class:`~jaxball.OwnStates`, shape (own,); None where it has none.
+    - ``own``: the values of the body's :class:`~jaxball.physics.OwnStates`, shape (own,); None where it has none.
 
     **Example:**
 

@@ -1,9 +1,9 @@
 """The contract of a mechanical system: what an implementer supplies, and what jaxball does with it.
 
 A system is an :class:`AbstractSystem` of parameters with an :class:`AbstractState` that a solve advances. Ball and disk
-(``body``), the classical systems (``jaxball.classical``) and users' systems fulfil the same contract. In return they
-get :func:`jaxball.simulate` with status, events, dense output and derivatives, ensembles, Lyapunov exponents, Poincaré
-maps, checks of laws, data sets and figures, and clear messages about impossible parameters and states.
+(``body``), the ``classical`` systems and users' systems fulfil the same contract. In return they get
+:func:`jaxball.simulate` with status, events, dense output and derivatives, ensembles, Lyapunov exponents, Poincaré
+maps, checks of laws, data sets and figures, and clear messages about what is impossible.
 """
 
 import abc
@@ -18,7 +18,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
-from ..interface.arguments import a, describe, refusal
+from ..interface.arguments import a, describe, refusal, require_one
 from ..interface.printing import Printed, is_array
 from ..interface.status import Status
 from ..numerics.arrays import AnyArray, Numbers, default_dtype, to_array
@@ -322,6 +322,14 @@ class AbstractSystem(Printed, Generic[AnyState]):
         """Computes the guards within a step."""
         return self.guards(t, state)
 
+    def guards_follow_motion(self, t: Float[Array, ""], packed: AnyState, reference: Any) -> bool:
+        """Returns whether steps that follow the motion follow the guards, too, however long they are."""
+        return False
+
+    def kept_in_modes(self, packed: AnyState) -> tuple[Any, ...]:
+        """Returns the last fields of a packed state that change at events alone, as far as that is known."""
+        return ()
+
     def assess(self, step: GuardedStep, accuracy: Accuracy) -> Assessment:
         """Decides whether there is an event at the end of a step, and how long the next step may be."""
         timed = jnp.where(step.timed, step.guards.shape[0], NONE)
@@ -427,7 +435,8 @@ def require_system(system: Any) -> None:
         )
     inner = type(getattr(system, "system", None))
     remedy = f"its `system` is {a(inner.__name__)}" if issubclass(inner, AbstractSystem) else ""
-    raise refusal("system", "a Ball, a Disk, one of jaxball.classical or another AbstractSystem", system, remedy)
+    must = "a Ball, a Disk, one of jaxball.physics.classical or another AbstractSystem"
+    raise refusal("system", must, system, remedy)
 
 
 def require_state(system: Any, state: Any) -> None:
@@ -449,24 +458,6 @@ def require_one_state(system: Any, state: Any) -> None:
     require_one("state", "state", state, shapes_of_state(type(state), default_dtype()))
 
 
-def require_one(argument: str, kind: str, given: Any, shapes: Mapping[str, tuple[int, ...]]) -> None:
-    """Raises ``ValueError`` where an array has another shape; of a sized field, another number of axes.
-
-    The system has checked the length of such a field, but not that it belongs to one state.
-    """
-    sized, values = getattr(given, "sized", ()), vars(given)  # Equinox looks up attributes more slowly
-    for name, shape in shapes.items():
-        if (value := values[name]) is None:
-            continue
-        actual = value.shape if hasattr(value, "shape") else np.shape(value)
-        fits = len(actual) == len(shape) if name in sized else actual == shape
-        if not fits:
-            raise ValueError(
-                f"Argument `{argument}` must be one {kind}, with `{name}` of shape {shape}, but its shape is {actual}; "
-                "for many runs use jax.vmap or jaxball.ensemble.simulate_ensemble."
-            )
-
-
 @functools.cache
 def shapes_of_state(kind: type[AbstractState], dtype: np.dtype) -> dict[str, tuple[int, ...]]:
     """Returns the shapes of the arrays of one state, where its kind has a default; (0,) of one that it may lack."""
@@ -481,17 +472,16 @@ def vector_field(system: AbstractSystem, t: Float[Array, ""], state: AnyState) -
 
     **Arguments:**
 
-    - ``system``: a body, a system of :mod:`jaxball.classical`, or another :class:`~jaxball.AbstractSystem`.
-    - ``t``: time.
-    - ``state``: of any kind that the system supports.
+    - ``system``: a body, a system of :mod:`jaxball.physics.classical`, or another :class:`~jaxball.AbstractSystem`.
+    - ``t``: time. ``state``: of any kind that the system supports.
 
-    **Raises:** ``TypeError`` when the system has no state of that kind, ``ValueError`` for several states; use
-    ``jax.vmap``.
+    **Raises:** ``TypeError`` when the system has no such state, ``ValueError`` for several states; use ``jax.vmap``.
 
     **Example:**
 
     >>> import jax.numpy as jnp
-    >>> from jaxball import Disk, DiskState, vector_field
+    >>> from jaxball import Disk, DiskState
+    >>> from jaxball.physics import vector_field
     >>> rates = vector_field(Disk(mass=1.0, inertia=0.5, radius=2.0), jnp.array(0.0), DiskState(phidot=-1.0))
     >>> float(rates.z)  # ż = −r φ̇
     2.0

@@ -11,10 +11,11 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .. import programs
+from ..interface.arguments import require_one
 from ..numerics.arrays import Numbers, default_dtype, to_array, to_numpy
 from .conditions import Condition, ExplainedCondition, Problem, all_hold
 from .packing import Packing
-from .system import AbstractState, AbstractSystem, require_one, require_system, shapes_of_state
+from .system import AbstractState, AbstractSystem, require_system, shapes_of_state
 
 
 def possible_start(
@@ -38,7 +39,7 @@ def problems(system: AbstractSystem, state: AbstractState | None = None, t: Numb
 
     **Arguments:**
 
-    - ``system``: a body, a system of :mod:`jaxball.classical`, or another :class:`~jaxball.AbstractSystem`.
+    - ``system``: a body, a system of :mod:`jaxball.physics.classical`, or another :class:`~jaxball.AbstractSystem`.
     - ``state``: the state at the start; not checked if not given.
     - ``t``: the time of the start, or the times of a run, during which prescribed motions must stay in the body.
 

@@ -23,15 +23,14 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from PIL import Image
 from PIL.GifImagePlugin import getdata
 
-from ..classical import LagrangianState
 from ..interface.arguments import a
 from ..interface.interruption import block_in_children, on_interrupt
 from ..interface.output import OutputError, replacing
 from ..numerics.arrays import Numbers
+from ..physics.classical import LagrangianState
 from ..simulation.trajectory import Trajectory
-from .lagrangian import picture_scene
-from .pictures import Picture, require_lagrangian
-from .record import record, require_finite_rows
+from .classical import picture_scene
+from .record import Picture, record, require_finite_rows, require_lagrangian
 from .scene import Scene, scene
 
 FRAMES = {".mp4": 30, ".gif": 20}  # a second
@@ -147,35 +146,6 @@ def animate(
     picture: Picture | None = None,
     progress: Callable[[int, int], Any] | None = None,
 ) -> Animation:
-    """Animates the rolling body: shell, rails, masses, centre of mass and the trail of the contact point.
-
-    Gravity points down, so that a tilted plane is the top of a wedge. A moving plane carries floor and trail along, and
-    a turntable turns; the trail is in axes that move with the plane but do not turn. A surface is a mesh,
-    with the trail on the pieces of it that the ball has touched. For a run with a law of contact, the trail is that of
-    the lowest point, dashed where the body slides and dotted where it flies above its shadow.
-
-    Each frame shows the nearest saved time, so save at least ``fps / speed`` times per unit of time for a smooth
-    animation.
-
-    **Arguments:**
-
-    - ``trajectory``: what :func:`jaxball.simulate` returns; only its finite states are shown.
-    - ``path``: a file that ends in ``.mp4``, which needs ffmpeg, or in ``.gif``. Without a suffix,
-      ``.mp4`` is added where ffmpeg is installed, and ``.gif`` otherwise. Nothing is written if not given.
-    - ``fps``: frames per second; if not given, 30 in an MP4 and 20 in a GIF.
-    - ``speed``: units of the trajectory's time per second of the animation.
-    - ``dpi``: dots per inch; a frame is 8 inches wide.
-    - ``size``: width and height of a frame in pixels, instead of ``dpi``; the scene is scaled to fit.
-    - ``picture``: for a system with a Lagrangian, a function of (t, q) that draws it: a list of points and lines, each
-      an array of shape (points, 2) or (points, 3).
-    - ``progress``: called with the number of frames done and the number of all, after each frame.
-
-    **Returns:** an :class:`Animation`, which a notebook plays, and which has a method ``save(path)``. A file is written
-    when all frames have been drawn; nothing is written if that fails.
-
-    **Raises:** ``ValueError`` for another suffix, for ``.mp4`` without ffmpeg, for an ``fps`` or a
-    ``speed`` that is not positive, for a trajectory without a finite state, and for a reduced one or a batch.
-    """
     rows = require_finite_rows(trajectory)
     make = scene_of(trajectory, picture)
     times = np.asarray(trajectory.times)[rows]
@@ -238,26 +208,6 @@ def scene_of(trajectory: Trajectory, picture: Picture | None) -> Callable[[], Sc
 
 
 def snapshot(trajectory: Trajectory, t: Numbers | None = None, *, picture: Picture | None = None) -> Figure:
-    """Draws the body on its ground, or above it, at one time, with the trail of the contact point up to then.
-
-    **Arguments:**
-
-    - ``trajectory``: what :func:`jaxball.simulate` returns.
-    - ``t``: the time, for which the nearest saved one is shown; by default the last one that the solve reached.
-    - ``picture``: as for :func:`animate`.
-
-    **Raises:** ``ValueError`` for a trajectory without a finite state, and for a reduced one or a batch.
-
-    **Example:**
-
-    >>> import jax
-    >>> jax.config.update("jax_enable_x64", True)
-    >>> from jaxball import Disk, DiskState, plot, simulate
-    >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], DiskState(phidot=-1.0))
-    >>> plot.snapshot(run, 1.0).savefig("disk.png")
-    >>> print([round(float(place), 3) for place in run.state.z])
-    [0.0, 1.0, 2.0]
-    """
     times = np.asarray(trajectory.times)[require_finite_rows(trajectory)]
     figure, show = scene_of(trajectory, picture)()
     show(len(times) - 1 if t is None else int(np.argmin(np.abs(times - float(np.asarray(t))))))
@@ -382,7 +332,7 @@ def mp4(path: Path, pictures: Iterable[Pixels], fps: float | int, size: tuple[in
     - ``fps``: frames per second.
     - ``size``: width and height of the frames in pixels; a row or a column of white is added to an odd number.
 
-    **Raises:** :class:`~jaxball.results.OutputError` with ffmpeg's own message if it fails.
+    **Raises:** :class:`~jaxball.files.results.OutputError` with ffmpeg's own message if it fails.
     """
     raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}", "-framerate", str(fps), "-i", "pipe:"]
     coded = ["-c:v", "libx264", "-preset", "slow", "-tune", "animation", "-crf", str(QUALITY), "-pix_fmt", PIXELS]

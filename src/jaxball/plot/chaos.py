@@ -10,9 +10,10 @@ from matplotlib.collections import QuadMesh
 from matplotlib.colors import ListedColormap
 from matplotlib.patches import Circle, Patch
 
-from ..chaos import LyapunovSpectrum
+from ..analysis.chaos.result import LyapunovSpectrum
+from ..analysis.stability.periodic import PeriodicMotion
+from ..analysis.stability.steady import SteadyMotion
 from ..simulation.variables import symbol
-from ..stability import PeriodicMotion, SteadyMotion
 from .palette import COMPONENTS, INK
 from .style import SMALL_FONT, SQUARE, colour_bar, label_axes, legend_above, mass_line, plane_axes, zero_line
 
@@ -25,19 +26,25 @@ STABLE = ((True, "stable", "o", COMPONENTS[0]), (False, "unstable", "x", COMPONE
 NEUTRAL_GROWTH = 1e-6  # a growth rate of either sign below this is rounding
 
 
-def chaos_chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, largest: float | None = None) -> Axes:
-    """Draws the data set of :func:`jaxball.chaos.chart` in colours, its first parameter on the vertical axis.
+def chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, largest: float | None = None) -> Axes:
+    """Draws a chart of exponents or of growth rates in colours, its first parameter on the vertical axis.
 
-    Grey marks where the ball would leave the plane, red where the solve failed.
+    Of :func:`jaxball.analysis.chaos.chart`, grey marks where the ball would leave the plane, red where the solve
+    failed. Of :func:`jaxball.analysis.stability.floquet_chart`, deviations grow in red regions and decay in blue ones,
+    with a line between them; grey is where no periodic motion was found.
 
     **Arguments:**
 
-    - ``dataset``: what :func:`jaxball.chaos.chart` returns.
-    - ``largest``: the exponent at the end of the colour scale; by default the largest on the chart. The scale begins at
-      zero, and negative exponents have the colour of zero.
+    - ``dataset``: what either returns.
+    - ``largest``: the exponent or the growth rate at the end of the colour scale, in 1/time; by default the largest
+      magnitude on the chart. The scale of exponents begins at zero, and negative ones have the colour of zero.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
+    return (_growth_rates if "growth" in dataset else _exponents)(dataset, ax, largest)
+
+
+def _exponents(dataset: "xarray.Dataset", ax: Axes | None, largest: float | None) -> Axes:
     exponent, failed = dataset["exponent"].values, dataset["status"].values != 0
     lifted = ~failed & (dataset["least_normal_force"].values <= 0)
     exponents = exponent[np.isfinite(exponent)]
@@ -70,20 +77,7 @@ def _chart(
     return ax, mesh
 
 
-def stability_chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, largest: float | None = None) -> Axes:
-    """Draws the data set of :func:`jaxball.stability.floquet_chart` in colours, its first parameter on the vertical
-    axis.
-
-    Deviations grow in red regions and decay in blue ones, with a line between them; grey is where no periodic motion
-    was found.
-
-    **Arguments:**
-
-    - ``dataset``: what :func:`jaxball.stability.floquet_chart` returns.
-    - ``largest``: the rate at the end of the colour scale, in 1/time; by default the largest magnitude on the chart.
-
-    **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
-    """
+def _growth_rates(dataset: "xarray.Dataset", ax: Axes | None, largest: float | None) -> Axes:
     growth = dataset["growth"].values
     has_motion = np.isfinite(growth)
     size = float(np.max(np.abs(growth[has_motion]), initial=0.0))
@@ -103,14 +97,6 @@ def stability_chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, larges
 
 
 def lyapunov_convergence(spectrum: LyapunovSpectrum, ax: Axes | None = None) -> Axes:
-    """Draws the running means of the Lyapunov exponents over time.
-
-    **Arguments:**
-
-    - ``spectrum``: what :func:`jaxball.chaos.lyapunov_spectrum` returns.
-
-    **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
-    """
     ax = plane_axes(ax)
     times, running = np.asarray(spectrum.times), np.asarray(spectrum.running)
     for i in range(running.shape[1]):
@@ -143,36 +129,26 @@ def poincare_section(
     return ax
 
 
-def eigenvalues(motions: Sequence[SteadyMotion], ax: Axes | None = None) -> Axes:
-    """Draws the eigenvalues of steady motions in the complex plane: stable ones in one colour, unstable ones in
-    another.
+def eigenvalues(motions: Sequence[SteadyMotion] | Sequence[PeriodicMotion], ax: Axes | None = None) -> Axes:
+    """Draws the eigenvalues of steady motions, or the Floquet multipliers of periodic ones, in the complex plane.
+
+    Stable ones have one colour, unstable ones another. With multipliers there is the unit circle: deviations grow if
+    one is outside it.
 
     **Arguments:**
 
-    - ``motions``: what :mod:`jaxball.stability` finds.
+    - ``motions``: what :mod:`jaxball.analysis.stability` finds, all of one kind.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
     ax = plane_axes(ax, SQUARE)
-    _in_the_complex_plane(ax, [(motion.stable, motion.eigenvalues) for motion in motions], r"\lambda")
-    return ax
-
-
-def multipliers(motions: Sequence[PeriodicMotion], ax: Axes | None = None) -> Axes:
-    """Draws the Floquet multipliers of periodic motions in the complex plane, with the unit circle, as
-    :func:`eigenvalues`.
-
-    Deviations grow if a multiplier is outside the circle.
-
-    **Arguments:**
-
-    - ``motions``: what :func:`jaxball.stability.periodic_motion` finds.
-
-    **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
-    """
-    ax = plane_axes(ax, SQUARE)
+    periodic = [motion for motion in motions if isinstance(motion, PeriodicMotion)]
+    if not periodic:
+        steady = [(motion.stable, motion.eigenvalues) for motion in motions if isinstance(motion, SteadyMotion)]
+        _in_the_complex_plane(ax, steady, r"\lambda")
+        return ax
     ax.add_patch(Circle((0.0, 0.0), 1.0, fill=False, color="0.75", linewidth=0.6, zorder=0))
-    _in_the_complex_plane(ax, [(motion.stable, motion.multipliers) for motion in motions if motion.periodic], r"\rho")
+    _in_the_complex_plane(ax, [(motion.stable, motion.multipliers) for motion in periodic if motion.ok], r"\rho")
     ax.set_aspect("equal", adjustable="datalim")
     return ax
 

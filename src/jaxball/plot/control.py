@@ -1,37 +1,45 @@
-"""Figures of feedback: gains over time, motions that are held or lost, and which starts come back."""
+"""Figures of feedback: gains, motions that are held or lost, starts that come back, and the estimates of filters."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from scipy.stats import chi2
 
-from ..control import Basin, ClosedLoop, Track
+from ..control.basins import Basin
+from ..control.estimation.estimate import AbstractEstimate
+from ..control.loop import ClosedLoop
+from ..control.track import Track
 from ..interface.arguments import require
 from ..physics.body import System
-from ..simulation.variables import symbol_of
+from ..physics.state import PlacedState
+from ..simulation.variables import STATE, symbol_of
 from .over_time import Series, over_time
-from .palette import COMPONENTS, DASHED, FAINT, INK, MASSES, mass_look
-from .style import ATTITUDE, SMALL_FONT, SQUARE, WIDE_FIGURE, label_axes, legend_above, linestyle, mark_ends, plane_axes
+from .palette import COMPONENTS, DASH_DOTTED, DASHED, FAINT, INK, MASSES, SOLID, mass_look
+from .record import columns_by_field
+from .style import (
+    ATTITUDE,
+    SMALL_FONT,
+    SQUARE,
+    WIDE_FIGURE,
+    label_axes,
+    legend_above,
+    linestyle,
+    mark_ends,
+    plane_axes,
+    stacked_panels,
+)
 
 COLOURS = (*COMPONENTS, *MASSES)
 RETURNED = COMPONENTS[0]
 
 
 def gains(track: Track, name: str | None = None, ax: Axes | None = None) -> Axes:
-    """Draws the gains of one input over time, one line for each local coordinate whose gain is not 0 throughout.
-
-    **Arguments:**
-
-    - ``track``: what :func:`jaxball.control.tvlqr` returns.
-    - ``name``: that of the input; the first if not given.
-
-    **Raises:** ``ValueError`` for an unknown input, and when ``ax`` is three-dimensional.
-    """
-    require("track", track, Track, "what jaxball.control.tvlqr returns")
     name = track.inputs[0] if name is None else name
     if name not in track.inputs:
         raise ValueError(f"Argument `name` must be one of {', '.join(track.inputs)}, but it is {name!r}.")
@@ -48,7 +56,8 @@ def held_paths(loops: Mapping[str, ClosedLoop], ax: Axes | None = None) -> Axes:
 
     **Arguments:**
 
-    - ``loops``: what :func:`jaxball.control.closed_loop` returns, by the labels of their lines. All are of one motion.
+    - ``loops``: what :meth:`jaxball.control.AbstractFeedback.closed_loop` returns, by the labels of their lines. All
+      are of one motion.
 
     **Raises:** ``TypeError`` for anything but closed loops, ``ValueError`` for none, and when ``ax`` is
     three-dimensional.
@@ -108,15 +117,6 @@ def held_inputs(loops: Mapping[str, ClosedLoop], name: str | None = None, ax: Ax
 
 
 def basin_map(basin: Basin, ax: Axes | None = None) -> Axes:
-    """Draws in colour which starts of a grid come back; its first direction is on the vertical axis.
-
-    **Arguments:**
-
-    - ``basin``: what :func:`jaxball.control.basin` returns for two directions.
-
-    **Raises:** ``ValueError`` for starts that are not of a grid, and when ``ax`` is three-dimensional.
-    """
-    require("basin", basin, Basin, "what jaxball.control.basin returns")
     returned = basin.dataset()["returned"]
     ax = plane_axes(ax, SQUARE, basin.system)
     first, second = map(str, returned.dims)
@@ -135,7 +135,7 @@ def _first(loops: Mapping[str, ClosedLoop]) -> ClosedLoop:
     if not loops:
         raise ValueError("Argument `loops` must have one closed loop or more, but it is empty.")
     for label, loop in loops.items():
-        require(f"loops[{label!r}]", loop, ClosedLoop, "what jaxball.control.closed_loop returns")
+        require(f"loops[{label!r}]", loop, ClosedLoop, "what `closed_loop` of a feedback returns")
     return next(iter(loops.values()))
 
 
@@ -153,3 +153,78 @@ def _symbol(direction: str, system: System) -> str:
 def _extend(values: Float[np.ndarray, " n"], count: int) -> Float[np.ndarray, " count"]:
     """Returns the first of the values, and the last of them again where there are too few."""
     return np.append(values, np.full(max(count - len(values), 0), values[-1]))[:count]
+
+
+ESTIMATE_PANEL_HEIGHT = 1.5  # the height of a panel, inches
+BAND_OPACITY = 0.15
+LOOKS = [(colour, dashes) for dashes in (SOLID, DASHED, DASH_DOTTED) for colour in COMPONENTS]
+
+
+def estimate(estimate: AbstractEstimate, truth: PlacedState | None = None, confidence: float = 0.95) -> Figure:
+    if not 0 < confidence < 1:
+        raise ValueError(f"Argument `confidence` must be between 0 and 1, but it is {confidence}.")
+    names = (*estimate.directions, *estimate.biases)
+    errors = None if truth is None else np.asarray(estimate.errors(truth))
+    groups = columns_by_field(names)
+    squares = [(r"$\nu^\top S^{-1}\nu$", np.asarray(estimate.nis), np.asarray(estimate.read))]
+    if truth is not None:
+        nees = np.asarray(estimate.nees(truth)), np.asarray(estimate.uncertain)
+        squares.insert(0, (r"$\xi^\top P^{-1}\xi$", *nees))
+    count = len(groups) + len(squares)
+    figure, panels = stacked_panels(count, ESTIMATE_PANEL_HEIGHT, 0.0, None)
+    width = float(np.sqrt(chi2.ppf(confidence, 1)))
+    for ax, (group, places) in zip(panels, groups.items(), strict=False):
+        _draw_errors(ax, estimate, group, places, errors, width)
+    for ax, square in zip(panels[len(groups) :], squares, strict=True):
+        _draw_squares(ax, np.asarray(estimate.times), *square, confidence)
+    for ax in panels[:-1]:
+        ax.label_outer()
+    return figure
+
+
+def _draw_errors(
+    ax: Axes,
+    estimate: AbstractEstimate,
+    group: str,
+    places: Sequence[int],
+    errors: Float[np.ndarray, "K directions"] | None,
+    width: float,
+) -> None:
+    times, names = np.asarray(estimate.times), (*estimate.directions, *estimate.biases)
+    symbol = ATTITUDE if group == "attitude" else STATE[group].symbol if group in STATE else ""
+    symbol = rf"\delta {symbol}" if symbol else rf"\mathrm{{{group.replace('_', ' ')}}}"
+    series = []
+    for k, place in enumerate(places):
+        name, (colour, dashes) = names[place], LOOKS[k % len(LOOKS)]
+        values, centre = np.full_like(times, np.nan), 0.0
+        if name in estimate.bias:
+            values = centre = np.asarray(estimate.bias[name])
+        elif errors is not None:
+            values = errors[:, place]
+        deviation = width * np.asarray(estimate.deviations[name])
+        ax.fill_between(times, centre - deviation, centre + deviation, color=colour, alpha=BAND_OPACITY, linewidth=0)
+        label = f"${symbol}_{{{k + 1}}}$" if len(places) > 1 else ""
+        series.append(Series(values, label, colour, dashes))
+    over_time(None, times, series, f"${symbol}$", ax)
+
+
+def _draw_squares(
+    ax: Axes,
+    times: Float[np.ndarray, " K"],
+    name: str,
+    squares: Float[np.ndarray, " K"],
+    degrees: Int[np.ndarray, " K"],
+    confidence: float,
+) -> None:
+    """Draws numbers that are distributed as χ² with a number of degrees of freedom, and their bounds."""
+    lines = [Series(bound, "", INK, DASHED) for bound in bounds_of_squares(degrees, confidence)]
+    lines.insert(0, Series(squares, "", COMPONENTS[0]))
+    over_time(None, times, lines, name, ax)
+    label_axes(ax, "$t$", name)
+
+
+def bounds_of_squares(degrees: Int[np.ndarray, " K"], confidence: float) -> list[Float[np.ndarray, " K"]]:
+    """Returns the bounds between which squares lie that are distributed as χ²; NaN without degrees of freedom."""
+    tails = (1 - confidence) / 2, (1 + confidence) / 2
+    # `maximum`, because ppf has no value without degrees of freedom, and `where` computes both.
+    return [np.where(degrees > 0, chi2.ppf(tail, np.maximum(degrees, 1)), np.nan) for tail in tails]

@@ -14,8 +14,7 @@ from ..physics.mechanisms import Carriage, Hinge, Slider
 from ..physics.observables import evaluate_law, evaluate_schedules
 from ..physics.prescribed.rails import AbstractRail, FunctionRail, Tube
 from ..simulation.trajectory import Trajectory, times_looked_at
-from .modes import NO_MODES, draw_modes, modes_of
-from .over_time import Series, over_run, sizes_of, tell_apart
+from .over_time import NO_MODES, Series, draw_modes, modes_of, over_run, sizes_of, tell_apart
 from .palette import INK, mass_look
 from .record import finite_rows, record, require_one_of_body, with_jumps
 from .shapes import group_equal
@@ -39,7 +38,7 @@ def mass_angles(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     >>> from jaxball import Circle, ConstantRate, Disk, OnRail, PointMass, plot, simulate
     >>> disk = Disk(mass=1.0, inertia=0.5, masses=[PointMass(0.5, OnRail(Circle(0.5), ConstantRate(0.0, 1.0)))])
-    >>> plot.mass_angles(simulate(disk, [0.0, 1.0, 2.0])).get_ylabel()
+    >>> simulate(disk, [0.0, 1.0, 2.0]).plot("mass_angles").get_ylabel()
     '$\\theta_i$ (rad)'
     """
     run = with_jumps(trajectory)

@@ -26,7 +26,8 @@ LONGEST_NAME = 60  # letters of a name
 
 def run_mark(trajectory: "Trajectory[Any, Any]") -> str:
     """Returns the mark of a run: a digest of its scenario, or of its states without one, and where it ended."""
-    from ..scenario import ScenarioError, write_scenario
+    from ..files.scenario.errors import ScenarioError
+    from ..files.scenario.files import write_scenario
 
     digest = ""
     # A scenario that cannot be written has no text; its states tell the run then.
@@ -58,7 +59,7 @@ def plain_name(text: str, otherwise: str) -> str:
 
 
 def check_others(paths: Iterable[Path], mark: str, option: str) -> None:
-    """Raises an :class:`~jaxball.results.OutputError` where a figure of another run is at one of the ``paths``."""
+    """Raises an :class:`~jaxball.files.results.OutputError` where one of the ``paths`` is a figure of another run."""
     for path in paths:
         if path.is_file() and mark.encode() not in path.read_bytes():
             raise OutputError(
@@ -83,8 +84,8 @@ def save_figures(
 ) -> list[Path]:
     """Writes figures by their names into a folder, in each format, and returns their paths.
 
-    **Raises:** :class:`~jaxball.results.OutputError` where there is a figure of another run and ``replace`` is False;
-    nothing is written then.
+    **Raises:** :class:`~jaxball.files.results.OutputError` where there is a figure of another run and ``replace`` is
+    False; nothing is written then.
     """
     # All of them are checked before any is written.
     paths = [[Path(folder) / f"{name}.{suffix}" for suffix in formats] for name, _ in drawings]

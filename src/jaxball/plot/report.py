@@ -10,21 +10,20 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..classical import LagrangianState
+from ..files.scenario.units import Units
+from ..interface.wording import did_you_mean
 from ..physics.body import AbstractBody
+from ..physics.classical import LagrangianState
+from ..physics.sensors import AbstractSensor
 from ..physics.system import AbstractSystem
-from ..scenario.units import Units
-from ..sensors import AbstractSensor
 from ..simulation.trajectory import Trajectory
+from .classical import classical_motion, lagrangian_motion, law_errors
 from .coordinates import acceleration, accelerations, joint_angles, joint_efforts, mass_angles, mass_units
 from .files import plain_name, run_mark, save_figure, save_figures
-from .lagrangian import lagrangian_motion
-from .laws import classical_motion, law_errors
-from .modes import share_bands
+from .over_time import share_bands
 from .record import record, require_one_of_body
-from .shown import ShownFigure
 from .space import body_paths, centre_path, configuration, space_paths
-from .style import LABEL, caption, describe_units, in_words, title_of
+from .style import LABEL, ShownFigure, caption, captioned, describe_units, in_words, title_of
 from .time_series import (
     angular_velocity,
     attitude,
@@ -32,10 +31,12 @@ from .time_series import (
     contact_force,
     energies,
     friction_ratio,
+    height,
     measurements,
     of_contact,
     own_states,
     power,
+    slip_speed,
 )
 
 STANDARD = (
@@ -54,9 +55,10 @@ STANDARD = (
     friction_ratio,
 )
 OF_JOINTS = (joint_angles, joint_efforts)
+PANELS = {draw.__name__: draw for draw in (*STANDARD, *OF_JOINTS, height, slip_speed, own_states)}
 
 
-def figures(
+def save_figures_of(
     trajectory: Trajectory[Any, Any],
     folder: str | Path,
     title: str = "",
@@ -67,30 +69,6 @@ def figures(
     svg_text: bool = False,
     replace: bool = False,
 ) -> list[Path]:
-    """Writes the standard figures of a trajectory into ``folder``, and returns their paths.
-
-    Each file is named after the scenario and the function, as in ``six-tubes_energies.png``, and written in each
-    format. Empty figures are left out: accelerations and angles if no mass has one, and the paths in a body without any
-    mass except its homogeneous shell. A run with a law of contact also has its height and its slip speed, unless they
-    are always zero, and states of one's own are drawn. For a classical system, the motion and its conserved quantities
-    are.
-
-    Each file records its run. Figures of the same run are replaced; those of another run are not.
-
-    **Arguments:**
-
-    - ``trajectory``: what :func:`jaxball.simulate` returns.
-    - ``folder``: where to write; it is created if it does not exist.
-    - ``title``: a line that says which system it is, such as that of a scenario.
-    - ``name``: the prefix of the file names; by default the kind of the system, such as ``ball``.
-    - ``formats``: png, pdf or svg.
-    - ``sensors``: those of :mod:`jaxball.sensors`, by name, whose readings are drawn too.
-    - ``svg_text``: whether SVG keeps text as text, which can be edited but needs the fonts, instead of outlines.
-    - ``replace``: whether to replace files that are not figures of this run.
-
-    **Raises:** ``ValueError`` for a reduced trajectory or a batch; :class:`~jaxball.results.OutputError` where there is
-    a file that is not a figure of this run; nothing is written then.
-    """
     if isinstance(trajectory.system, AbstractBody):
         # Raises for what cannot be drawn, before a folder is made.
         record(trajectory)
@@ -99,14 +77,8 @@ def figures(
     if sensors:
         named.append((measurements.__name__, functools.partial(measurements, trajectory, sensors)))
 
-    def draw_with_caption(draw: Callable[[], Axes | Figure]) -> Axes | Figure:
-        drawn = draw()
-        caption(
-            drawn if isinstance(drawn, Figure) else drawn.figure, trajectory.system, title, describe_units(trajectory)
-        )
-        return drawn
-
-    drawings = [(f"{begin}_{figure_name}", functools.partial(draw_with_caption, draw)) for figure_name, draw in named]
+    about = trajectory.system, title, describe_units(trajectory)
+    drawings = [(f"{begin}_{figure_name}", captioned(draw, *about)) for figure_name, draw in named]
     return save_figures(drawings, folder, run_mark(trajectory), formats, svg_text=svg_text, replace=replace)
 
 
@@ -134,24 +106,28 @@ def write_figure(
     drawn: Axes | Figure, path: Path, system: AbstractSystem, title: str = "", units: Units | None = None
 ) -> None:
     """Writes a figure, with a caption that says which system it shows, and in what units."""
-    caption(drawn if isinstance(drawn, Figure) else drawn.figure, system, title, in_words(units))
-    save_figure(drawn, path)
+    save_figure(captioned(lambda: drawn, system, title, in_words(units))(), path)
+
+
+def draw(
+    trajectory: Trajectory[Any, Any], panel: str | None = None, ax: Axes | None = None, *, title: str = ""
+) -> Figure | Axes:
+    """Draws a run as :meth:`jaxball.Trajectory.plot` says."""
+    if panel is not None:
+        if panel not in PANELS:
+            raise ValueError(
+                f"Argument `panel` must be one of {', '.join(PANELS)}, but it is {panel!r}{did_you_mean(panel, PANELS)}"
+            )
+        return PANELS[panel](trajectory, ax)
+    if isinstance(trajectory.system, AbstractBody):
+        return overview(trajectory, title)
+    if isinstance(trajectory.state, LagrangianState):
+        return lagrangian_motion(trajectory)
+    return classical_motion(trajectory).figure  # pyright: ignore[reportReturnType]
 
 
 def overview(trajectory: Trajectory, title: str = "") -> Figure:
-    """Draws one page: configuration, trajectories, path, angular velocity, energies and friction, under a ``title``, by
-    default that of the scenario.
-
-    For a body without masses or mechanisms, the velocity takes the place of the configuration and the trajectories. A
-    run with a law of contact that slips or flies has an additional row, with its height, its slip speed and its forces;
-    so have states of one's own.
-
-    **Arguments:**
-
-    - ``trajectory``: what :func:`jaxball.simulate` returns.
-
-    **Raises:** ``ValueError`` for a reduced trajectory, a batch, and a run of a system that is no ball or disk.
-    """
+    """Draws one page of panels of a body; see :meth:`jaxball.Trajectory.plot`."""
     require_one_of_body(trajectory)
     of_modes = of_contact(trajectory)
     more = (*of_modes, contact_force) if of_modes else ()

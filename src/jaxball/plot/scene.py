@@ -17,13 +17,28 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from ..physics.grounds import AbstractSurface
 from ..physics.state import DiskState
 from ..simulation.trajectory import Trajectory
-from .floor import ROOM_AROUND, Floor, Placed, Setting, floor_under, ground_under, place
-from .modes import PATHS, Track, modes_of, track_of
+from .over_time import PATHS, Track, modes_of, track_of
 from .palette import FAINT, INK, SHELL, TRAIL, mass_colour
 from .record import Record, finite_rows
-from .shapes import BREAK, looks, on_surface, outline, parallel, rail_points, split, towards, wireframe
-from .shown import ShownFigure
-from .style import CAPTION, SMALL_FONT, describe_units, mass_line, subject, title_of
+from .shapes import (
+    BREAK,
+    ROOM_AROUND,
+    Floor,
+    Placed,
+    Setting,
+    floor_under,
+    ground_under,
+    looks,
+    on_surface,
+    outline,
+    parallel,
+    place,
+    rail_points,
+    split,
+    towards,
+    wireframe,
+)
+from .style import CAPTION, SMALL_FONT, ShownFigure, describe_units, mass_line, subject, title_of
 from .surface import Curve, Mesh, curve_under, mesh_under
 
 ELEVATION_3D, AZIMUTH_3D = 26.0, -60.0  # degrees

@@ -20,7 +20,7 @@ from ..physics.body import System
 from ..physics.dynamics.moments import kinematics, moments
 from ..simulation.trajectory import Trajectory
 from .labels import name_points
-from .modes import PATHS, SWITCH, draw_modes, modes_of, switch_points, track_of
+from .over_time import PATHS, SWITCH, draw_modes, modes_of, switch_points, track_of
 from .palette import FAINT, INK, SHELL, TRAIL, mass_colour
 from .record import record, require_one_of_body
 from .shapes import arms, looks, on_surface, outline, parallel, rails_of, split, view, wireframe
@@ -204,7 +204,7 @@ def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     >>> from jaxball import Disk, DiskState, plot, simulate
     >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], DiskState(phidot=-1.0))
-    >>> ax = plot.centre_path(run)
+    >>> ax = run.plot("centre_path")
     >>> ax.get_xlabel(), ax.get_ylabel()
     ('$t$', '$z$')
     """

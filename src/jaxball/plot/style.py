@@ -1,9 +1,15 @@
-"""The style of the figures, passed to each artist, because matplotlib's own settings are not changed."""
+"""The style of the figures, passed to each artist, because matplotlib's own settings are not changed.
 
+A notebook shows figures, and Axes of a figure of their own, where a cell ends in them. They need no backend of
+matplotlib's and are not registered with pyplot: IPython asks an object for ``_repr_png_`` where nothing else is
+registered for its class.
+"""
+
+import io
 import math
 import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -21,12 +27,40 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 from matplotlib.transforms import Bbox, TransformedBbox
 from mpl_toolkits.mplot3d import Axes3D
 
+from ..files.scenario.units import Units
 from ..physics.body import AbstractBody
 from ..physics.system import AbstractSystem
-from ..scenario.units import Units
 from ..simulation.trajectory import Trajectory
 from .palette import Dashes, mass_look
-from .shown import ShownAxes, ShownAxes3D, ShownFigure
+
+
+class ShownFigure(Figure):
+    """A figure that a notebook shows."""
+
+    def _repr_png_(self) -> bytes:
+        return _png(self)
+
+
+class ShownAxes(Axes):
+    """Plane Axes whose figure a notebook shows."""
+
+    def _repr_png_(self) -> bytes:
+        return _png(self.figure)
+
+
+class ShownAxes3D(Axes3D):
+    """Three-dimensional Axes whose figure a notebook shows."""
+
+    def _repr_png_(self) -> bytes:
+        return _png(self.figure)
+
+
+def _png(figure: Any) -> bytes:
+    stream = io.BytesIO()
+    # Not that of a user's settings for files: as large as on a screen.
+    figure.savefig(stream, format="png", dpi=figure.dpi)
+    return stream.getvalue()
+
 
 DASH = 7.0  # of lines that lie on one another, in widths of the line
 SHARED = "bevel"  # the joins of their dashes, by which the legend recognises them
@@ -59,6 +93,19 @@ def caption(figure: Any, system: AbstractSystem | None = None, title: str = "", 
     """
     lines = textwrap.wrap(subject(system, title, units), int(LETTERS * figure.get_figwidth()), break_on_hyphens=False)
     figure.suptitle("\n".join(lines), linespacing=1.15, **CAPTION)
+
+
+def captioned(
+    draw: Callable[[], Axes | Figure], system: AbstractSystem, title: str = "", units: str = ""
+) -> Callable[[], Axes | Figure]:
+    """Makes a function that draws the same figure, or the same Axes of one, with a caption as by :func:`caption`."""
+
+    def draw_with_caption() -> Axes | Figure:
+        drawn = draw()
+        caption(drawn if isinstance(drawn, Figure) else drawn.figure, system, title, units)
+        return drawn
+
+    return draw_with_caption
 
 
 def caption_of(figure: Any, shown: Captioned) -> None:
@@ -179,6 +226,12 @@ def _new(size: tuple[float, float], shown: Captioned) -> Figure:
     figure = ShownFigure(figsize=size, layout="constrained")
     caption_of(figure, shown)
     return figure
+
+
+def stacked_panels(count: int, height: float, around: float, shown: Captioned) -> tuple[Figure, np.ndarray]:
+    """Makes a figure of panels over one another with the same horizontal axis; heights are in inches."""
+    figure = _new((WIDE_FIGURE[0], around + height * count), shown)
+    return figure, figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
 
 
 def up_to_ticks(ax: Axes, low: float = math.inf) -> None:

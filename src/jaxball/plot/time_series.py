@@ -12,18 +12,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from .. import programs
+from ..files.scenario.units import Units
 from ..numerics.arrays import to_array
 from ..physics.contact.modes import Mode
 from ..physics.dynamics.footing import footing, velocity_of_centre
-from ..scenario.units import Units
-from ..sensors import AbstractSensor
+from ..physics.sensors import AbstractSensor
 from ..simulation.trajectory import Trajectory, always_rolls
-from .modes import share_bands
-from .over_time import Series, components, over_run, over_time, sizes_of, without_rounding
+from .over_time import Series, components, over_run, over_time, share_bands, sizes_of, without_rounding
 from .palette import COMPONENTS, DASHED, DOTTED, INK, TAKEN
 from .record import finite_rows, record, require_one, require_one_of_body, with_jumps
-from .shown import ShownFigure
-from .style import WIDE_FIGURE, caption_of, label_with, legend_above, linestyle, plane_axes, up_to_ticks, write
+from .style import label_with, legend_above, linestyle, plane_axes, stacked_panels, up_to_ticks, write
 
 if TYPE_CHECKING:
     from ..simulation.extremes import ContactExtremes
@@ -62,7 +60,7 @@ def energies(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     >>> from jaxball import Disk, DiskState, plot, simulate
     >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], DiskState(phidot=-1.0))
-    >>> ax = plot.energies(run)
+    >>> ax = run.plot("energies")
     >>> [text.get_text() for text in ax.get_legend().get_texts()]
     ['$T$', '$V$', '$E = T + V$']
     """
@@ -214,7 +212,7 @@ def centre_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     >>> from jaxball import Disk, DiskState, plot, simulate
     >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], DiskState(phidot=-1.0))
-    >>> print(plot.centre_velocity(run).lines[0].get_ydata())
+    >>> print(run.plot("centre_velocity").lines[0].get_ydata())
     [1. 1. 1.]
     """
     require_one_of_body(trajectory)
@@ -246,7 +244,7 @@ def attitude(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def own_states(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """Draws the states of one's own beside a body, its :class:`~jaxball.OwnStates`, by their names and units.
+    """Draws the states of one's own beside a body, its :class:`~jaxball.physics.OwnStates`, by their names and units.
 
     ``trajectory``, ``ax`` and what is raised: as for :func:`angular_velocity`, and for a body without such states.
     """
@@ -293,10 +291,11 @@ def height(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     **Example:**
 
-    >>> from jaxball import Contact, Disk, DiskState, ReleasedState, plot, simulate
+    >>> from jaxball import Contact, Disk, DiskState, plot, simulate
+    >>> from jaxball.physics import ReleasedState
     >>> thrown = ReleasedState(DiskState(), V=(1.0, 0.0, 0.0), height=0.1)
     >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], thrown, contact=Contact(friction=0.2))
-    >>> plot.height(run).get_ylabel()
+    >>> run.plot("height").get_ylabel()
     '$h$'
     """
     run = _of_contact(trajectory)
@@ -315,10 +314,11 @@ def slip_speed(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     **Example:**
 
-    >>> from jaxball import Contact, Disk, DiskState, ReleasedState, plot, simulate
+    >>> from jaxball import Contact, Disk, DiskState, plot, simulate
+    >>> from jaxball.physics import ReleasedState
     >>> thrown = ReleasedState(DiskState(), V=(1.0, 0.0, 0.0), height=0.1)
     >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], thrown, contact=Contact(friction=0.2))
-    >>> [band.get_label() for band in plot.slip_speed(run).patches]
+    >>> [band.get_label() for band in run.plot("slip_speed").patches]
     ['flight', 'sliding']
     """
     run = _of_contact(trajectory)
@@ -368,7 +368,7 @@ def measurements(trajectory: Trajectory[Any, Any], sensors: Mapping[str, Abstrac
     **Arguments:**
 
     - ``trajectory``: what :func:`jaxball.simulate` returns.
-    - ``sensors``: one or more of those of :mod:`jaxball.sensors`, by name.
+    - ``sensors``: one or more of those of :mod:`jaxball.physics.sensors`, by name.
 
     **Raises:** ``ValueError`` for a batch, without sensors, and as :meth:`jaxball.Trajectory.measured`.
     """
@@ -377,9 +377,7 @@ def measurements(trajectory: Trajectory[Any, Any], sensors: Mapping[str, Abstrac
         raise ValueError("Argument `sensors` must have one sensor or more to draw, but it is empty.")
     run = with_jumps(trajectory)
     rows = finite_rows(run)
-    figure = ShownFigure(figsize=(WIDE_FIGURE[0], 0.5 + PANEL_HEIGHT * len(sensors)), layout="constrained")
-    caption_of(figure, trajectory)
-    panels = figure.subplots(len(sensors), 1, sharex=True, squeeze=False)[:, 0]
+    figure, panels = stacked_panels(len(sensors), PANEL_HEIGHT, 0.5, trajectory)
     for ax, (name, leaf) in zip(panels, run.measured(sensors).items(), strict=True):
         columns = np.asarray(leaf)[rows].reshape(len(rows), -1).T
         labels = [rf"$x_{{{k}}}$" for k in range(1, len(columns) + 1)] if len(columns) > 1 else [""]

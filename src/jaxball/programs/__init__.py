@@ -12,6 +12,7 @@ Users type ``jax.jit`` or :func:`jaxball.jit`; jaxball's own functions are compi
 - ``identity``: what a function consists of, by which a program is found again; what is not pure.
 - ``native``: the compiler.
 - ``traces``: what a trace is made for.
+- ``cache``, ``cpu``: programs kept between processes, switched on and off; settings of XLA for fast solves on a CPU.
 
 Nothing here knows a ball, a solver or a scenario.
 """
@@ -21,6 +22,7 @@ from ..interface.names import lazy_interface
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
+    from . import cache as cache, cpu as cpu
     from .program import (
         Program as Program,
         compile_quickly as compile_quickly,
@@ -29,4 +31,5 @@ if TYPE_CHECKING:
         jit as jit,
     )
 else:
-    __all__, __dir__, __getattr__ = lazy_interface(__name__)
+    _, __dir__, __getattr__ = lazy_interface(__name__)
+    __all__ = ()  # public are the packages alone

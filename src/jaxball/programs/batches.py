@@ -44,17 +44,15 @@ def in_threads(
     size: int,
     threads: int,
     *,
-    compiled: bool = False,
     progress: Callable[[int, int], Any] | None = None,
 ) -> list[Any]:
     """Applies ``function`` to the indices of each batch, in order and with the padding; ``threads`` batches at a time.
 
-    A compiled program releases the GIL while it runs. Batches go to the devices in turn, the first of them alone unless
-    the function is already ``compiled``, so that it is compiled once. ``progress`` is called with the number of rows
-    done and of all rows.
+    A compiled program releases the GIL while it runs. Batches go to the devices in turn, the first of them alone, so
+    that the function is compiled once. ``progress`` is called with the number of rows done and of all rows.
     """
     jobs = list(zip(batches(rows, size), itertools.cycle(jax.local_devices())))
-    alone = len(jobs) if threads == 1 else 0 if compiled else 1
+    alone = len(jobs) if threads == 1 else 1
 
     def run(job: tuple[Int[np.ndarray, " size"], Any]) -> Any:
         batch, device = job
@@ -109,7 +107,7 @@ def in_lanes(function: Callable[..., Any]) -> Callable[..., Any]:
 
     >>> import jax.numpy as jnp
     >>> import jaxball
-    >>> from jaxball.environments import in_lanes
+    >>> from jaxball.control.environments import in_lanes
     >>> jaxball.jit(in_lanes(lambda x, y: x * y))(jnp.arange(3.0), jnp.arange(3.0))
     Array([0., 1., 4.], dtype=float64)
     """

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from ..compat import settings
+from ..interface.compat import settings
 from . import native
 from .identity.fingerprints import Fingerprint, fingerprint
 from .identity.names import NoNameError

@@ -14,8 +14,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..compat import Program, captures, evaluate, settings
 from ..interface.activity import compiling
+from ..interface.compat import Program, captures, evaluate, settings
 from . import native, traces
 from .compiled import QUICKLY, Compiled, Place, Rest, is_kept_by_jax, place_in
 from .derivatives.differentiation import differentiate_forward, without_captured_derivatives
@@ -178,12 +178,12 @@ class Computation:
     @functools.cached_property
     def _in_store(self) -> Compiled | None:
         """The native program that another process has compiled, which tells what a trace would tell."""
-        if current.store is None or self._results:
+        if current.store() is None or self._results:
             return None
         if jax.default_backend() == "cpu":
-            program = self.natively(current.store, compiles=False)
+            program = self.natively(current.store(), compiles=False)
         else:
-            program = self.on_gpu(current.store, compiles=False)
+            program = self.on_gpu(current.store(), compiles=False)
         return program if isinstance(program, Compiled) else None
 
     # Programs
@@ -196,7 +196,7 @@ class Computation:
 
     def __call__(self, arrays: Sequence[Any]) -> list[Any]:
         """Returns the arrays of the result, for arrays that are not traced."""
-        program = self.obtain(current.store)
+        program = self.obtain(current.store())
         if program is not None:
             with contextlib.suppress(native.CallbackReachedError):
                 return program.run(list(arrays))
@@ -248,7 +248,8 @@ class Computation:
         return program
 
     def _by_xla(self, store: Store | None, natively: Any) -> Compiled | None:
-        place = None if is_kept_by_jax() else place_in(store, self._describe(), "xla", settings()[QUICKLY])
+        kept = store is not None and store.keeps_xla and not is_kept_by_jax()
+        place = place_in(store, self._describe(), "xla", settings()[QUICKLY]) if kept else None
         if place is None and natively is None:
             return None
         program = self._obtain(place, self.traced.compile_by_xla)
@@ -279,7 +280,7 @@ class Computation:
             return None
         several = self.in_lanes and any(rows) and count > 1
         for computation in (*((self.block(rows),) if several else ()), self):
-            natively = computation.natively(current.store)
+            natively = computation.natively(current.store())
             if isinstance(natively, Compiled) and natively.target is not None:
                 return natively.executable
         return None

@@ -12,7 +12,7 @@ from jax.flatten_util import ravel_pytree
 
 from .compiled import Rest
 from .derivatives.differentiation import NO_REVERSE, differentiate_forward
-from .derivatives.reverse_rules import choose, pull_by_forward_mode, replace_chosen
+from .derivatives.reverse_rules import PullByForwardMode, choose, replace_chosen
 from .derivatives.steering import (
     DIRECTIONS,
     directions_of,
@@ -146,7 +146,7 @@ def cotangents_by_tangents(
         return choose(list(filter(has_tangents, arrays_of(function(primals)))), of)
 
     with differentiate_forward():
-        pull = pull_by_forward_mode(results)
+        pull = PullByForwardMode(results)
         return choose(pull((primals, None), cotangents, list(which)), which)
 
 

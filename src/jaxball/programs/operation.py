@@ -23,7 +23,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from ..compat import Rules, is_for_export, is_for_one_device, new_primitive, no_tangent, zero_tangent
+from ..interface.compat import Rules, is_for_export, is_for_one_device, new_primitive, no_tangent, zero_tangent
 from . import native
 from .batches import map_batches
 from .compiled import Compiled
@@ -89,7 +89,7 @@ def _compute(*arrays: Any, computation: Computation, rows: Which) -> list[Any]:
     if not rows:
         return computation(arrays)
     if native.current_choice() == "native" and native.is_allowed():
-        from ..cpu import cores  # which a single run does without
+        from .cpu import cores  # which a single run does without
 
         program = computation.program_of_rows(rows, _count(rows, arrays))
         if program is not None:
@@ -134,7 +134,7 @@ def _target(platform: str, context: Any, types: Sequence[Any], computation: Comp
         # A user's function as a whole may map over many rows, which a single thread would compute one by one.
         if not is_for_one_device(context) or count == 0 or not (computation.opaque or rows):
             return None
-        on_gpu = computation.on_gpu(current.store)
+        on_gpu = computation.on_gpu(current.store())
         if not isinstance(on_gpu, Compiled) or (not rows and on_gpu.executable.form.longest_map > MOST_BY_ONE_THREAD):
             return None
         return on_gpu.target

@@ -16,7 +16,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ..compat import is_within_trace, settings
+from ..interface.compat import is_within_trace, settings
 from . import native, traces
 from .compiled import QUICKLY, Compiled, Rest
 from .computation import ROWS_OF_XLA, Computation, call_with, take_arrays
@@ -59,13 +59,11 @@ def jit(
     return Program(function, jax.jit(function), None, **how)
 
 
-def filter_jit(function: Callable[P, T], *, large: bool = False) -> Callable[P, T]:
+def filter_jit(function: Callable[P, T]) -> Callable[P, T]:
     """Compiles like ``equinox.filter_jit``: the arrays of all arguments are traced, and all else distinguishes
     programs.
-
-    - ``large``: whether what has loops over large arrays is compiled natively, too.
     """
-    return Program(function, eqx.filter_jit(function), eqx.is_array, large=large)
+    return Program(function, eqx.filter_jit(function), eqx.is_array)
 
 
 @contextlib.contextmanager
@@ -246,8 +244,8 @@ class Program:
 
     def _follow_store(self) -> None:
         """Drops what is not of the current store."""
-        if current.store is not self._store:
-            self._programs, self._computations, self._store = {}, {}, current.store
+        if (store := current.store()) is not self._store:
+            self._programs, self._computations, self._store = {}, {}, store
 
     def _computation(self, rest: Rest, numbers: list[Any]) -> Computation | None:
         """Returns the function of arrays of such types; None if something has no hash."""

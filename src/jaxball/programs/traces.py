@@ -6,7 +6,7 @@ the first use of jaxball may be within a user's trace.
 
 import dataclasses
 
-from ..compat import setting_of_traces
+from ..interface.compat import setting_of_traces
 
 
 @dataclasses.dataclass(frozen=True)

@@ -23,15 +23,14 @@ def jit(function: Callable[P, T]) -> Callable[P, T]:
 
     Several threads can run it at once, and Ctrl-C ends a run.
 
-    If programs are kept (:func:`jaxball.cache.enable`), a program that another process has compiled is loaded, and
-    ``function`` is not called at all. It is found by what ``function`` consists of when it is first called with such
-    arguments: its code and that of the functions, methods and classes of yours that it uses, the values of their
+    If programs are kept (:func:`jaxball.programs.cache.enable`), a program that another process has compiled is loaded,
+    and ``function`` is not called at all. It is found by what ``function`` consists of when it is first called with
+    such arguments: its code and that of the functions, methods and classes of yours that it uses, the values of their
     defaults, of the objects that they hold and of the global names in them, and the versions of JAX, equinox, diffrax
-    and jaxball.
-    Where any of these is another, as after a change of a number or of a line, and for arguments with other shapes and
-    types of arrays, it is traced anew. So it does not matter in which file or which cell of a notebook it is written.
-    A function is traced in each process if it imports something, uses files, the time, random numbers of NumPy or
-    packages other than these, or changes something when it is traced, and if it calls back to Python when it runs.
+    and jaxball. Where any of these is another, as after a change of a number or of a line, and for arguments with other
+    shapes and types of arrays, it is traced anew. So it does not matter in which file or which cell of a notebook it is
+    written. A function is traced in each process if it imports something, uses files, the time, random numbers of NumPy
+    or packages other than these, or changes something when it is traced, and if it calls back to Python when it runs.
 
     **Example:**
 

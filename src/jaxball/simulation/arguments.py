@@ -15,8 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..compat import is_traced
-from ..interface.arguments import describe, refusal, require, whole_number
+from ..interface.arguments import describe, refusal, require, require_one, whole_number
+from ..interface.compat import is_traced
 from ..interface.wording import UserError
 from ..numerics.arrays import Numbers, default_dtype, has_shape, require_numbers, to_array
 from ..numerics.declare import shapes_of_fields
@@ -26,12 +26,11 @@ from ..physics.contact.law import COEFFICIENTS, Contact
 from ..physics.contact.released import ReleasedState
 from ..physics.contact.slide import find_rival
 from ..physics.dae import WITH_UNIT
-from ..physics.dynamics.parameters import shapes_of_body
-from ..physics.system import AbstractState, AbstractSystem, require_one, require_state, require_system, shapes_of_state
+from ..physics.system import AbstractState, AbstractSystem, require_state, require_system, shapes_of_state
 from ..programs import traces
 from ..programs.derivatives.differentiation import is_differentiated_forward
-from ..solvers import NDF, TRBDF2, RadauIIA, Trapezoidal
 from . import DEFAULT_TOLERANCE as DEFAULT_TOLERANCE, MOST_STEPS
+from .solvers import NDF, TRBDF2, RadauIIA, Trapezoidal
 
 DEFAULT_SOLVER = diffrax.Dopri8()
 DEFAULT_ADJOINT = diffrax.RecursiveCheckpointAdjoint()
@@ -250,7 +249,7 @@ def require_single_numbers(system: AbstractSystem, events: Mapping[str, Any]) ->
             raise ValueError(
                 f"Argument `{argument}` must be {'one system' if argument == 'system' else 'events of one run'}, with "
                 f"`{path}` of shape {shape}, but its shape is {actual}; for many runs use jax.vmap or "
-                "jaxball.ensemble.simulate_ensemble."
+                "jaxball.simulation.ensemble.simulate_ensemble."
             )
 
 
@@ -274,7 +273,6 @@ def _other_shapes_of_fields(
 ) -> Iterator[tuple[str, tuple[Any, ...], tuple[int, ...]]]:
     parts, shapes = dict(vars(module)), shapes_of_fields(type(module))
     if isinstance(module, AbstractBody):
-        shapes |= shapes_of_body(type(module))
         for name, kind, order in (("groups", "masses", "order"), ("mechanism_groups", "mechanisms", "mechanism_order")):
             for group, indices in zip(parts.pop(name), parts[order], strict=True):
                 yield from _other_shapes(group, f"{start}{kind}[{indices[0]}]", stacked + 1)
@@ -324,8 +322,8 @@ def require_dae(
         )
     if not isinstance(solver, RadauIIA | NDF | Trapezoidal | TRBDF2):
         raise TypeError(
-            "Argument `solver` must be a RadauIIA, NDF, Trapezoidal or TRBDF2 of jaxball.solvers where `dae` is True, "
-            "because other solvers do not support a mass matrix, "
+            "Argument `solver` must be a RadauIIA, NDF, Trapezoidal or TRBDF2 of jaxball.simulation.solvers where "
+            "`dae` is True, because other solvers do not support a mass matrix, "
             f"but it is a {type(DEFAULT_SOLVER if solver is None else solver).__name__}."
         )
 

@@ -14,9 +14,9 @@ from ..physics.packing import Packing
 from ..physics.rolling import AbstractRollingSystem
 from ..physics.system import AbstractSystem
 from ..programs.batches import fill_vectors
-from ..solvers.wrapping import AbstractWrappingController, AbstractWrappingSolver
 from .loop import by_tolerances, kinks_of, to_kinks
 from .simulate import status_of
+from .solvers.wrapping import AbstractWrappingController, AbstractWrappingSolver
 
 Field = Callable[[Float[Array, ""], Float[Array, " size"], Any], Float[Array, " size"]]
 Normal = Callable[[Float[Array, " size"]], Float[Array, " size"]]

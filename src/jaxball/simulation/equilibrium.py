@@ -18,10 +18,9 @@ from ..interface.arguments import refusal, require, require_count
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, to_array, to_numpy
 from ..numerics.vectors import apply, cross, dot
-from ..physics.body import Ball, Disk, System, with_masses
-from ..physics.dynamics.coupling import join_coordinates, joint_forces, with_free_joints
+from ..physics.body import Ball, Disk, System
+from ..physics.dynamics.coupling import join_coordinates, joint_forces, linkages, with_free_joints
 from ..physics.dynamics.equations import angles_in_state
-from ..physics.dynamics.linkage import linkages
 from ..physics.dynamics.load import load
 from ..physics.dynamics.moments import kinematics, point_mass_values, velocity_moments
 from ..physics.dynamics.parameters import BodyParameters
@@ -41,7 +40,7 @@ STILL, BESIDE = 1e-9, 1e-3
 class Balance(Printed):
     """The outcome of :func:`balance`.
 
-    - ``found``: whether there is a solution.
+    - ``ok``: whether there is a solution.
     - ``theta``: the angles of the free masses, rad on a closed rail and length in a tube, shape (k,); without a
       solution, the nearest miss.
     - ``above``: whether the centre of mass is then above the geometric centre; on a slope, higher than it.
@@ -60,7 +59,7 @@ class Balance(Printed):
     (True, 1.570796)
     """
 
-    found: bool
+    ok: bool
     theta: Float[Array, " k"]
     above: bool
     residual: float
@@ -149,7 +148,8 @@ def with_angles(system: System, free: Sequence[int], theta: Numbers, t: Numbers 
     **Example:**
 
     >>> import jax.numpy as jnp
-    >>> from jaxball import Circle, ConstantRate, Disk, OnRail, PointMass, with_angles
+    >>> from jaxball import Circle, ConstantRate, Disk, OnRail, PointMass
+    >>> from jaxball.simulation import with_angles
     >>> mass = PointMass(0.5, OnRail(Circle(0.5), ConstantRate(0.0, rate=2.0)))
     >>> moved = with_angles(Disk(mass=1.0, inertia=0.5, masses=[mass]), [0], [1.0], t=3.0)
     >>> schedule = moved.point_masses[0].motion.schedule
@@ -173,7 +173,7 @@ def with_angles(system: System, free: Sequence[int], theta: Numbers, t: Numbers 
                 "give the angle of a driven mass in the initial state."
             )
         masses[index] = masses[index].follow(schedule.starting_at(angle, to_array(t)))
-    return with_masses(system, masses, system.law)
+    return system.with_masses(masses, system.law)
 
 
 def _free_rails(system, free, state, t):
@@ -326,7 +326,7 @@ def _choose(end: _Candidates, rails, guess, above, radius, sloping) -> Balance:
             indices.append(int(i))
     best = indices[0] if indices else int(np.argmin(np.where(np.isfinite(miss), miss, np.inf)))
     return Balance(
-        found=bool(indices),
+        ok=bool(indices),
         theta=to_array(theta[best]),
         above=bool(end.height[best] > 0),
         residual=float(miss[best]),

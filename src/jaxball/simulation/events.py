@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..compat import is_traced
 from ..interface.arguments import require, require_callable, require_flags, traceable
+from ..interface.compat import is_traced
 from ..interface.printing import Printed, format_value, is_single
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, numbers
@@ -234,7 +234,7 @@ class Slip(AbstractEvent):
 
     **Arguments:**
 
-    - ``friction``: μ, dimensionless.
+    - ``friction``: μ, the coefficient of friction, dimensionless.
     - ``terminal``: whether it ends the run.
     - ``capacity``: how many of its times and states are kept; all are counted.
 

@@ -16,11 +16,11 @@ from ..physics.contact.law import Contact
 from ..physics.packing import Packing
 from ..physics.rolling import AbstractRollingSystem
 from ..programs.derivatives.differentiation import differentiate_where, without_derivatives
-from ..solvers.dense.peaks import Peaks
-from ..solvers.dense.steps import Steps
-from .contact_force import friction, half_tangent, normal_force, tangent, values
 from .observers import Observation, Observers, Seen, Step
+from .quantities import friction, half_tangent, normal_force, tangent, values
 from .simulate import simulate
+from .solvers.dense.peaks import Peaks
+from .solvers.dense.steps import Steps
 from .trajectory import Interpolant, Trajectory
 
 # Of the weight, or of 1: anything smaller counts as zero, and leaves a constant value constant.
@@ -110,7 +110,7 @@ def contact_extremes(trajectory: Trajectory[Any, Any]) -> ContactExtremes:
     **Arguments:**
 
     - ``trajectory``: what :func:`jaxball.simulate` returns with ``dense=True``, or ``run`` of a
-      :class:`~jaxball.control.ClosedLoop`.
+      :class:`~jaxball.control.loop.ClosedLoop`.
 
     **Raises:** ``ValueError`` when the trajectory was made without ``dense=True``, and ``TypeError`` for a system that
     does not touch a plane.

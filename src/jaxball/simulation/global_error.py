@@ -1,7 +1,12 @@
-"""Estimates the global error of a run, from the errors between its saved times and how each grows until later ones."""
+"""Estimates the errors of runs, and of results that functions compute with runs.
 
+Of a run, from the errors between its saved times and how each grows until later ones; of a result, such as a
+derivative, by finer runs.
+"""
+
+import contextlib
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple, TypeVar, cast
 
 import diffrax
@@ -12,8 +17,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .. import programs
-from ..compat import is_traced
-from ..interface.arguments import describe, require, require_callable
+from ..interface.arguments import describe, refusal, require, require_callable
+from ..interface.compat import HAS_SETTINGS_OF_TRACES, is_traced
 from ..interface.status import SUCCESSES, SolveError, Status
 from ..physics.body import AbstractBody
 from ..physics.contact.law import Contact
@@ -21,6 +26,7 @@ from ..physics.contact.modes import Mode
 from ..physics.contact.released import ReleasedState, rolling_contact, with_rise
 from ..physics.packing import ravel_state
 from ..physics.system import AbstractSystem
+from ..programs import traces
 from .arguments import PrecisionError, require_one_run
 from .simulate import simulate
 from .trajectory import Trajectory
@@ -30,50 +36,20 @@ Part = TypeVar("Part")
 TOLERANCE_BETWEEN_TIMES = 1e-14  # of the solves from one saved time to the next
 TIGHT = np.full(2, TOLERANCE_BETWEEN_TIMES)  # an array, because numbers would distinguish programs
 STEPS_BETWEEN_TIMES = 2**18
+FINER_BY = 1e-2  # the factor of the tolerances of finer runs, whose errors are about as much smaller
+MORE_STEPS = 16  # times as many: at a hundredth of the tolerance a method of order 2 takes five to ten times the steps
+OUT_OF_STEPS = (
+    "The result of `function` has NaN that are numbers where its runs may take 16 times as many steps: a run in it "
+    "took `max_steps` steps, or, if its status is SUCCESS, its derivative did, which needs as many steps at rest as in "
+    "motion; raise `max_steps`, loosen the tolerances, or shorten the run."
+)
+OUT_OF_STEPS_WHEN_FINER = (
+    "The error cannot be estimated, because at a hundredth of the tolerances the result of `function` has NaN, even "
+    "where its runs may take 16 times as many steps; loosen the tolerances, or shorten the run."
+)
 
 
 def estimate_error(run: Trajectory[Any, Any], of: Callable[[Trajectory[Any, Any]], Any] | None = None) -> Any:
-    """Estimates the global error of a run, or of a result computed from it: the computed value less the true one.
-
-    From each saved state the motion is solved to the next saved time at a tolerance of 1e-14. The saved state there
-    differs by a local error eₖ, and the tangent Jₖ of that solve carries the errors of all earlier intervals on,
-    εₖ₊₁ = Jₖ εₖ + eₖ. For a functional of the run this is Σ λₖᵀ eₖ, with λ from the adjoint equations (D. Estep, SIAM
-    Journal on Numerical Analysis 32, 1995; Y. Cao & L. Petzold, SIAM Journal on Scientific Computing 26, 2004). Carried
-    forward, as R. D. Skeel describes (Numerische Mathematik 48, 1986), it is known for all functionals at once.
-
-    The estimate needs nothing of how the run was solved. It is right to first order in the errors, as long as these are
-    small against the motion, and resolves errors of about 1e-13 in each interval.
-
-    **Arguments:**
-
-    - ``run``: one run in float64, also as read by :func:`jaxball.load_run`; it may roll, slip, fly and stick.
-    - ``of``: a function of a run to numbers, arrays or a pytree of these, such as
-      ``lambda run: run.state.z[-1, 0]``. It is called with the run and with one whose states are free of the estimated
-      error, need not be differentiable, and may read what follows from the states at the saved times, as
-      ``run.observables`` does. If not given, the state.
-
-    **Returns:** what ``of`` returns, with the error of each number in its place, in its unit. By default a state, with
-    the errors of its components at the saved times, which are the leading axis. NaN at times that the run did not
-    reach.
-
-    **Raises:** ``TypeError`` for anything but a trajectory, and for an ``of`` that is no function or does not return
-    numbers; ``ValueError`` for a batch, in a function that JAX transforms, for a run under feedback, for one that did
-    not come to its second saved time, where ``of`` reads dense output, events, switches or losses, and where the form
-    of its result depends on the states;
-    :class:`PrecisionError` in float32; and :class:`~jaxball.SolveError` where a solve between two times fails.
-
-    **Example:**
-
-    >>> import jax
-    >>> jax.config.update("jax_enable_x64", True)
-    >>> from jaxball import Disk, DiskState, estimate_error, simulate
-    >>> slope = Disk(mass=1.0, inertia=0.5, offset=(0.0, 0.0, -0.2))  # it rocks to and fro
-    >>> run = simulate(slope, [0.0, 5.0, 10.0], DiskState(phidot=-0.5), rtol=1e-6, atol=1e-6)
-    >>> error = estimate_error(run, of=lambda run: run.state.z[-1])
-    >>> finer = simulate(slope, [0.0, 5.0, 10.0], DiskState(phidot=-0.5), rtol=1e-13, atol=1e-13)
-    >>> bool(abs(error / (run.state.z[-1] - finer.state.z[-1]) - 1) < 1e-3)
-    True
-    """
     _check(run)
     if of is not None:
         require_callable("of", of, "run")
@@ -99,7 +75,7 @@ def _check(run: Any) -> None:
             "The error of a run is estimated outside jit, vmap and grad, by solves that are compiled on their own, but "
             "this run is traced; return it from the function, and estimate its error there."
         )
-    require_one_run(run.status, "`estimate_error`")
+    require_one_run(run.status, "`error_estimate`")
     if run.times.dtype != np.float64:
         raise PrecisionError(
             f"The error of a run is estimated by solves at a tolerance of {TOLERANCE_BETWEEN_TIMES:g}, but this run is "
@@ -253,11 +229,6 @@ def _as_unknown(leaf: Any) -> Any:
     return jnp.full_like(leaf, jnp.nan) if eqx.is_inexact_array(leaf) else leaf
 
 
-def _form_of(result: Any) -> tuple[Any, list[tuple[int, ...]]]:
-    leaves, structure = jax.tree.flatten(result)
-    return structure, [np.shape(leaf) for leaf in leaves]
-
-
 def _difference(computed: Any, corrected: Any) -> Array:
     """Computes the error of a number that ``of`` returns, from its values for the run and for the run without
     errors.
@@ -276,3 +247,110 @@ def _difference(computed: Any, corrected: Any) -> Array:
 
 def _row(states: Part, k: int) -> Part:
     return jax.tree.map(lambda leaf: leaf[k], states)
+
+
+def estimate_error_of(function: Callable[..., Any], *arguments: Any) -> Any:
+    """Estimates the error of a result that a function computes with runs, such as a derivative: the computed value less
+    the true one.
+
+    The function is computed as it is, and with all of its runs at a hundredth of their tolerances. The difference is
+    the error of the former up to that of the latter, which is about a hundred times smaller. What the tolerance does
+    not change is not seen: errors of the model, and of runs that were simulated before the function is called.
+
+    **Arguments:**
+
+    - ``function``: a function that simulates and returns numbers, arrays or a pytree of these, such as
+      ``jax.grad(loss)`` or ``jax.jit(jax.jacfwd(place))``. A compiled one is compiled once more.
+    - ``arguments``: those with which it is called.
+
+    **Returns:** what ``function`` returns, with the error of each number in its place, in its unit. NaN where a number
+    is NaN.
+
+    **Raises:** ``TypeError`` for a ``function`` that is none or does not return numbers; ``ValueError`` where an
+    argument is traced, where the form of the result depends on the tolerances, and for a function that does not
+    simulate; :class:`PrecisionError` where tolerances cannot be tightened; and :class:`~jaxball.SolveError` where a
+    number is NaN because a run, or the derivative of one, took ``max_steps`` steps.
+
+    **Example:**
+
+    >>> import jax
+    >>> jax.config.update("jax_enable_x64", True)
+    >>> from jaxball import Disk, DiskState, simulate
+    >>> from jaxball.simulation import estimate_error_of
+    >>> slope = Disk(mass=1.0, inertia=0.5, offset=(0.0, 0.0, -0.2))  # it rocks to and fro
+    >>> def end(speed, tolerance=1e-6):
+    ...     return simulate(slope, [0.0, 9.0], DiskState(phidot=-speed), rtol=tolerance, atol=tolerance).state.z[-1]
+    >>> error = estimate_error_of(jax.grad(end), 0.5)
+    >>> bool(abs(error / (jax.grad(end)(0.5) - jax.grad(end)(0.5, 1e-12)) - 1) < 0.1)
+    True
+    """
+    if not callable(function):
+        raise refusal("function", "a function that simulates, such as jax.grad(loss)", function)
+    if any(map(is_traced, jax.tree.leaves(arguments))):
+        raise ValueError(
+            "The error of a result is estimated outside jit, vmap and grad, because its runs are solved again, but an "
+            "argument is traced; give the whole function, as in estimate_error_of(jax.grad(loss), parameters)."
+        )
+    value = _numbers(function(*arguments))
+    tighter = traces.Finer(FINER_BY)
+    finer = _compute_with(tighter, function, arguments)
+    if _form_of(value) != _form_of(finer):
+        raise ValueError(
+            "Argument `function` must return a result of the same form at any tolerance, but it returns "
+            f"{describe(value)}, and {describe(finer)} at a hundredth of it."
+        )
+    if any(np.any(np.isnan(number)) for number in jax.tree.leaves(value)):
+        longer = _compute_with(traces.Finer(steps=MORE_STEPS), function, arguments)
+        if _is_unknown(value, longer):
+            raise SolveError(OUT_OF_STEPS)
+    if _is_unknown(finer, value):
+        finer = _compute_with(traces.Finer(FINER_BY, MORE_STEPS), function, arguments)
+        if _is_unknown(finer, value):
+            raise SolveError(OUT_OF_STEPS_WHEN_FINER)
+    errors = jax.tree.map(lambda x, y: x - y, value, finer)
+    changes, counts = (any(map(np.any, jax.tree.leaves(result))) for result in (errors, value))
+    if counts and not changes and not tighter.met:
+        raise ValueError(
+            "Argument `function` must simulate when it is called, because the error is that of its runs, but there was "
+            "no run and its result stays the same; write a function that calls simulate."
+        )
+    return jax.tree.map(jnp.asarray, errors)
+
+
+def _compute_with(finer: traces.Finer, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+    """Computes the function with finer runs."""
+    with contextlib.nullcontext() if HAS_SETTINGS_OF_TRACES else _forget_traces(), traces.finer(finer):
+        return _numbers(function(*arguments))
+
+
+@contextlib.contextmanager
+def _forget_traces() -> Iterator[None]:
+    """Keeps what is traced in this block apart from all else, where JAX does not."""
+    for forget in (jax.clear_caches, programs.forget):
+        forget()
+    yield
+    for forget in (jax.clear_caches, programs.forget):
+        forget()
+
+
+def _numbers(result: Any) -> Any:
+    """Returns a result as arrays of NumPy.
+
+    **Raises:** ``TypeError`` for anything but numbers.
+    """
+    leaves, structure = jax.tree.flatten(result)
+    arrays = [np.asarray(leaf) for leaf in leaves]
+    if not arrays or not all(np.issubdtype(array.dtype, np.number) for array in arrays):
+        raise TypeError(f"Argument `function` must return numbers, but it returns {describe(result)}.")
+    return structure.unflatten(arrays)
+
+
+def _form_of(result: Any) -> tuple[Any, list[tuple[int, ...]]]:
+    leaves, structure = jax.tree.flatten(result)
+    return structure, [np.shape(leaf) for leaf in leaves]
+
+
+def _is_unknown(result: Any, other: Any) -> bool:
+    """Returns whether a number is NaN that the ``other`` result knows."""
+    pairs = zip(jax.tree.leaves(result), jax.tree.leaves(other), strict=True)
+    return any(np.any(np.isnan(x) & ~np.isnan(y)) for x, y in pairs)

@@ -27,13 +27,13 @@ from ..programs.derivatives.reverse_rules import CarryOut, at_once, put, put_whi
 from ..programs.derivatives.reversible_loop import Parts, Recorded, while_loop
 from ..programs.derivatives.steering import control_error
 from ..programs.native import is_traced_natively
-from ..solvers import StepToKinks
-from ..solvers.dense.continuous import DenseOutput, has_one_tableau
-from ..solvers.dense.pauses import AfterPauses, Pause
-from ..solvers.explicit import depends_on_arguments_alone, with_first_slope, with_stages_pulled_back
-from ..solvers.multistep import AbstractMultistep, AbstractMultistepController, PlannedError
 from .inputs import LimitedSteps
 from .observers import Observers, Step
+from .solvers import StepToKinks
+from .solvers.dense.continuous import DenseOutput, has_one_tableau
+from .solvers.dense.steps import AfterPauses, Pause
+from .solvers.explicit import depends_on_arguments_alone, with_first_slope, with_stages_pulled_back
+from .solvers.multistep import AbstractMultistep, AbstractMultistepController, PlannedError
 from .switching import AbstractSwitching, NextStep, Taken
 from .watch import Watch, Within
 
@@ -108,6 +108,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
         if self.kind == "lax" and isinstance(solver, diffrax.AbstractRungeKutta) and solver.scan_kind is None:
             solver = eqx.tree_at(lambda s: s.scan_kind, solver, "lax", is_leaf=lambda x: x is None)
         output, dense = DenseOutput.of(solver), init_state.dense_ts is not None
+        output = output._replace(moving=self.switching.count_moving(init_state.y, args))
         if dense:
             infos = output.room(init_state.dense_infos, max_steps)
             if self.switching.jumps:

@@ -20,9 +20,8 @@ from ..physics.mechanisms.forces import AbstractJointForce
 from ..physics.observables import compute_observables, movement
 from ..physics.packing import Packing
 from ..programs.derivatives.differentiation import with_unknown_derivatives
-from ..solvers.dense.pauses import AfterPauses
-from ..solvers.dense.steps import Steps
 from .arguments import require_one_run
+from .solvers.dense.steps import AfterPauses, Steps
 from .trajectory import Interpolant, Trajectory
 
 POINTS = 8  # in each step: as exact as the dense output, as in ``verify``
@@ -40,10 +39,11 @@ class EnergyLosses(Printed):
 
     **Example:**
 
-    >>> from jaxball import Ball, BallState, Contact, ReleasedState, energy_losses, simulate
+    >>> from jaxball import Ball, BallState, Contact, simulate
+    >>> from jaxball.physics import ReleasedState
     >>> ball, start = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4)), ReleasedState(BallState(), V=(1.0, 0.0, 0.0))
     >>> run = simulate(ball, [0.0, 9.0], start, contact=Contact(0.1), dense=True)
-    >>> round(float(energy_losses(run).total[-1]), 6)  # 1/7 m v², until it rolls
+    >>> round(float(run.energy_losses().total[-1]), 6)  # 1/7 m v², until it rolls
     0.142857
     """
 
@@ -61,26 +61,6 @@ class EnergyLosses(Printed):
 
 
 def energy_losses(trajectory: Trajectory[Any, Any]) -> EnergyLosses:
-    """Computes the energies that contact, resistance and joints have dissipated since the start of a run.
-
-    The energy of a body that nothing drives falls by their ``total``. What dry friction holds loses nothing. They are
-    integrals over the dense output, as exact as that, and differentiable.
-
-    **Arguments:**
-
-    - ``trajectory``: of a ball or a disk, what :func:`jaxball.simulate` returns with ``dense=True``.
-
-    **Raises:** ``TypeError`` for another system, and ``ValueError`` without dense output and for a batch.
-
-    **Example:**
-
-    >>> import jax.numpy as jnp
-    >>> from jaxball import Disk, DiskState, Resistance, energy_losses, simulate
-    >>> disk = Disk(mass=1.0, inertia=0.5, resistance=Resistance(dry=0.01, exact=True))
-    >>> run = simulate(disk, [0.0, 200.0, 400.0], DiskState(phidot=-1.0), dense=True)
-    >>> energy_losses(run).dry.round(6)  # ½ (m r² + d2) φ̇², all that it had
-    Array([0.  , 0.75, 0.75], dtype=float64)
-    """
     require("trajectory", trajectory, Trajectory, "what jaxball.simulate returns")
     if not isinstance(trajectory.system, AbstractBody):
         raise TypeError(

@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..numerics.arrays import select_tree
 from ..numerics.pieces import Span
 from ..physics.hybrid import NONE, entry
-from ..solvers.dense.crossings import Falling, FirstZero, Functions, glance
+from .solvers.dense.crossings import Falling, FirstZero, Functions, glance
 
 NEAR_ZERO = 1e-10  # of the length of a step: where it ends so close to a zero of a guard, one step of Newton's is exact
 ONE_EVENT = 1e-6  # of the length of a step: zeros of guards this close to each other are one event
@@ -132,12 +132,15 @@ def look_at(
     bracket: RootBracket,
     piece: Float[Array, ""],
     count: int,
+    *,
+    whole: bool = False,
 ) -> Look:
     """Looks for the first zero of ``count`` guards in a step.
 
     - ``sketch``: the guards at times in the step, less accurate than it is; ``exact``: as accurate, if asked for.
     - ``bracket``: the zero that is sought, if any.
     - ``piece``: the length of the piece in which the look at the step before ended.
+    - ``whole``: whether ``sketch`` may be looked at in whole steps, however long they are.
     """
     if not count:
         none, nothing = jnp.zeros((0,), piece.dtype), jnp.zeros_like(piece)
@@ -145,7 +148,7 @@ def look_at(
         return Look(FirstZero(no, jnp.asarray(NONE), nothing, nothing, nothing, no, piece), none, none, none, piece)
     falling = Falling(count)
     log = falling.log(span.start, piece)
-    seen = glance(sketch, span, log)
+    seen = glance(sketch, span, log, whole=whole)
     asked = ~(seen.quiet | bracket.agrees(span, seen.last))
     zero = falling.first(exact(asked), span, seen, log, asked)
     return Look(zero, seen.first, seen.last, seen.size, jnp.where(asked, zero.piece, seen.piece))

@@ -11,14 +11,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..numerics.calculus import with_second_derivatives
-from ..numerics.flows import move_to_peak
+from ..numerics.calculus import move_to_peak, with_second_derivatives
 from ..physics.hybrid import entry
 from ..physics.packing import Packing
 from ..programs.batches import fill_vectors
-from ..solvers.dense.integrals import Accuracy, Running, integrate
-from ..solvers.dense.peaks import Peaks, search
-from ..solvers.dense.steps import last_within, place_of_largest
+from .solvers.dense.integrals import Accuracy, Running, integrate
+from .solvers.dense.peaks import Peaks, search
+from .solvers.dense.steps import last_within, place_of_largest
 
 # Times the power 2/3 of the tolerance: the error of states within a step by the solver's own interpolation, relative to
 # values. What these vary by less is no peak that could be seen.

@@ -12,8 +12,8 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
 from .. import programs
-from ..compat import is_traced
 from ..interface.arguments import require_flags
+from ..interface.compat import is_traced
 from ..interface.status import Status
 from ..numerics.arrays import Numbers
 from ..physics.body import System
@@ -35,10 +35,7 @@ from ..programs.derivatives.differentiation import (
     with_unknown_derivatives,
 )
 from ..programs.identity.closures import change_with_captures, put_captures, take_captures
-from ..simulation import DEFAULT_TOLERANCE
-from ..solvers import ProjectedSteps, SwitchingMassMatrixTerm
-from ..solvers.base import approach_of
-from ..solvers.collocation import fills_vectors
+from . import DEFAULT_TOLERANCE
 from .arguments import (
     adjoint_in_mode,
     check_adjoint,
@@ -57,6 +54,10 @@ from .events import AbstractEvent, EndOfGround, Leaving, check_events
 from .inputs import LimitedSteps, limits_of_steps, share_of
 from .loop import SolveLoop, by_tolerances, kinks_of, to_kinks
 from .observers import Observation, Observers, visible
+from .solvers import SwitchingMassMatrixTerm
+from .solvers.base import approach_of
+from .solvers.collocation import fills_vectors
+from .solvers.wrapping import ProjectedSteps
 from .switching import NoSwitching, Switching
 from .trajectory import Interpolant, Trajectory
 from .watch import Watch, end_by_events, occurrences_of, values_of
@@ -94,28 +95,29 @@ def simulate(
 
     **Arguments:**
 
-    - ``system``: a :class:`~jaxball.Ball`, a :class:`~jaxball.Disk`, one of :mod:`jaxball.classical`, or any other
-      :class:`~jaxball.AbstractSystem`. Of a hybrid one, ``trajectory.switches`` has the ends of modes.
+    - ``system``: a :class:`~jaxball.Ball`, a :class:`~jaxball.Disk`, one of :mod:`jaxball.physics.classical`, or any
+      other :class:`~jaxball.AbstractSystem`. Of a hybrid one, ``trajectory.switches`` has the ends of modes.
     - ``times``: increasing, two or more. The solver chooses its own steps, which end at kinks of actuation and force.
     - ``state``: the state at ``times[0]``; if not given, at rest at the origin with θ of free joints 0. Its kind
-      determines the equations: :class:`~jaxball.BallState` (versor), :class:`~jaxball.RotationState` (matrix),
-      :class:`~jaxball.ReducedState` (Ω, Γ), or :class:`~jaxball.DiskState`; most other systems have a single kind.
+      determines the equations: :class:`~jaxball.BallState` (versor), :class:`~jaxball.physics.RotationState` (matrix),
+      :class:`~jaxball.physics.ReducedState` (Ω, Γ), or :class:`~jaxball.DiskState`; most other systems have a single
+      kind.
     - ``solver``: any adaptive diffrax solver; ``diffrax.Dopri8()`` if not given.
     - ``rtol``, ``atol``: tolerances of the step-size control. Changing them compiles nothing again.
     - ``dense``: whether the trajectory can be evaluated at any time, ``trajectory.at(t)``.
     - ``step_to_times``: whether steps end at each of ``times``, where states otherwise are those of a polynomial.
     - ``dae``: whether to solve the differential-algebraic form of the paper, in which |q|² = 1 determines a component
-      of q, with a solver that knows mass matrices, such as :class:`jaxball.solvers.RadauIIA`.
+      of q, with a solver that knows mass matrices, such as :class:`jaxball.simulation.solvers.RadauIIA`.
     - ``project``: whether each step ends with q, Γ or Λ normalised, or on the constraints of a
-      :class:`~jaxball.classical.LagrangianSystem`; with holonomic ones it always does.
+      :class:`~jaxball.physics.classical.LagrangianSystem`; with holonomic ones it always does.
     - ``events``: the events to detect, by name, such as an :class:`~jaxball.Event`; ``trajectory.events[name]`` says
       when each happened. One that ends the run sets its status, and the states saved after that are NaN.
     - ``contact``: a :class:`~jaxball.Contact`, by which a body may slip, leave the ground and land on it, also from a
-      :class:`~jaxball.ReleasedState`; ``trajectory.contact`` has the modes. If not given, it always rolls.
+      :class:`~jaxball.physics.ReleasedState`; ``trajectory.contact`` has the modes. If not given, it always rolls.
     - ``adjoint``: for reverse mode alone ``diffrax.RecursiveCheckpointAdjoint()``, for forward mode alone
       ``diffrax.ForwardMode()``; if not given both, in any order, of events and hybrid systems up to the second.
     - ``max_steps``: the most steps, accepted and rejected, that the solve may take; its derivatives, which may need
-      more, are NaN where this does not suffice for them.
+      more, are NaN where this does not suffice for them. With ``dense`` the status beside them then is MAX_STEPS.
     - ``max_step``: the longest step, a time; none if not given. Where forces and motions change fast, steps are short
       without it; it is for changes that samples over the run miss. Each value compiles a program.
     - ``progress``: a diffrax progress meter.

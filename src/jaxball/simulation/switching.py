@@ -25,9 +25,9 @@ from ..numerics.pieces import Span
 from ..physics.hybrid import NONE, START, Accuracy, GuardedStep, Record, Transition
 from ..physics.packing import Packing
 from ..programs.derivatives.differentiation import without_derivatives
-from ..programs.derivatives.reverse_rules import CarryOut, pull_by_forward_mode, put
-from ..solvers.dense.crossings import Functions
+from ..programs.derivatives.reverse_rules import CarryOut, PullByForwardMode, put
 from .mode_ends import LEAST_LENGTH, SHORTER, Look, RootBracket, bracket_zero, is_too_quick, look_at
+from .solvers.dense.crossings import Functions
 
 GRAZING = 1e-6  # a guard that falls by less than this part of its size in a step touches zero
 CLOSE_SWITCHES = 1e-9  # switches closer to each other than this part of a run are counted as crowded
@@ -149,6 +149,10 @@ class AbstractSwitching(eqx.Module):
         """Returns the carry before the first step, of this length."""
 
     @abc.abstractmethod
+    def count_moving(self, y0: Float[Array, " size"], args: Any) -> int:
+        """Returns how many entries of a vector, the first ones, change otherwise than at events."""
+
+    @abc.abstractmethod
     def goes_on(self, carry: Any) -> Bool[Array, ""] | bool:
         """Returns whether a mode can follow."""
 
@@ -193,6 +197,9 @@ class NoSwitching(AbstractSwitching):
     def init(self, t0, y0, length):
         return ()
 
+    def count_moving(self, y0, args):
+        return y0.size
+
     def goes_on(self, carry):
         return True
 
@@ -235,6 +242,11 @@ class Switching(AbstractSwitching):
         rows = Rows.empty(self.capacity, y0)
         return HybridCarry(bracket, jnp.asarray(START), zero, never, length, never, y0, none, none, t0, success, rows)
 
+    def count_moving(self, y0, args):
+        packing = self._packing(args)
+        kept = jax.tree.leaves(packing.system.kept_in_modes(packing.unravel(y0)))
+        return y0.size - sum(leaf.size for leaf in kept)
+
     def goes_on(self, carry):
         return carry.status == int(Status.SUCCESS)
 
@@ -263,7 +275,8 @@ class Switching(AbstractSwitching):
         # Its searches are loops of any length, which only have forward mode: reverse mode pulls it back by that.
         happened, transition = carry.event != NONE, functools.partial(_transition, self.unpack)
         operands = step.start, y, args, carry.event, self.accuracy
-        done = Transition(*carry_out(transition, pull_by_forward_mode(transition), operands))
+        pull = PullByForwardMode(transition, lambda operands: operands[3] != NONE)
+        done = Transition(*carry_out(transition, pull, operands))
 
         def reset(carry: HybridCarry) -> _AfterReset:
             return self._reset(carry, done, run[1] - run[0], args)
@@ -384,7 +397,9 @@ class Switching(AbstractSwitching):
 
         count = jax.eval_shape(guards_at, attempt.start[None], attempt.before[None]).shape[1]
         sketch, exact = along(attempt.sketch), lambda asked: along(attempt.exact(asked))
-        return look_at(sketch, exact, attempt.span, bracket, piece, count)
+        packing = self._packing(args)
+        whole = packing.system.guards_follow_motion(attempt.start, packing.unravel(attempt.before), reference)
+        return look_at(sketch, exact, attempt.span, bracket, piece, count, whole=whole)
 
     def _packing(self, args: Any) -> Packing:
         return self.unpack(args)[0]

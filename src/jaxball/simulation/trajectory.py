@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import os
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, cast
 
@@ -14,10 +13,8 @@ from jaxtyping import Array, Float, Int
 from typing_extensions import TypeVar
 
 from .. import programs
-from ..compat import is_traced
-from ..interface.html import as_html, sketch_of
-from ..interface.printing import Printed
-from ..interface.provided import leave_to_above
+from ..interface.compat import is_traced
+from ..interface.printing import Printed, as_html, sketch_of
 from ..interface.status import SUCCESSES, SolveError, Status
 from ..interface.wording import no_attribute, number_of
 from ..numerics.arrays import Numbers, to_array
@@ -37,18 +34,13 @@ from ..programs.batches import map_rows
 from ..programs.derivatives.differentiation import differentiate_where, with_unknown_derivatives
 from .arguments import require_known, require_one_run
 from .events import Occurrences
+from .trajectory_methods import TrajectoryMethods
 
 if TYPE_CHECKING:
-    import pathlib
-
     import diffrax
-    import matplotlib.figure
-    import xarray
 
-    from ..plot.pictures import Picture
-    from ..plot.view.page import View
-    from ..scenario import Scenario
-    from ..sensors import AbstractSensor
+    from ..files.scenario.scenario import Scenario
+    from ..physics.sensors import AbstractSensor
 
     # A trajectory is of a ball or a disk unless it is said to be of something else.
     AnySystem = TypeVar("AnySystem", bound=AbstractSystem, default=System)
@@ -78,8 +70,8 @@ class Interpolant(eqx.Module, Generic[AnyState]):
         - ``pauses``: whether there may be a pause before a step.
         """
         # Imported here, because a run is read from a file and drawn without solvers.
-        from ..solvers.dense.continuous import DenseOutput
-        from ..solvers.dense.pauses import AfterPauses
+        from .solvers.dense.continuous import DenseOutput
+        from .solvers.dense.steps import AfterPauses
 
         interpolation = DenseOutput.of(solver).interpolation
         if pauses:
@@ -93,7 +85,7 @@ class Interpolant(eqx.Module, Generic[AnyState]):
         return self.packing.projected(t, x) if self.projects else x
 
 
-class Trajectory(Printed, Generic[AnySystem, AnyState]):
+class Trajectory(Printed, TrajectoryMethods, Generic[AnySystem, AnyState]):
     """States of a system at saved times, and how the solve ended.
 
     - ``system``: what was simulated.
@@ -104,7 +96,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
     - ``status``: a :class:`~jaxball.Status`; ``ok`` and ``message`` read it.
     - ``reached``: the time that the solve reached.
     - ``steps``, ``rejected``: how many steps were taken in all, and how many of them were rejected.
-    - ``events``: the :class:`~jaxball.Occurrences` of each event, by name.
+    - ``events``: the :class:`~jaxball.simulation.events.Occurrences` of each event, by name.
     - ``start``: the initial state that was given, even where no solve can start from it.
     - ``history``: of a hybrid system, its switches from mode to mode; ``switches`` and ``contact`` read it.
     - ``scenario``: the :class:`~jaxball.Scenario`, with the settings of the solve, where one was simulated or the
@@ -237,8 +229,8 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
 
         **Arguments:**
 
-        - ``sensors``: such as an :class:`~jaxball.sensors.Accelerometer`, by names of your choice. Those with
-          :class:`~jaxball.sensors.SensorErrors` read what has arrived at each time, and NaN where nothing has.
+        - ``sensors``: such as an :class:`~jaxball.physics.sensors.Accelerometer`, by names of your choice. Those with
+          :class:`~jaxball.physics.sensors.SensorErrors` read what has arrived at each time, and NaN where nothing has.
         - ``key``: of the random numbers of errors, ``jax.random.key(k)``; each key is another repetition of the
           measurement, the same one without.
 
@@ -247,8 +239,10 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         **Raises:** ``ValueError`` where the body lacks the part that a sensor is on, and where a reading with errors
         would fall between the saved times; and as ``observables``.
         """
-        from ..sensors.base import require_sensors  # here, because a simulation does without
-        from ..sensors.errors import with_errors
+        from ..physics.sensors.base import (
+            require_sensors,  # here, because a simulation does without
+            with_errors,
+        )
 
         body = self._body("The sensors")
         require_sensors(sensors, body)
@@ -280,7 +274,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         In a batch, those of each run.
 
         **Raises:** ``ValueError`` for a ball or a disk, whose integrals are functions of a state
-        (``jaxball.physics.dynamics.momentum``).
+        (``jaxball.physics.dynamics.locked``).
         """
         if isinstance(self.system, AbstractBody):
             raise ValueError(
@@ -297,8 +291,8 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         """
         if not hasattr(self.system, "multipliers"):
             raise ValueError(
-                "The multipliers are those of a LagrangianSystem of jaxball.classical, but this trajectory is of a "
-                f"{type(self.system).__name__}."
+                "The multipliers are those of a LagrangianSystem of jaxball.physics.classical, but this trajectory is "
+                f"of a {type(self.system).__name__}."
             )
         return self._evaluate(functools.partial(_call_at_all, "multipliers"), self.system, self.state)
 
@@ -331,57 +325,6 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         by_contract = always_rolls(self) and not isinstance(self.system, AbstractBody)
         ratio = self.plane_reaction.ratio if by_contract else self.observables.friction_ratio
         return jnp.max(ratio, axis=-1)
-
-    # A user who has a trajectory looks there for what can be done with it. What these five do is in
-    # jaxball/methods.py, because it needs packages built upon this one.
-
-    @leave_to_above
-    def error_estimate(self, of: Callable[["Trajectory[Any, Any]"], Any] | None = None) -> Any:
-        """Estimates the error of the states, or of a result ``of(run)``; see :func:`jaxball.estimate_error`."""
-        raise NotImplementedError
-
-    @leave_to_above
-    def to_dataset(self) -> "xarray.Dataset":
-        """Converts the trajectory and all its observables, or laws, to a data set; see :func:`jaxball.to_dataset`."""
-        raise NotImplementedError
-
-    @leave_to_above
-    def save(self, path: str | os.PathLike[str]) -> "pathlib.Path":
-        """Saves the trajectory as ``.nc``, ``.npz``, ``.csv`` or ``.mcap``; see :func:`jaxball.save`.
-
-        :func:`jaxball.load_run` reads the first two back. The file has the scenario that was simulated, with its
-        settings; :func:`jaxball.save` can give it another.
-        """
-        raise NotImplementedError
-
-    @leave_to_above
-    def plot(self) -> "matplotlib.figure.Figure":
-        """Draws :func:`jaxball.plot.overview` of a ball or a disk, :func:`jaxball.plot.lagrangian_motion` of a system
-        with a Lagrangian, or else :func:`jaxball.plot.classical_motion`.
-
-        **Raises:** ``ValueError`` for a reduced trajectory or a batch.
-        """
-        raise NotImplementedError
-
-    @leave_to_above
-    def view(
-        self,
-        path: str | os.PathLike[str] | None = None,
-        *,
-        title: str | None = None,
-        friction: float | None = None,
-        picture: "Picture | None" = None,
-        all_times: bool = False,
-    ) -> "View":
-        """Shows the run as a page: the body in three dimensions, and graphs over time, which a notebook shows in place.
-
-        ``run.view().save("run.html")`` or ``run.view("run.html")`` writes it as one file that opens in any browser,
-        without a network; ``run.view().html`` is its text. Each frame shows the nearest saved time.
-
-        ``path``, ``title``, ``friction``, ``picture``, ``all_times`` and what is raised: as for
-        :func:`jaxball.plot.write_view`. The title is that of the scenario, if there is one, unless it is given.
-        """
-        raise NotImplementedError
 
     if not TYPE_CHECKING:  # a type checker knows what there is
 

@@ -11,15 +11,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..numerics.calculus import with_derivatives, with_second_derivatives
-from ..numerics.flows import move, move_to_zero, rates_along
+from ..numerics.calculus import move, move_to_zero, rates_along, with_derivatives, with_second_derivatives
 from ..numerics.pieces import Span
 from ..physics.packing import Packing
 from ..programs.derivatives.differentiation import keep_if_known, keep_known_rows, without_derivatives
 from ..programs.derivatives.reverse_rules import put_while
-from ..solvers.dense.crossings import Glance, Kinds, Log, glance, scan
-from ..solvers.dense.steps import last_within
 from .events import AbstractEvent, Occurrences
+from .solvers.dense.crossings import Glance, Kinds, Log, glance, scan
+from .solvers.dense.steps import last_within
 
 Functions = Callable[[Float[Array, " n"], Float[Array, "n size"], Any], Float[Array, "n k"]]
 Index = Int[Array, ""]

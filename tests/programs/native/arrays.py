@@ -9,8 +9,7 @@ from jaxball.programs.native.emit.values import load, store
 from jaxball.programs.native.ir.elements import part_of
 from jaxball.programs.native.ir.module import Module
 from jaxball.programs.native.limits import ALIGNMENT, LANES
-from jaxball.programs.native.targets.machine import Code, object_code
-from jaxball.programs.native.targets.processors import HOST
+from jaxball.programs.native.targets.machine import HOST, Code, object_code
 
 
 def written_program(compute, source, target, operands, has_library=True, in_lanes=False):

@@ -16,6 +16,7 @@ from jaxball.programs import native
 from jaxball.programs.native import choice
 from jaxball.programs.native.targets import machine
 from jaxball.programs.store import current
+from tests.support.sentences import refuses
 
 
 @pytest.fixture
@@ -179,11 +180,11 @@ def test_by_an_environment_variable():
 
 
 def test_a_compiler_that_is_none(monkeypatch):
-    with pytest.raises(ValueError, match="Argument `name` must be 'native' or 'xla', but it is 'gcc'"):  # noqa: SIM117
+    with refuses(ValueError, "name"):  # noqa: SIM117
         with jaxball.compiler("gcc"):
             pass
     monkeypatch.setenv("JAXBALL_COMPILER", "gcc")
-    with pytest.raises(ValueError, match="The environment variable JAXBALL_COMPILER must be 'native' or 'xla'"):
+    with refuses(ValueError, "JAXBALL_COMPILER"):
         jaxball.jit(lambda x: x)(1)
 
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import pytest
 
 import jaxball
-from jaxball.programs.native.collecting import SELDOM, seldom_collected
+from jaxball.programs.native.tracing import SELDOM, seldom_collected
 
 
 @pytest.fixture(autouse=True)

@@ -10,7 +10,7 @@ from jax import lax
 
 from jaxball.programs.native import Lowered
 from jaxball.programs.native.emit.operations import loops
-from jaxball.programs.native.ir import lanes
+from jaxball.programs.native.ir import turns
 
 from .comparison import agree
 
@@ -248,7 +248,7 @@ def test_a_loop_is_computed_in_lanes_where_it_does_more_than_move_numbers(f, pay
     found = []
 
     def noted(*arguments):
-        found.append(lanes.independent(*arguments))
+        found.append(turns.independent(*arguments))
         return found[-1]
 
     monkeypatch.setattr(loops, "independent", noted)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jaxball.programs.native.emit.scalars import elementary
-from jaxball.programs.native.emit.scalars.elementary import reduction
+from jaxball.programs.native.emit.scalars.elementary import trigonometric
 from jaxball.programs.native.targets.machine import Code, object_code
 
 LANES = [1, 8]
@@ -257,5 +257,5 @@ def test_remainders_are_exact(lanes):
 
 def test_bits_of_two_by_pi():
     with mpmath.workprec(1400):
-        exact = int(mpmath.floor(2 / mpmath.pi * mpmath.mpf(2) ** (4 * len(reduction.BITS))))
-    assert int(reduction.BITS, 16) == exact
+        exact = int(mpmath.floor(2 / mpmath.pi * mpmath.mpf(2) ** (4 * len(trigonometric.BITS))))
+    assert int(trigonometric.BITS, 16) == exact

@@ -7,7 +7,7 @@ import pytest
 from jax import lax
 
 from jaxball.programs.native.emit.operations import loops
-from jaxball.programs.native.ir import lanes
+from jaxball.programs.native.ir import turns
 
 from .comparison import agree, native
 
@@ -21,12 +21,12 @@ def _in_lanes(monkeypatch):
     entered = []
 
     def noted(*arguments):
-        found = lanes.independent(*arguments)
+        found = turns.independent(*arguments)
         entered.append(found is not None)
         return found
 
     monkeypatch.setattr(loops, "independent", noted)
-    monkeypatch.setattr(lanes, "LEAST_WORK", 0)  # also where they do not pay
+    monkeypatch.setattr(turns, "LEAST_WORK", 0)  # also where they do not pay
     yield
     assert any(entered)
 

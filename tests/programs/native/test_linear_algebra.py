@@ -9,6 +9,7 @@ from jax import lax
 
 from jaxball.programs.native.ir.elements import UnsupportedError
 from jaxball.programs.native.targets import machine
+from tests.support.sentences import refuses
 
 from .comparison import native
 
@@ -145,5 +146,5 @@ def test_derivatives_and_loops():
 
 def test_without_a_routine(monkeypatch):
     monkeypatch.setattr(machine, "routine", lambda library, name: None)
-    with pytest.raises(UnsupportedError, match="dgetrf of SciPy's LAPACK"):
+    with refuses(UnsupportedError, "SciPy"):
         native(jnp.linalg.inv, np.eye(3))

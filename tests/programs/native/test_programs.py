@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from jax import lax
 
-from jaxball.programs.native.ir import lanes
+from jaxball.programs.native.ir import turns
 
 from .comparison import native
 
@@ -160,7 +160,7 @@ def in_lanes(program, length):
 def everything_in_lanes():
     """Also what does not pay."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(lanes, "LEAST_WORK", 0)
+        patch.setattr(turns, "LEAST_WORK", 0)
         yield
 
 

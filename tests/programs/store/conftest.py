@@ -8,7 +8,7 @@ from jax.experimental.compilation_cache.compilation_cache import reset_cache
 @pytest.fixture(autouse=True)
 def without_the_folders_of_all_tests(monkeypatch):
     """JAX's own cache, beside which XLA's programs are not kept, and jaxball's."""
-    from jaxball.compat import settings
+    from jaxball.interface.compat import settings
     from jaxball.programs.store import current
 
     monkeypatch.setenv("JAXBALL_NO_CACHE", "1")

@@ -10,6 +10,8 @@ import pytest
 import jaxball
 from jaxball.cli import main
 from jaxball.programs.store import current
+from jaxball.programs.store.current import LIST, XLA
+from jaxball.programs.store.folder import Folder
 from tests.scenario.documents import DISK
 
 
@@ -97,7 +99,7 @@ def test_the_command_counts_the_programs_of_each_compiler(tmp_path, place, capsy
     for name in ("native", "xla"):
         monkeypatch.setenv("JAXBALL_COMPILER", name)
         assert main(["simulate", str(tmp_path / "run.toml"), "--out", str(tmp_path / "run.npz"), "--quiet"]) == 0
-        counts.append(jaxball.cache.contents())
+        counts.append(jaxball.programs.cache.contents())
     assert counts[0].native > 0
     assert counts[1].native == counts[0].native
     assert counts[1].xla > counts[0].xla
@@ -119,10 +121,9 @@ def test_the_command_says_why_programs_are_not_kept(place, capsys, monkeypatch):
 
 
 def test_neither_the_command_nor_the_library_imports_jax(tmp_path):
-    program = (
-        "import sys, jaxball.cache; from jaxball.cli import main; main(['cache'])\nassert 'jax' not in sys.modules"
-    )
-    program += "\njaxball.cache.enable('programs')\nassert 'jax' not in sys.modules\nprint('done')"
+    program = "import sys, jaxball.programs.cache; from jaxball.cli import main; main(['cache'])\n"
+    program += "assert 'jax' not in sys.modules"
+    program += "\njaxball.programs.cache.enable('programs')\nassert 'jax' not in sys.modules\nprint('done')"
     code, stdout, stderr = command(folder=tmp_path, program=program, JAXBALL_CACHE_DIR=str(tmp_path))
     assert (code, stderr) == (0, "")
     assert stdout.endswith("done\n")
@@ -131,21 +132,66 @@ def test_neither_the_command_nor_the_library_imports_jax(tmp_path):
 def test_a_command_called_from_python_leaves_the_library_as_it_was(place, tmp_path):
     (tmp_path / "run.toml").write_text(DISK)
     assert main(["validate", str(tmp_path / "run.toml")]) == 0
-    assert current.store is None
+    assert current.store() is None
 
 
-def test_the_library_keeps_programs_when_it_is_told_to(place, monkeypatch):
+KEPT = """
+import sys, jax, jaxball
+from jaxball.programs import cache
+from jaxball.programs.native import compiler
+jax.config.update("jax_enable_x64", True)
+{first}
+with compiler("{compiler}"):
+    ball = jaxball.Ball(mass=1.0, inertia=(0.4, 0.4, 0.4))
+    jaxball.simulate(ball, [0.0, 1.0], jaxball.BallState(Omega=(1.0, 0.0, 0.0)))
+print(cache.contents().native, cache.contents().xla)
+"""
+
+
+@pytest.mark.thorough
+def test_python_keeps_native_programs_unless_it_is_told_not_to(tmp_path):
+    """Those of XLA alone where one asks for them: XLA complains on stderr when it loads one."""
+
+    def kept(folder, first="", compiler="native", **environment):
+        program = KEPT.format(first=first, compiler=compiler)
+        variables = {"JAXBALL_NO_CACHE": "", "JAXBALL_CACHE_DIR": str(tmp_path / folder)} | environment
+        code, stdout, stderr = command(folder=tmp_path, program=program, **variables)
+        assert (code, stderr) == (0, "")
+        return tuple(map(int, stdout.split()))
+
+    native, xla = kept("kept")
+    assert (native > 0, xla) == (True, 0)
+    assert kept("kept") == (native, 0)  # found, and not written again
+    assert kept("disabled", "cache.disable()") == (0, 0)
+    assert kept("variable", JAXBALL_NO_CACHE="1") == (0, 0)
+    assert kept("by_xla", compiler="xla") == (0, 0)
+    assert kept("asked", "cache.enable()", compiler="xla")[1] > 0
+
+
+@pytest.mark.thorough
+def test_a_command_keeps_programs_of_xla_too_and_a_list_of_what_it_loads_early(tmp_path, place):
+    """Also where the library has found the user's folder before, and kept native programs there."""
+    (tmp_path / "run.toml").write_text(DISK)
+    program = "import sys; from jaxball.programs.store import current; assert current.store(); "
+    program += "from jaxball.cli import main; sys.exit(main(['simulate', 'run.toml', '--quiet']))"
+    assert command(folder=tmp_path, program=program, JAXBALL_COMPILER="xla") == (0, "", "")
+    folder = Folder(place)
+    assert folder.count(LIST) == 1
+    assert folder.count(XLA) > 0
+
+
+def test_the_library_keeps_programs_where_it_is_told_to(place, monkeypatch):
     try:
-        assert jaxball.cache.enable()
-        assert jaxball.cache.in_use() == place
-        assert jaxball.cache.enable(place / "elsewhere")
-        assert jaxball.cache.in_use() == place / "elsewhere"
+        assert jaxball.programs.cache.enable()
+        assert current.store().folder.path == place
+        assert jaxball.programs.cache.enable(place / "elsewhere")
+        assert current.store().folder.path == place / "elsewhere"
     finally:
-        jaxball.cache.disable()
-    assert jaxball.cache.in_use() is None
+        jaxball.programs.cache.disable()
+    assert current.store() is None
     monkeypatch.setenv("JAXBALL_NO_CACHE", "1")
-    assert not jaxball.cache.enable()
-    assert jaxball.cache.in_use() is None
+    assert not jaxball.programs.cache.enable()
+    assert current.store() is None
 
 
 def test_the_folder_is_the_users_own(monkeypatch, tmp_path):
@@ -153,5 +199,5 @@ def test_the_folder_is_the_users_own(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.delenv("JAXBALL_CACHE_DIR", raising=False)
     if sys.platform.startswith("linux"):
-        assert jaxball.cache.contents().folder == tmp_path / "jaxball" / "programs"
+        assert jaxball.programs.cache.contents().folder == tmp_path / "jaxball" / "programs"
     assert not list(tmp_path.iterdir())

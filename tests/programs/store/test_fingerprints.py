@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from jaxball import Ball, Circle, Disk, Fixed, FunctionSchedule, OnRail, PointMass, Pulse, SphericalFrame, Status
-from jaxball.compat import Primitive
+from jaxball.interface.compat import Primitive
 from jaxball.numerics import vectors, versor
 from jaxball.programs.identity.fingerprints import digest
 from jaxball.programs.identity.names import NoNameError

@@ -30,6 +30,7 @@ class Memory:
 
     def __init__(self, contents, surroundings="here"):
         self.contents, self.surroundings, self.found, self.missed = contents, surroundings, [], []
+        self.keeps_xla = True
 
     def identity(self):
         return self.surroundings

@@ -3,6 +3,7 @@
 import ast
 import inspect
 import os
+import re
 import subprocess
 import sys
 import types
@@ -12,26 +13,23 @@ import jax
 import pytest
 
 import jaxball
+from jaxball.interface.names import public_packages
 from jaxball.programs.identity import code, purity
 from jaxball.programs.identity.fingerprints import digest
 from jaxball.programs.identity.names import NoNameError
 
 SOURCE = Path(jaxball.__file__).parent
 # Of the interface, by the contracts in pyproject.toml: what imports neither files nor figures, and all that solves.
-WITHOUT_FILES = ("physics", "simulation", "numerics", "classical", "solvers", "sensors", "ensemble", "estimation")
-PACKAGES = (
-    *("", "chaos", "classical", "control", "design", "ensemble", "environments", "estimation", "mjcf", "urdf"),
-    *("results", "scenario", "sensors", "solvers", "stability", "sweep", "verify"),
-)
+WITHOUT_FILES = ("physics", "simulation", "numerics", "control.estimation")
 
 
 @pytest.fixture(scope="module")
 def public():
     """Each public function and class, by its name."""
     named = {}
-    for package in PACKAGES:
-        module = getattr(jaxball, package) if package else jaxball
-        named |= {f"{package}.{name}".strip("."): getattr(module, name) for name in dir(module)}
+    for package in public_packages(jaxball):
+        within = package.__name__.removeprefix("jaxball").strip(".")
+        named |= {f"{within}.{name}".strip("."): getattr(package, name) for name in package.__all__}
     return {name: value for name, value in named.items() if isinstance(value, types.FunctionType | type)}
 
 
@@ -48,36 +46,39 @@ def is_pure(value):
 
 def test_what_takes_a_path_is_refused(public):
     functions = {name: value for name, value in public.items() if isinstance(value, types.FunctionType)}
-    readers = {name: value for name, value in functions.items() if "Path" in str(inspect.signature(value))}
-    assert {"load_run", "load_scenario", "design.load_result", "sweep.open_grid"} < set(readers)
+    readers = {
+        name: value for name, value in functions.items() if re.search("PathLike|pathlib", str(inspect.signature(value)))
+    }
+    assert {"load_run", "load_scenario", "studies.design.load_result", "studies.sweep.open_store"} < set(readers)
     assert [name for name, value in readers.items() if is_pure(value)] == []
 
 
 def test_what_only_computes_is_not(public):
     packages = tuple(f"jaxball.{package}." for package in WITHOUT_FILES)
     computing = {name: value for name, value in public.items() if value.__module__.startswith(packages)}
-    assert {"simulate", "Ball", "ensemble.simulate_ensemble", "solvers.RadauIIA"} < set(computing)
+    assert {"simulate", "Ball", "simulation.ensemble.simulate_ensemble", "simulation.solvers.RadauIIA"} < set(computing)
     assert [name for name, value in computing.items() if not is_pure(value)] == []
 
 
 @pytest.mark.parametrize(
     "expression",
     [
-        "jaxball.design.load_result(path)",
-        "jaxball.design.result.load_result(path)",
-        "jaxball.sweep.open_grid(path)",
+        "jaxball.studies.design.load_result(path)",
+        "jaxball.studies.design.result.load_result(path)",
+        "jaxball.studies.sweep.open_store(path).grid()",
         "getattr(jaxball, 'load_run')(path)",
         "result.before.save(path)",
         "loading(path)",
         "(lambda module: module.load_run(path))(jaxball)",
-        "jaxball.cpu.cores()",
-        "jaxball.cache.contents().files",
+        "jaxball.programs.cpu.cores()",
+        "jaxball.programs.cache.contents().files",
         "jaxball.simulate(ball, times).save(path)",
     ],
 )
 def test_by_whatever_way_a_function_reads_it_is_refused(expression):
     names = {}
-    text = "import functools, jaxball\nimport jaxball.design.result\nloading = functools.partial(jaxball.load_run)\n"
+    text = "import functools, jaxball\nimport jaxball.studies.design.result\n"
+    text += "loading = functools.partial(jaxball.load_run)\n"
     text += "path, result, ball, times = 'a file', jaxball.Trajectory, None, None\n"
     exec(f"{text}def f(x):\n    return {expression}\n", names)
     for f in (names["f"], jax.grad(names["f"])):
@@ -102,7 +103,7 @@ def own_module(name, text):
         ("from time import time\ndef f(x):\n    return x * time()", False),
         ("import os\ndef f(x):\n    return [lambda: os.environ['X']][0]", False),
         ("def f(x):\n    from tomllib import loads\n    return loads(x)", False),
-        ("def f(x):\n    from .results import load_run\n    return load_run(x)", False),
+        ("def f(x):\n    from .files.results import to_dataset as load_run\n    return load_run(x)", False),
         ("TABLE = {}\ndef f(x):\n    return TABLE['a'](x)\nTABLE['a'] = lambda x: open(x)", False),
         ("class A:\n    def z(self):\n        return open(self)\ndef f(x):\n    return A()", False),
         ("class A:\n    def other(self):\n        return open(self)\ndef f(x):\n    return A()", True),
@@ -157,7 +158,7 @@ import jaxball
 from jaxball import programs
 from jaxball.programs import computation
 
-jaxball.cache.enable(sys.argv[1])
+jaxball.programs.cache.enable(sys.argv[1])
 traced, original = [], computation.Computation._of_arrays
 computation.Computation._of_arrays = lambda of, *given: traced.append(of.name) or original(of, *given)
 
@@ -174,7 +175,7 @@ print(float(jaxball.jit(momentum)(2.0)), len([name for name in traced if name ==
 @pytest.mark.parametrize(
     ("mass_of", "traces"),
     [
-        ("jaxball.design.load_result('result').after.system.mass", [1, 1]),
+        ("jaxball.studies.design.load_result('result').after.system.mass", [1, 1]),
         ("jaxball.Disk(mass=3.0, inertia=1.0).mass", [1, 0]),
     ],
 )

@@ -78,7 +78,7 @@ from pathlib import Path
 import numpy as np
 import jax.numpy as jnp
 from jaxball.programs import native
-from jaxball.cache import current
+from jaxball.programs.cache import current
 from jaxball.programs.store.folder import Folder
 from jaxball.programs.store.folder_store import FolderStore
 from jaxball import programs

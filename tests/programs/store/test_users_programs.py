@@ -316,7 +316,7 @@ import jaxball
 from jaxball import programs
 from jaxball.programs import computation
 import model
-jaxball.cache.enable(sys.argv[1])
+jaxball.programs.cache.enable(sys.argv[1])
 traced, original = [], computation.Computation._of_arrays
 computation.Computation._of_arrays = lambda *given: traced.append(1) or original(*given)
 results = [jaxball.jit(f)(0.3) for f in (jax.grad(model.loss), lambda x: model.held(x))]
@@ -343,7 +343,7 @@ def test_processes_find_programs_of_users_modules(tmp_path):
     (first, results), (second, again), (third, other) = run(), run(), run(number="2.5")
     assert (first, second, third) == (2, 0, 1)
     assert results == again
-    assert jaxball.cache.contents(folder).files == 3
+    assert jaxball.programs.cache.contents(folder).files == 3
     for changes, found in (({}, results), ({"number": "2.5"}, other)):
         names = functions(**changes)
         expected = jax.jit(jax.grad(names["loss"]))(0.3), names["held"](0.3)

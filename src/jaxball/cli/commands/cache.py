@@ -2,8 +2,8 @@
 
 import argparse
 
-from ...cache import Contents, clear, contents
 from ...interface.wording import number_of
+from ...programs.cache import Contents, clear, contents
 
 
 def add(parser: argparse.ArgumentParser) -> None:

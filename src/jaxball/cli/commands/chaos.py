@@ -6,9 +6,9 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...files.scenario.paths import entries
+from ...files.scenario.solvers import SOLVERS
 from ...interface.status import Status
-from ...scenario.paths import entries
-from ...scenario.solvers import SOLVERS
 from ..input import add_scenario, scenario_document, scenario_of
 from ..jax_setup import set_up_jax
 from ..options import (
@@ -25,8 +25,8 @@ from ..options import (
 if TYPE_CHECKING:
     import xarray
 
-    from ...chaos import LyapunovSpectrum
-    from ...scenario import Scenario
+    from ...analysis.chaos.result import LyapunovSpectrum
+    from ...files.scenario.scenario import Scenario
 
 DIRECTIONS = {"rising": 1, "falling": -1, "both": 0}
 INTERVAL, INTERVAL_OF_A_CHART = 1.0, 10.0
@@ -77,8 +77,8 @@ def _exponents(options: argparse.Namespace) -> int:
     check_outputs(options, (".csv",))
     document = scenario_document(options)
     set_up_jax()
-    from ...chaos import lyapunov_spectrum
-    from ...scenario.body import require_whole_run
+    from ...analysis.chaos import lyapunov_spectrum
+    from ...files.scenario.body import require_whole_run
     from ..files import report
 
     scenario = scenario_of(document, options.scenario)
@@ -105,7 +105,7 @@ def _exponents(options: argparse.Namespace) -> int:
         _content(scenario, spectrum),
         [spectrum],
         save=lambda path: _save_means(spectrum, path),
-        draw=lambda plot: plot.lyapunov_convergence(spectrum),
+        draw=lambda plot: spectrum.plot(),
         failure="" if spectrum.ok else spectrum.message,
     )
 
@@ -117,7 +117,7 @@ def _chart(options: argparse.Namespace) -> int:
     axes = chart_axes(options)
     document = scenario_document(options)
     set_up_jax()
-    from ...sweep.charts import scenario_chart
+    from ...studies.sweep.charts import scenario_chart
     from ..files import write_chart
 
     compute = functools.partial(
@@ -127,7 +127,7 @@ def _chart(options: argparse.Namespace) -> int:
         transient=options.transient,
         interval=options.interval or INTERVAL_OF_A_CHART,
     )
-    return write_chart(options, document, axes, compute, _chart_summary, lambda plot: plot.chaos_chart)
+    return write_chart(options, document, axes, compute, _chart_summary, lambda plot: plot.chart)
 
 
 def _poincare(options: argparse.Namespace) -> int:
@@ -135,9 +135,9 @@ def _poincare(options: argparse.Namespace) -> int:
     path, value = _section(options.poincare)
     document = scenario_document(options)
     set_up_jax()
-    from ...chaos import poincare_map
+    from ...analysis.chaos import poincare_map
+    from ...files.scenario.body import require_whole_run
     from ...numerics.arrays import to_array
-    from ...scenario.body import require_whole_run
     from ...simulation.deviations_with_modes import point_of_run
     from ..files import numbers_of, report
 

@@ -32,8 +32,8 @@ def run(options: argparse.Namespace) -> int:
     file = Path(options.problem)
     with working(options, "reading the problem"):
         set_up_jax()
-        from ...design.files import CONTROL_TABLE, problem_of, read_control
-        from ...design.result import Source
+        from ...studies.design.files import CONTROL_TABLE, problem_of, read_control
+        from ...studies.design.result import Source
 
         with gather_problems(options.problem):
             problem_file = (read_control if CONTROL_TABLE in document else problem_of)(document, file.parent)
@@ -49,10 +49,9 @@ def _progress(options: argparse.Namespace, line: Line) -> Callable[[str], None]:
 
 
 def _control(options: argparse.Namespace, problem_file: Any, source: Any) -> int:
-    from ...design.optimal_control.confirmed import solve_control
-    from ...design.optimal_control.solution import means
-    from ...design.report import objectives_in_units, violation, write_control_report, write_design
-    from ...design.search.design import SCENARIO
+    from ...studies.design.optimal_control.schedules import solve_control
+    from ...studies.design.report import objectives_in_units, violation, write_control_report, write_design
+    from ...studies.design.search.design import SCENARIO
 
     saved = False
 
@@ -72,7 +71,7 @@ def _control(options: argparse.Namespace, problem_file: Any, source: Any) -> int
         report = write_control_report(done, problem_file.title, problem_file.saves, options.out, source)
     violations = {name: violation(by, done.violation) for name, by in done.seen.violations.items()}
     end_time = {} if done.free_end_time is None else {"end time": float(done.solution.path.mesh[-1])}
-    _print_summary(problem_file.title, end_time | means(done.solution), objectives_in_units(done), violations)
+    _print_summary(problem_file.title, end_time | done.solution.means(), objectives_in_units(done), violations)
     print(f"  written: {report}, {options.out / SCENARIO}")
     for name, by in done.broken.items():
         sentence = f"The constraint `{name}` is violated by {by:.2g}, where {done.violation:g} is allowed"
@@ -81,8 +80,8 @@ def _control(options: argparse.Namespace, problem_file: Any, source: Any) -> int
 
 
 def _search(options: argparse.Namespace, problem_file: Any, source: Any) -> int:
-    from ...design.report import objectives_in_units, violation, write_report
-    from ...design.search.design import PROGRESS, SCENARIO, design, warnings
+    from ...studies.design.report import objectives_in_units, violation, write_report
+    from ...studies.design.search.design import PROGRESS, SCENARIO, warnings
 
     def describe_stop() -> str:
         # A search writes both; before that there is nothing to resume.
@@ -93,7 +92,7 @@ def _search(options: argparse.Namespace, problem_file: Any, source: Any) -> int:
     problem, settings = problem_file.problem, problem_file.settings
     with interrupt_message(describe_stop), working(options, "searching for a design") as line:
         say = _progress(options, line)
-        done = design(problem, settings, options.out, identity=problem_file.identity, say=say)
+        done = problem.optimise(settings, options.out, identity=problem_file.identity, say=say)
         say(REPORTING)
         report = write_report(done, problem_file.title, options.out, source)
     values = dict(zip(problem.objectives, done.verified.finer.terms.tolist(), strict=True))

@@ -44,7 +44,7 @@ def run(options: argparse.Namespace) -> int:
         check_destination(options.controls, (".csv",), "--controls")
     document = scenario_document(options)
     set_up_jax()
-    from ...mjcf import to_mjcf
+    from ...files.mjcf import to_mjcf
     from ..files import write_csv
 
     scenario = scenario_of(document, options.scenario)

@@ -6,15 +6,15 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ...files.scenario.errors import ScenarioError
+from ...files.scenario.sources import text_of
 from ...interface.output import check_destination, write_text
-from ...scenario.errors import ScenarioError
-from ...scenario.sources import text_of
 from ..input import STDIN, refuse_document
 from ..jax_setup import set_up_jax
 from ..options import STDOUT, BadInputError, add_quiet, name_files, positive, say
 
 if TYPE_CHECKING:
-    from ...scenario import Scenario
+    from ...files.scenario.scenario import Scenario
 
 DEFAULT_END, DEFAULT_STEP = 10.0, 0.1
 
@@ -63,13 +63,14 @@ def run(options: argparse.Namespace) -> int:
     if options.shell is not None and not urdf:
         raise BadInputError("Argument `--shell` must be left out for a file that is no URDF, where one body rolls.")
     set_up_jax()
-    from ...mjcf import read_mjcf
-    from ...scenario import write_scenario
-    from ...urdf import read_urdf
+    from ...files.mjcf import read_mjcf
+    from ...files.scenario.files import write_scenario
+    from ...files.scenario.sources import with_schema
+    from ...files.urdf import read_urdf
 
     robot = read_urdf(text, shell=options.shell) if urdf else read_mjcf(text, contact=options.contact)
     scenario = _with_times(robot.scenario, options.end, options.step)
-    written = write_scenario(scenario)
+    written = with_schema(write_scenario(scenario))
     notes = [*robot.notes, *_problems(scenario)]
     # Standard output has the file, and nothing else.
     if options.out == STDOUT:

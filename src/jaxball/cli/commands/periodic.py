@@ -7,10 +7,10 @@ import math
 import sys
 from typing import TYPE_CHECKING, Any
 
+from ...files.scenario.errors import ScenarioError
+from ...files.scenario.paths import check_number, entries, value_at
 from ...interface.status import Status
 from ...interface.wording import number_of
-from ...scenario.errors import ScenarioError
-from ...scenario.paths import check_number, entries, value_at
 from ..input import add_scenario, scenario_document, scenario_of
 from ..jax_setup import compile_for, set_up_jax
 from ..options import (
@@ -30,10 +30,10 @@ from ..options import (
 if TYPE_CHECKING:
     import xarray
 
-    from ...stability import PeriodicMotion
+    from ...analysis.stability.periodic import PeriodicMotion
 
 ITERATIONS = 20
-NAMES = ("period", "turns", "residual", "periodic", "stable", "kind", "growth", "least_normal_force", "iterations")
+NAMES = ("period", "turns", "residual", "ok", "stable", "kind", "growth", "least_normal_force", "iterations")
 COMPLEX = ("multipliers", "exponents")
 
 
@@ -118,12 +118,12 @@ def _motion(options: argparse.Namespace, document: dict[str, Any], period: float
     import jax
     import numpy as np
 
+    from ...analysis.stability import periodic_motion
+    from ...analysis.stability.periodic import PERIODIC_TOLERANCE
+    from ...files.scenario.body import require_whole_run
+    from ...files.scenario.checks import message_in_keys
     from ...physics.contact.released import ReleasedState
     from ...programs.program import compile_quickly
-    from ...scenario.body import require_whole_run
-    from ...scenario.checks import message_in_keys
-    from ...stability import periodic_motion
-    from ...stability.periodic import PERIODIC_TOLERANCE
     from ..files import motion_content, report, save_motions
 
     scenario = scenario_of(document, options.scenario)
@@ -167,8 +167,8 @@ def _motion(options: argparse.Namespace, document: dict[str, Any], period: float
         {"title": scenario.title, "motions": [motion_content(motion, (*NAMES, "message"), COMPLEX)]},
         _summary(motion),
         save=lambda path: save_motions([motion], path, NAMES, COMPLEX),
-        draw=lambda plot: plot.multipliers([motion]),
-        failure="" if motion.periodic else motion.message,
+        draw=lambda plot: plot.eigenvalues([motion]),
+        failure="" if motion.ok else motion.message,
     )
 
 
@@ -176,12 +176,12 @@ def _chart(
     options: argparse.Namespace, document: dict[str, Any], period: float | str, axes: tuple[ChartAxis, ChartAxis]
 ) -> int:
     """Computes the chart of a document, saves it and draws it."""
-    from ...sweep.charts import scenario_floquet_chart
+    from ...studies.sweep.charts import scenario_floquet_chart
     from ..files import write_chart
 
     compute = functools.partial(scenario_floquet_chart, document, period=period, iterations=options.iterations)
     try:
-        return write_chart(options, document, axes, compute, _chart_summary, lambda plot: plot.stability_chart)
+        return write_chart(options, document, axes, compute, _chart_summary, lambda plot: plot.chart)
     except (ValueError, TypeError) as error:
         raise ScenarioError(str(error)) from None
 
@@ -223,7 +223,7 @@ def _angles(state: Any) -> list[str]:
     """Lists the names of the components that may gain whole turns."""
     import numpy as np
 
-    from ...stability.shooting import countable
+    from ...analysis.stability.shooting import countable
     from ..files import numbers_of
 
     names = [entry for name, leaf in numbers_of(state).items() for entry in entries(name, np.shape(leaf))]

@@ -3,10 +3,18 @@
 import argparse
 from pathlib import Path
 
-from ...results.files import check_saved
+from ...files.results.files import check_saved
 from ..input import refuse_document
 from ..jax_setup import set_up_jax
-from ..options import add_formats, add_quiet, add_replacing, check_figures_folder, name_files, say, working
+from ..options import (
+    add_formats,
+    add_quiet,
+    add_replacing,
+    check_figures_folder,
+    name_files,
+    say,
+    working,
+)
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -29,8 +37,9 @@ def run(options: argparse.Namespace) -> int:
     refuse_document(options.saved)
     check_saved(options.saved)
     set_up_jax()
+    from ...files.results import saved_scenario
+    from ...files.results.loading import load_run
     from ...programs.program import compile_quickly
-    from ...results import load_run, saved_scenario
     from ..files import draw_figures
 
     with working(options, "drawing"), compile_quickly():

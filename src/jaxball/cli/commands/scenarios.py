@@ -2,7 +2,7 @@
 
 import argparse
 
-from ...scenario.sources import builtin_scenarios, builtin_text, builtin_title
+from ...files.scenario.sources import builtin_scenarios, builtin_text, builtin_title, with_schema
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -11,7 +11,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     if options.name is not None:
-        print(builtin_text(options.name), end="")
+        print(with_schema(builtin_text(options.name)), end="")
         return 0
     names = builtin_scenarios()
     width = max(len(name) for name in names)

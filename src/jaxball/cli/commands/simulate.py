@@ -8,12 +8,12 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...files.results.files import check_format
+from ...files.scenario.errors import ScenarioError
+from ...files.scenario.paths import with_values
+from ...files.scenario.solvers import SOLVERS
 from ...interface.output import check_view
 from ...interface.wording import heading, number_of
-from ...results.files import check_format
-from ...scenario.errors import ScenarioError
-from ...scenario.paths import with_values
-from ...scenario.solvers import SOLVERS
 from ..animation import add_animation, check_animation, check_span, write_animation
 from ..input import add_scenario, scenario_document, scenario_of, source_name
 from ..jax_setup import compile_for, set_up_jax
@@ -33,7 +33,7 @@ from ..options import (
 )
 
 if TYPE_CHECKING:
-    from ...scenario import Scenario
+    from ...files.scenario.scenario import Scenario
     from ...simulation.events import AbstractEvent, Occurrences
     from ...simulation.trajectory import Trajectory
 
@@ -111,10 +111,10 @@ def _scenario(options: argparse.Namespace, document: dict[str, Any]) -> "Scenari
 
 
 def _simulate(options: argparse.Namespace, scenario: "Scenario") -> int:
-    from ... import plot, results
+    from ... import plot
+    from ...files.scenario.checks import message_in_keys
     from ...physics.rolling import AbstractRollingSystem
     from ...plot.record import finite_rows
-    from ...scenario.checks import message_in_keys
     from ..files import find_places, write_json
 
     # The dense output serves the extremes of the contact force, which other systems do not have; samples have none.
@@ -128,8 +128,10 @@ def _simulate(options: argparse.Namespace, scenario: "Scenario") -> int:
     written = []
     if options.out is not None:
         with working(options, "evaluating and saving"):
+            from ...files.results.saving import save
+
             _evaluate(trajectory)
-            results.save(trajectory, options.out, scenario)
+            save(trajectory, options.out, scenario)
         written.append(str(options.out))
     if options.view is not None and finite_rows(trajectory).size:  # also for a run that failed, to see why
         with working(options, "writing the view"):
@@ -183,10 +185,10 @@ def _content(scenario: "Scenario", trajectory: "Trajectory[Any, Any]") -> dict[s
     """Returns the summary as JSON: the attributes of a result file, and the state at the end."""
     import numpy as np
 
+    from ...files.results.saving import attributes
+    from ...files.results.variables import history_summary
     from ...numerics.arrays import arrays_of
     from ...physics.body import AbstractBody
-    from ...results.saving import attributes
-    from ...results.variables import history_summary
 
     about = {name: value for name, value in attributes(trajectory, scenario).items() if name != "format"}
     end = {name: np.asarray(leaf)[-1] for name, leaf in arrays_of(trajectory.state).items()}
@@ -270,7 +272,7 @@ def _with_contact(document: dict[str, Any], law: str | None) -> dict[str, Any]:
 
     **Raises:** :class:`~jaxball.ScenarioError` for a system that is no ball or disk.
     """
-    from ...scenario.classical import CLASSICAL
+    from ...files.scenario.classical import CLASSICAL
 
     if law is None:
         return document

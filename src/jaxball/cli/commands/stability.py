@@ -4,18 +4,18 @@ import argparse
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from ...files.scenario.errors import ScenarioError
 from ...interface.wording import all_of
-from ...scenario.errors import ScenarioError
 from ..input import add_scenario, scenario_document, scenario_of
 from ..jax_setup import set_up_jax
 from ..options import BadInputError, add_results, check_outputs, in_commands, number, working
 
 if TYPE_CHECKING:
-    from ...scenario import Scenario
-    from ...stability import SteadyMotion
+    from ...analysis.stability.steady import SteadyMotion
+    from ...files.scenario.scenario import Scenario
 
 MOST_MOTIONS_SHOWN = 20  # motions in a summary; files have all
-NAMES, COMPLEX = ("turning", "residual", "steady", "stable", "kind"), ("eigenvalues",)
+NAMES, COMPLEX = ("turning", "residual", "ok", "stable", "kind"), ("eigenvalues",)
 ELSE = "give --initial for a state that is steady, or use jaxball periodic for a motion that repeats itself"
 
 
@@ -66,9 +66,9 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _motions(options: argparse.Namespace, scenario: "Scenario") -> "Sequence[SteadyMotion]":
+    from ...analysis.stability import permanent_rotations, steady_motion, steady_rolling
+    from ...files.scenario.body import rolling_state
     from ...physics.body import AbstractBody, Ball
-    from ...scenario.body import rolling_state
-    from ...stability import permanent_rotations, stability, steady_rolling
 
     system = scenario.system
     t = float(scenario.times[0]) if options.time is None else options.time
@@ -79,7 +79,7 @@ def _motions(options: argparse.Namespace, scenario: "Scenario") -> "Sequence[Ste
             "jaxball periodic for a motion that repeats itself."
         )
     if options.initial:
-        return (stability(system, scenario.state, turning=options.turning or 0.0, t=t),)  # pyright: ignore
+        return (steady_motion(system, scenario.state, turning=options.turning or 0.0, t=t),)  # pyright: ignore
     if not isinstance(system, Ball):
         searched = f"Steady motions are searched for only for a ball, but the scenario is of a {system.title}"
         raise ValueError(f"{searched}; {ELSE}.")

@@ -11,7 +11,7 @@ from ...interface.starting import STOPPED
 from ...interface.wording import all_of, number_of, pip_install
 from ..input import STUDY, gather_problems, text_and_document
 from ..jax_setup import set_up_jax
-from ..options import FAILED_SOLVE, BadInputError, add_formats, add_replacing, count, working
+from ..options import FAILED_SOLVE, OUT_MISSING, BadInputError, add_formats, add_replacing, count, working
 
 NEEDED = ("zarr", "google_crc32c", "pandas", "pyarrow", "scipy", "filelock", "psutil")
 
@@ -56,9 +56,9 @@ def run(options: argparse.Namespace) -> int:
         if options.store is None:
             parser.error("the following argument is required after status: STORE")
         set_up_jax()
-        from ... import sweep
+        from ...studies import sweep
 
-        print(sweep.describe(options.store))
+        print(sweep.open_store(options.store).describe())
         return 0
     if options.study == "plot":
         return _plot(parser, options)
@@ -70,7 +70,7 @@ def run(options: argparse.Namespace) -> int:
     if options.store is not None:
         parser.error(f"unrecognized argument: {options.store}")
     if options.out is None and not options.dry_run:
-        parser.error("the following argument is required: --out")
+        parser.error(OUT_MISSING)
     if not options.dry_run or options.measure:
         require_packages(NEEDED)
     text, _ = text_and_document(options.study, "study", STUDY)
@@ -80,19 +80,19 @@ def run(options: argparse.Namespace) -> int:
 
 def _sweep(options: argparse.Namespace, text: str) -> int:
     """Runs the study of a file with this text, or says how much there is to run."""
-    from ... import sweep
+    from ...studies import sweep
 
     with gather_problems(options.study):
         study = sweep.read_study(text, Path(options.study).parent)
     if options.dry_run:
         with working(options, "solving a few rows"):
-            estimate = sweep.estimate(study, measure=options.measure, workers=options.workers).sentence()
+            estimate = study.estimate(measure=options.measure, workers=options.workers).sentence()
         print(estimate if options.measure else f"{estimate}; --measure solves a few rows to estimate the time")
         return 0
     try:
         with interrupt_message(lambda: _describe_stop(options.out)):
             workers = options.workers or 1
-            outcome = sweep.sweep(study, options.out, workers=workers, shard=options.shard, stream=sys.stderr)
+            outcome = study.run(options.out, workers=workers, shard=options.shard, stream=sys.stderr)
     except sweep.WorkerError as error:
         print(f"jaxball: {error}", file=sys.stderr)
         return FAILED_SOLVE
@@ -102,7 +102,7 @@ def _sweep(options: argparse.Namespace, text: str) -> int:
             file=sys.stderr,
         )
         return exit_code()
-    print(sweep.describe(outcome.store))
+    print(sweep.open_store(outcome.store).describe())
     written = f"{outcome.store}, {outcome.table}" if outcome.finished else f"{outcome.store}; other shards are not done"
     print(f"  written: {written}")
     return 0
@@ -113,16 +113,19 @@ def _describe_stop(out: Path) -> str:
 
 
 def _plot(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
-    if options.store is None or options.out is None:
-        parser.error("the following arguments are required after plot: STORE, --out")
+    if options.store is None:
+        parser.error("the following argument is required after plot: STORE")
+    if options.out is None:
+        parser.error(OUT_MISSING)
     require_packages(("zarr", "google_crc32c"))
     check_folder(options.out, "--out")
     set_up_jax()
-    from ... import plot, sweep
-    from ...sweep.files import check_intact
+    from ... import plot
+    from ...studies import sweep
+    from ...studies.sweep.files import check_intact
     from ..files import suffixes
 
-    data = sweep.open_dataset(options.store)
+    data = sweep.open_store(options.store).dataset()
     # Before anything is drawn of numbers that something else may have changed.
     check_intact(options.store)
     try:

@@ -2,17 +2,16 @@
 
 import argparse
 import dataclasses
-import functools
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from ...files.results.files import READ_BACK
+from ...files.scenario.errors import ScenarioError
 from ...interface.output import check_destination
 from ...interface.status import BACK_WITHIN
 from ...interface.wording import heading
-from ...results.files import READ_BACK
-from ...scenario.errors import ScenarioError
 from ..input import add_scenario, scenario_document, scenario_of
 from ..jax_setup import compile_for, set_up_jax
 from ..options import (
@@ -35,10 +34,12 @@ from ..options import (
 if TYPE_CHECKING:
     import numpy as np
 
-    from ...control import Basin, ClosedLoop, Track
+    from ...control.basins import Basin
     from ...control.feedback import AbstractFeedback
-    from ...scenario import Scenario
-    from ...scenario.feedback import RegulatorSettings
+    from ...control.loop import ClosedLoop
+    from ...control.track import Track
+    from ...files.scenario.feedback import RegulatorSettings
+    from ...files.scenario.scenario import Scenario
 
 ON_RATES = 0.1  # of the default disturbance, rad/time
 WITHOUT, HELD, SEEING = "without feedback", "with feedback", "from sensors"
@@ -130,9 +131,8 @@ def _with_feedback(options: argparse.Namespace, document: dict[str, Any]) -> dic
 
 
 def _track(options: argparse.Namespace, scenario: "Scenario", axes: tuple[ChartAxis, ChartAxis] | None) -> int:
-    from ... import results
-    from ...scenario.checks import message_in_keys
-    from ...scenario.closed_loop import feedback_along, nominal_run
+    from ...files.scenario.checks import message_in_keys
+    from ...files.scenario.closed_loop import feedback_along, nominal_run
     from ..files import find_places, write_json
 
     disturbed = _disturb(options, scenario)
@@ -149,23 +149,25 @@ def _track(options: argparse.Namespace, scenario: "Scenario", axes: tuple[ChartA
     written = []
     if options.out is not None:
         with working(options, "evaluating and saving"):
-            results.save(_last(held[0]).run.set_scenario(disturbed[0]), options.out, disturbed[0])
+            from ...files.results.saving import save
+
+            save(_last(held[0]).run.set_scenario(disturbed[0]), options.out, disturbed[0])
         written.append(str(options.out))
     if options.plot is not None:
         with working(options, "drawing"):
             written.append(_draw(options, scenario, feedback, held, basins))
-    deviations = _Deviations.of(scenario, feedback)
-    write_json(options, _content(scenario, deviations, held, basins))
-    lines = [_track_of(feedback), *_table(deviations, held), *(_basin_line(*entry) for entry in basins.items())]
+    weights = _weights(scenario, feedback)
+    write_json(options, _content(scenario, weights, held, basins))
+    lines = [_track_of(feedback), *_table(weights, held), *(_basin_line(*entry) for entry in basins.items())]
     say(options, heading(scenario.title), *lines, name_files(written))
     return 0 if all(loop.ok for entry in held for loop in entry.loops.values()) else FAILED_SOLVE
 
 
 def _disturb(options: argparse.Namespace, scenario: "Scenario") -> "list[Scenario]":
     """Returns the scenario from each disturbed start: those of --disturb, its own, or else another angular velocity."""
-    from ...control import SampledSystem
+    from ...control.sampled import SampledSystem
     from ...control.weights import by_name
-    from ...scenario.closed_loop import robot_of, settings_of
+    from ...files.scenario.closed_loop import robot_of, settings_of
 
     settings = settings_of(scenario)
     starts = options.disturb or [settings.start]
@@ -181,12 +183,11 @@ def _disturb(options: argparse.Namespace, scenario: "Scenario") -> "list[Scenari
 
 
 def _simulate_loops(options: argparse.Namespace, scenario: "Scenario", feedback: "AbstractFeedback") -> Held:
-    from ...control import Feedforward
-    from ...scenario.closed_loop import loop_along, settings_of, with_estimator
+    from ...files.scenario.closed_loop import loop_along, settings_of, with_estimator
 
     settings = settings_of(scenario)
     # Without feedback, in the same loop: its samples, limits and delay.
-    kinds = {WITHOUT: Feedforward(feedback.sampled, feedback.nominal), HELD: feedback}
+    kinds = {WITHOUT: feedback.feedforward(), HELD: feedback}
     if scenario.estimator is not None:
         kinds[SEEING] = with_estimator(scenario, feedback)
     loops = {}
@@ -204,9 +205,8 @@ def _basins(
     """Finds which starts of the grid come back, by feedback of the state and, with an estimator, from sensors."""
     import numpy as np
 
-    from ...control import basin
-    from ...scenario.closed_loop import robot_of, with_estimator
-    from ...scenario.feedback import in_keys
+    from ...files.scenario.closed_loop import robot_of, with_estimator
+    from ...files.scenario.feedback import in_keys
 
     settings = _regulator(scenario)
     starts = {name: np.linspace(low, high, count) for name, low, high, count in axes}
@@ -216,8 +216,7 @@ def _basins(
     basins = {}
     for name, kind in kinds.items():
         with working(options, f"simulating {axes[0][3] * axes[1][3]:,} starts {name}"), in_keys():
-            basins[name] = basin(
-                kind,
+            basins[name] = kind.basin(
                 starts,
                 Q=settings.Q,
                 within=options.within or BACK_WITHIN,
@@ -230,7 +229,7 @@ def _basins(
 
 
 def _regulator(scenario: "Scenario") -> "RegulatorSettings":
-    from ...scenario.feedback import RegulatorSettings
+    from ...files.scenario.feedback import RegulatorSettings
 
     assert isinstance(scenario.feedback, RegulatorSettings)
     return scenario.feedback
@@ -238,7 +237,8 @@ def _regulator(scenario: "Scenario") -> "RegulatorSettings":
 
 def _track_of(feedback: "AbstractFeedback") -> "Track":
     """Returns the regulator, also of predictive control."""
-    from ...control import PredictiveControl, Track
+    from ...control.prediction import PredictiveControl
+    from ...control.track import Track
 
     track = feedback.track if isinstance(feedback, PredictiveControl) else feedback
     assert isinstance(track, Track)
@@ -249,30 +249,21 @@ def _last(held: Held) -> "ClosedLoop":
     return held.loops.get(SEEING, held.loops[HELD])
 
 
-class _Deviations(NamedTuple):
-    """The measure of deviations, √(ξ·Q ξ / tr Q)."""
-
-    weights: "np.ndarray"
-
-    @classmethod
-    def of(cls, scenario: "Scenario", feedback: "AbstractFeedback") -> "_Deviations":
-        import numpy as np
-
-        from ...control.weights import weight_matrix
-
-        return cls(np.asarray(weight_matrix("Q", _regulator(scenario).Q, _track_of(feedback).directions)))
-
-    def along(self, loop: "ClosedLoop") -> "np.ndarray":
-        import numpy as np
-
-        xi = np.asarray(loop.xi)
-        return np.sqrt(np.einsum("ki,ij,kj->k", xi, self.weights, xi) / np.trace(self.weights))
-
-
-def _numbers(deviations: _Deviations, loop: "ClosedLoop") -> dict[str, float]:
+def _weights(scenario: "Scenario", feedback: "AbstractFeedback") -> "np.ndarray":
+    """Returns the matrix of the measure of deviations, √(ξ·Q ξ / tr Q)."""
     import numpy as np
 
-    along, u, seen = deviations.along(loop), np.abs(np.asarray(loop.u)), loop.run.observables
+    from ...control.weights import weight_matrix
+
+    Q = np.asarray(weight_matrix("Q", _regulator(scenario).Q, _track_of(feedback).directions))
+    return Q / np.trace(Q)
+
+
+def _numbers(weights: "np.ndarray", loop: "ClosedLoop") -> dict[str, float]:
+    import numpy as np
+
+    xi, u, seen = np.asarray(loop.xi), np.abs(np.asarray(loop.u)), loop.run.observables
+    along = np.sqrt(np.einsum("ki,ij,kj->k", xi, weights, xi))
     return {
         "start": float(along[0]),
         "largest": float(np.max(along)),
@@ -282,14 +273,14 @@ def _numbers(deviations: _Deviations, loop: "ClosedLoop") -> dict[str, float]:
     }
 
 
-def _table(deviations: _Deviations, held: list[Held]) -> list[str]:
+def _table(weights: "np.ndarray", held: list[Held]) -> list[str]:
     width = len(WITHOUT) + 10
     columns = ("at first", "largest", "at last", "input", "|f| / N")
     lines = [f"{'deviation, weighted by Q':<{width}}" + "".join(f"{name:>10}" for name in columns)]
     for entry in held:
         lines.append(f"from {entry.start}" if entry.start else "from the motion")
         for name, loop in entry.loops.items():
-            numbers = _numbers(deviations, loop)
+            numbers = _numbers(weights, loop)
             lifts = "  (N ≤ 0: it would leave the ground)" if numbers["friction"] == float("inf") else ""
             lines.append(f"  {name:<{width - 2}}" + "".join(f"{value:>10.4g}" for value in numbers.values()) + lifts)
     return lines
@@ -302,12 +293,12 @@ def _basin_line(name: str, basin: "Basin") -> str:
 
 
 def _content(
-    scenario: "Scenario", deviations: _Deviations, held: list[Held], basins: "dict[str, Basin]"
+    scenario: "Scenario", weights: "np.ndarray", held: list[Held], basins: "dict[str, Basin]"
 ) -> dict[str, Any]:
     """Returns the summary as JSON."""
     content: dict[str, Any] = {"title": scenario.title, "starts": []}
     for entry in held:
-        loops = {name: _numbers(deviations, loop) | {"ok": loop.ok} for name, loop in entry.loops.items()}
+        loops = {name: _numbers(weights, loop) | {"ok": loop.ok} for name, loop in entry.loops.items()}
         content["starts"].append({"start": entry.start, "loops": loops})
     for kind, basin in basins.items():
         data = basin.dataset()
@@ -332,28 +323,24 @@ def _draw(
     from ... import plot
     from ...interface.wording import number_of
     from ...plot.files import run_mark, save_figures
-    from ...plot.style import caption, in_words
+    from ...plot.style import captioned, in_words
     from ..files import figure_name, suffixes
 
     first, last = held[0].loops, _last(held[0])
     drawings: dict[str, Callable[[], Any]] = {
         "paths": lambda: plot.held_paths(first),
         "inputs": lambda: plot.held_inputs({name: loop for name, loop in first.items() if name != WITHOUT}),
-        "gains": lambda: plot.gains(_track_of(feedback)),
+        "gains": lambda: _track_of(feedback).plot(),
     }
     for kind, basin in basins.items():
-        drawings[BASINS[kind]] = functools.partial(plot.basin_map, basin)
+        drawings[BASINS[kind]] = basin.plot
     estimate = last.feedback.estimates(last.times, last.memory)
     if estimate is not None:
-        drawings["estimate"] = lambda: plot.estimate(estimate, last.states)
+        drawings["estimate"] = lambda: estimate.plot(last.states)
     begin = figure_name(options.scenario, scenario)
 
-    def draw_with_caption(draw: Callable[[], Any]) -> Any:
-        drawn = draw()
-        caption(getattr(drawn, "figure", None) or drawn, scenario.system, scenario.title, in_words(scenario.units))
-        return drawn
-
-    named = [(f"{begin}_{name}", functools.partial(draw_with_caption, draw)) for name, draw in drawings.items()]
+    about = scenario.system, scenario.title, in_words(scenario.units)
+    named = [(f"{begin}_{name}", captioned(draw, *about)) for name, draw in drawings.items()]
     paths = save_figures(
         named,
         options.plot,

@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from ...files.scenario.errors import ScenarioError, all_problems
+from ...files.scenario.logs import with_logs
+from ...files.scenario.sources import builtin_scenarios, builtin_text, document_of, text_of
 from ...interface.wording import heading, number_of, plain
-from ...scenario.errors import ScenarioError, all_problems
-from ...scenario.logs import with_logs
-from ...scenario.sources import builtin_scenarios, builtin_text, document_of, text_of
 from ..input import CONTROL, PROBLEM, SCENARIO, STUDY, first_problems, input_text, kind_of_document, source_name
 from ..jax_setup import set_up_jax
 from ..options import BAD_INPUT, sentence
@@ -68,7 +68,7 @@ def _reader(document: dict[str, Any]) -> Callable[[dict[str, Any], Path], str]:
 
 
 def _scenario(document: dict[str, Any], folder: Path) -> str:
-    from ...scenario import read_document
+    from ...files.scenario import read_document
 
     scenario = read_document(with_logs(document, folder))
     times, what = scenario.times, scenario.system.describe()
@@ -79,7 +79,7 @@ def _scenario(document: dict[str, Any], folder: Path) -> str:
 def _study(document: dict[str, Any], folder: Path) -> str:
     import tomli_w
 
-    from ...sweep import read_study
+    from ...studies.sweep import read_study
 
     study = read_study(tomli_w.dumps(document), folder)
     shape = " × ".join(f"{size:,}" for size in study.shape)
@@ -90,7 +90,7 @@ def _study(document: dict[str, Any], folder: Path) -> str:
 
 
 def _problem(document: dict[str, Any], folder: Path) -> str:
-    from ...design.files import problem_of
+    from ...studies.design.files import problem_of
 
     problem = problem_of(document, folder).problem
     size = problem.space.size
@@ -100,7 +100,7 @@ def _problem(document: dict[str, Any], folder: Path) -> str:
 
 
 def _control(document: dict[str, Any], folder: Path) -> str:
-    from ...design.files import read_control
+    from ...studies.design.files import read_control
 
     problem = read_control(document, folder)
     return _add_title(CONTROL.words, f"{problem.intervals} intervals to start with", document)

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...analysis.verify.laws import LAWS
+from ...files.scenario.sources import builtin_scenarios
 from ...interface.output import check_destination
-from ...scenario.sources import builtin_scenarios
-from ...verify.laws import LAWS
 from ..input import add_changes, change_document, is_run, scenario_of
 from ..jax_setup import compile_for, set_up_jax
 from ..options import (
@@ -23,8 +23,8 @@ from ..options import (
 )
 
 if TYPE_CHECKING:
-    from ...scenario import Scenario
-    from ...verify import Report
+    from ...analysis.verify.report import Report
+    from ...files.scenario.scenario import Scenario
 
 LAW_BROKEN = 1
 
@@ -73,8 +73,8 @@ def run(options: argparse.Namespace) -> int:
 
 def _verify(options: argparse.Namespace, documents: Mapping[str, dict[str, Any]]) -> int:
     """Prints a report for each of ``documents``, which have the names of their sources."""
-    from ...results import load_run
-    from ...verify import verify
+    from ...analysis.verify import check_laws
+    from ...files.results.loading import load_run
     from ..files import write_json
 
     scenarios = {name: scenario_of(document, name) for name, document in documents.items()}
@@ -84,7 +84,7 @@ def _verify(options: argparse.Namespace, documents: Mapping[str, dict[str, Any]]
             with working(options, f"checking {name}"), compile_for(scenario):
                 run = load_run(name) if is_run(name) else None
                 subject = scenario if run is None or run.scenario is None else run
-                reports[name] = verify(subject, laws=options.laws, quick=options.quick)
+                reports[name] = check_laws(subject, laws=options.laws, quick=options.quick)
         except ValueError as error:
             raise BadInputError(str(error)) from None
         say(options, f"{name}: {reports[name]}", _draw(options, scenario, reports[name]))

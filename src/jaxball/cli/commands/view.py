@@ -5,16 +5,16 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...files.results.files import READ_BACK, RunError, check_saved
 from ...interface.output import MOST_BODIES, check_view
 from ...interface.wording import number_of
-from ...results.files import READ_BACK, RunError, check_saved
 from ..input import refuse_document
 from ..jax_setup import compile_for, set_up_jax
 from ..options import BadInputError, add_quiet, name_files, positive, say, working
 from .sweep import require_packages
 
 if TYPE_CHECKING:
-    from ...scenario import Scenario
+    from ...files.scenario.scenario import Scenario
     from ...simulation.events import AbstractEvent
     from ...simulation.trajectory import Trajectory
 
@@ -85,8 +85,9 @@ def _rows(text: str) -> tuple[int, ...]:
 def _of_run(options: argparse.Namespace) -> int:
     """Writes the view of a saved run, and prints a summary of the run."""
     from ... import plot
+    from ...files.results import saved_scenario
+    from ...files.results.loading import load_run
     from ...programs.program import compile_quickly
-    from ...results import load_run, saved_scenario
 
     with working(options, "writing the view"), compile_quickly():
         run = load_run(options.saved)
@@ -98,7 +99,7 @@ def _of_run(options: argparse.Namespace) -> int:
 
 def _of_design(options: argparse.Namespace) -> int:
     """Writes the view of a design, before and after."""
-    from ...design import load_result
+    from ...studies.design import load_result
 
     result = load_result(options.saved)
     runs = _simulate(options, {"before": result.before, "after": result.after})
@@ -109,17 +110,19 @@ def _of_design(options: argparse.Namespace) -> int:
 
 def _of_sweep(options: argparse.Namespace) -> int:
     """Writes the view of some rows of a sweep."""
-    from ... import plot, sweep
+    from ... import plot
     from ...plot.sweeps.axes import title_of
+    from ...plot.sweeps.rows import sweep_scale
+    from ...studies import sweep
 
-    scenarios = sweep.row_scenarios(options.saved, options.rows)
-    data = sweep.open_dataset(options.saved)
+    store = sweep.open_store(options.saved)
+    scenarios, data = store.scenarios(options.rows), store.dataset()
     try:
-        scale = plot.sweep_scale(data, options.rows, options.colour)
+        scale = sweep_scale(data, options.rows, options.colour)
     except plot.PictureError as error:
         raise BadInputError(f"Argument `--colour`: {error}") from None
     named = {f"row {row}": scenario for row, scenario in zip(options.rows, scenarios, strict=True)}
-    runs = _simulate(options, named, sweep.row_events(options.saved))
+    runs = _simulate(options, named, store.events())
     title = ", ".join([title_of(data), *(named if len(named) == 1 else ())])
     with working(options, "writing the view"):
         _write(options, runs, title, scale=scale)

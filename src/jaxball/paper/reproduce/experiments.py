@@ -1,6 +1,6 @@
 """Measures what a solver needs for the paper's two runs, and its error from their references; tables of this.
 
-``run`` and ``compare`` choose the solvers and write the tables.
+``run`` chooses the solvers and writes the tables.
 """
 
 import dataclasses
@@ -25,9 +25,9 @@ from ...interface.output import write_text
 from ...physics.body import System
 from ...programs.program import compile_quickly
 from ...simulation.simulate import simulate
+from ...simulation.solvers.mass import AbstractMassTerm, mass_term, unwrap
+from ...simulation.solvers.wrapping import AbstractWrappingSolver
 from ...simulation.trajectory import Trajectory
-from ...solvers import AbstractMassTerm, AbstractWrappingSolver
-from ...solvers.mass import mass_term, unwrap
 from .. import reference
 from ..reference import Reference
 
@@ -305,7 +305,7 @@ class Table(Generic[Row]):
 
         The JSON has the rows in full precision, with the versions that made them.
 
-        **Raises:** :class:`~jaxball.results.OutputError` when a file cannot be written.
+        **Raises:** :class:`~jaxball.files.results.OutputError` when a file cannot be written.
         """
         versions = {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
         content = {"versions": versions, **about, "measurements": [dataclasses.asdict(cast(Any, row)) for row in rows]}

@@ -39,33 +39,23 @@ from ...numerics.vectors import apply, in_three, root
 from ..body import AbstractBody, AbstractBodyWithModes
 from ..conditions import Condition, ExplainedCondition
 from ..dynamics.coupling import Joints
+from ..dynamics.dry_friction import Turning, TurningLaw, TurningMode
 from ..dynamics.equations import holding_friction, turning
 from ..dynamics.footing import ContactAxes, footing_of_released, rate_of_carrier
 from ..dynamics.load import Load
-from ..dynamics.reaction import reaction
-from ..dynamics.rest import Turning, TurningLaw, TurningMode
-from ..dynamics.sticking import directions_of, with_directions
-from ..dynamics.stops import has_stops
-from ..forces.resistance import Resistance
+from ..dynamics.locked import reaction
+from ..dynamics.sticking import directions_of, has_stops, with_directions
+from ..forces.resistance import AbstractResistance, Levels
 from ..grounds import AbstractSurface, Footing
 from ..hybrid import Accuracy, Assessment, GuardedStep, Transition
 from ..rolling import Reaction
 from ..state import ReducedState
 from . import friction, over_surface as over
-from .guards import Headings, assess, guards, headings, headings_at_rest
+from .guards import Headings, assess, guards, guards_follow_motion, headings, headings_at_rest
 from .history import HeldHistory, history_of
 from .law import Contact
 from .modes import ContactState, Mode
-from .released import (
-    ReleasedState,
-    Response,
-    Turned,
-    rates,
-    release,
-    response,
-    rolling_contact,
-    slip_velocity,
-)
+from .released import ReleasedState, Response, Turned, rates, release, response, rolling_contact, slip_velocity
 from .slide import coefficient_and_direction, slide, slide_of, slide_size
 from .transition import transition
 from .window import Beginning
@@ -230,19 +220,23 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
     # How it turns, and rolls where nothing slips.
 
     @property
-    def resistance(self) -> Resistance:
+    def resistance(self) -> AbstractResistance:
         """The exact resistance."""
-        resistance = self.body.resistance
-        assert isinstance(resistance, Resistance)
-        return resistance
+        assert self.body.resistance is not None
+        return self.body.resistance
+
+    @property
+    def static_levels(self) -> Levels:
+        """The largest levels that hold the body."""
+        return Levels.at_rest(self.resistance)
 
     @property
     def resists_rolling(self) -> bool:
-        return self.body.is_held and self.resistance.dry is not None
+        return self.body.is_held and self.static_levels.rolling is not None
 
     @property
     def resists_spinning(self) -> bool:
-        return self.resistance.dry_spinning is not None and not self.body.planar
+        return self.static_levels.spinning is not None and not self.body.planar
 
     @property
     def turns_aside(self) -> bool:
@@ -268,17 +262,20 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         """
         if state.rolls is None:
             return None
-        direction = self.direction(t, state) if sigma is None else sigma
+        omega = self.over_ground(t, state)
+        direction = self.direction(t, state, omega) if sigma is None else sigma
         rests = state.rolls == 0
         sigma3 = jnp.where(rests, 0.0, in_three(direction))
         spin = state.spin if self.resists_spinning else jnp.zeros_like(state.spin)
-        return TurningMode(sigma3, spin, rests, self.is_held_still(state), jnp.zeros_like(sigma3))
+        # Not |ω|, so that levels are smooth also where a step goes on beyond the end of a motion.
+        levels = Levels.at(self.resistance, jnp.sum(sigma3 * omega), spin * omega[2])
+        return TurningMode(sigma3, spin, rests, self.is_held_still(state), jnp.zeros_like(sigma3), levels)
 
-    def direction(self, t: Float[Array, ""], state: Any) -> Float[Array, "2"]:
-        """Computes the direction of ω_h of a body that rolls, contact axes."""
+    def direction(self, t: Float[Array, ""], state: Any, omega: Float[Array, "3"] | None = None) -> Float[Array, "2"]:
+        """Computes the direction of ω_h of a body that rolls, contact axes; ``omega`` is ω over it, if known."""
         if self.body.planar:
             return state.rolling.sigma
-        omega = self.over_ground(t, state)
+        omega = self.over_ground(t, state) if omega is None else omega
         return jnp.where(t <= state.rolling.until, state.rolling.direction(t), unit(omega[:2]))
 
     def over_ground(self, t: Float[Array, ""], state: Any) -> Float[Array, "3"]:
@@ -336,7 +333,7 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
             return Forces(response, acting, None if state.slips is None else response.part("holding", acting.amounts))
         mode, acting = self.mode(t, state), None
         if mode is not None:
-            acting = friction.resist_rolling(self.resistance, self.turning(t, state), mode)
+            acting = friction.resist_rolling(self.turning(t, state), mode)
         return Forces(None, acting, None if state.slips is None else self.holding_in_rolling(t, state, mode))
 
     # The contact.
@@ -356,7 +353,7 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
 
     def law_of_turning(self, state: Any, mode: TurningMode) -> TurningLaw:
         """Returns what exact dry resistance gives in a mode of turning."""
-        law = TurningLaw.of(self.resistance, self.body.height_of_centre(state.body.Gamma), mode)
+        law = TurningLaw.of(self.body.height_of_centre(state.body.Gamma), mode)
         # A disk is held upright by other forces than friction.
         return law._replace(solved=law.solved.at[0].set(False)) if self.body.planar else law
 
@@ -406,32 +403,35 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         unit = self.body.resistance.dry_torque(height, acting.resisted, acting.Gamma)
         return None if unit is None else interaction.normal * unit
 
-    # The guards.
-
     def step_reference(self, t: Float[Array, ""], state: ContactState, accuracy: Accuracy) -> Headings:
         """Returns the headings of a slip and of rolling as a step begins."""
         return headings(self, t, state, accuracy)
 
     def guards(self, t: Float[Array, ""], state: ContactState) -> Float[Array, " guards"]:
-        """Computes the guards without a solve, in which a slip and rolling end where their velocities vanish."""
+        """Computes the guards without a solve: slip and rolling end where their velocities vanish."""
         return guards(self, t, state, headings_at_rest(self, t, state))
 
     def guards_in_step(self, t: Float[Array, ""], state: ContactState, reference: Any) -> Float[Array, " guards"]:
         """Computes the guards of ``guards``, along the headings of a step."""
         return guards(self, t, state, reference)
 
+    def guards_follow_motion(self, t: Float[Array, ""], packed: ContactState, reference: Any) -> bool:
+        return self.contact is not None and guards_follow_motion(self, t, packed, reference)
+
+    def kept_in_modes(self, packed: ContactState) -> tuple[Any, ...]:
+        of_contact = packed.impact_loss, packed.mode, packed.begun, packed.near
+        return *of_contact, packed.rolls, packed.spin, packed.rolling, packed.slips, packed.stop_loss
+
     def time_event(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
-        """Returns the next end of a window in which the direction of a slip or of rolling is known beforehand, or of a
-        step in flight.
-        """
+        """Returns the next end of a window of slip or rolling in a known direction, or of a step in flight."""
         until = jnp.full_like(t, jnp.inf)
         if state.begun is not None:
             until = jnp.where(state.is_in(Mode.SLIDING), state.begun.until, jnp.inf)
             until = jnp.minimum(until, t + over.longest_flight(self.body, t, state))
         if self.body.planar or state.rolling is None:
             return until
-        rolling = state.rolling.until
-        rolling = jnp.where((state.rolls != 0) & (rolling > t), rolling, jnp.inf)
+        ends = (state.rolls != 0) & (state.rolling.until > t)
+        rolling = jnp.where(ends, state.rolling.until, jnp.inf)
         return jnp.minimum(jnp.where(until > t, until, jnp.inf), rolling)
 
     def assess(self, step: GuardedStep, accuracy: Accuracy) -> Assessment:
@@ -450,8 +450,6 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         """Computes a reference speed for errors of velocities."""
         return root(jnp.sum(state.V**2)) + self.body.radius * root(jnp.sum(state.body.Omega**2))
 
-    # How modes begin.
-
     def start(self, t: Float[Array, ""], state: Any) -> ContactState:
         """Returns the state with which a solve starts; its mode is decided by the first transition.
 
@@ -462,9 +460,8 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
             rolls = not isinstance(state, ReleasedState)
             released = release(self.body.prepare(), t, state) if rolls else state
             zero = jnp.zeros_like(released.height)
-            # In the mode of flight packing leaves V as it is, also for a body on the ground: in that of rolling it
-            # makes the slip exactly zero.
-            # With a limit surface a body that spins does not roll, whatever its slip.
+            # In the mode of flight packing leaves V as it is, also on the ground; in that of rolling it makes the slip
+            # exactly zero. With a limit surface a body that spins does not roll, whatever its slip.
             rolls &= self.pivot is None
             mode, begun = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT), Beginning.none(zero, slide_size(self))
             near = over.near_to(self.body, released.body.z, zero)
@@ -481,8 +478,6 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         self, t: Float[Array, ""], state: ContactState, event: Int[Array, ""], accuracy: Accuracy
     ) -> Transition:
         return transition(self, t, state, event, accuracy)
-
-    # What a run shows.
 
     @property
     def max_switches(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]

@@ -13,14 +13,12 @@ from jaxtyping import Array, Bool, Float
 
 from ...numerics.directions import Direction, diverging, growing
 from ...numerics.vectors import root
-from ..dynamics.law import Law, load
-from ..dynamics.rest import Turning, TurningLaw, TurningMode, resist
-from ..forces.resistance import Resistance
+from ..dynamics.dry_friction import Law, Turning, TurningLaw, TurningMode, load, resist
 from .released import Response
 
 
 class Interaction(NamedTuple):
-    """What acts at a contact: the ``amounts`` of the response, and what comes with them in ``law``, ``w``.
+    """What acts at a contact: the ``amounts`` of the response, and what comes with them in ``dry_friction``, ``w``.
 
     Without a law of contact these are only those of turning. ``pivot`` is the radius ρ of a limit surface, if friction
     has one.
@@ -113,9 +111,9 @@ def _solve(response: Response, slides: Bool[Array, ""], flies: Bool[Array, ""]) 
     return law._replace(rows=law.rows._replace(normal=normal, lift=lift))
 
 
-def resist_rolling(resistance: Resistance, turning: Turning, mode: TurningMode) -> Interaction:
+def resist_rolling(turning: Turning, mode: TurningMode) -> Interaction:
     """Computes what exact dry resistance does to a body that rolls without slipping, whatever friction that needs."""
-    acting = resist(resistance, turning, mode)
+    acting = resist(turning, mode)
     return Interaction(acting.amounts, acting.w, acting.normal, acting.solvability)
 
 

@@ -5,24 +5,29 @@ for each joint that dry friction or a stop may hold. The guard of a thing that m
 of one that is held the friction that is to spare.
 """
 
+import dataclasses
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
+from ...interface.status import Status
+from ...numerics.arrays import select_tree
+from ...numerics.time_inputs import depends_on_time
 from ...numerics.vectors import root
-from ..dynamics.rest import needs
-from ..dynamics.sticking import sticking_guards, sticking_slots
-from ..dynamics.stops import Stops, has_stops, rubs, sides
-from ..hybrid import NONE, START, WINDOW, Accuracy, Assessment, GuardedStep
+from ..dynamics.dry_friction import needs
+from ..dynamics.sticking import Stops, has_stops, rubs, sides, sticking_guards, sticking_slots
+from ..hybrid import NONE, START, WINDOW, Accuracy, Assessment, GuardedStep, Transition
 from . import friction, over_surface as over, slip as slips
 from .modes import CAUSES, ContactState, Mode, SwitchCause, cause_of
+from .over_surface import has_surface
 from .released import ReleasedState, Response, slip_velocity
-from .slide import slide, slide_of
-from .slip import Heading
-from .turning import approach_rest, guards_of_turning, heading_of_rolling
+from .slide import slide, slide_of, slide_size
+from .slip import Heading, approach_rest, guards_of_turning, heading_of_rolling
+from .window import Beginning
 
 if TYPE_CHECKING:
     from .body_on_plane import BodyOnPlane
@@ -84,12 +89,32 @@ def guards(
         values.append(guards_of_contact(plane, t, state, reference.slip, forces.response, forces.acting))
     if reference.rolling is not None:
         height = plane.body.height_of_centre(state.body.Gamma)
-        spare = needs(plane.resistance, height, forces.acting.torque, forces.acting.normal)
+        spare = needs(plane.static_levels, height, forces.acting.torque, forces.acting.normal)
         of_turning = guards_of_turning(plane, t, state, spare, reference.rolling)
         values.append(jnp.where(state.is_in(Mode.FLIGHT), 1.0, of_turning))
     if state.slips is not None:
         values.append(sticking_guards(plane.body, t, state.body, state.slips, forces.holding))
     return jnp.concatenate(values)
+
+
+def guards_follow_motion(plane: "BodyOnPlane", t: Float[Array, ""], packed: ContactState, reference: Headings) -> bool:
+    """Returns whether steps that follow the motion follow the guards, too, however long they are: these are smooth
+    functions of the packed state that vary no faster than it does, and nothing varies with time alone.
+
+    That is known before anything is computed.
+    """
+    # The height over a surface, or of a convex shape, may vary faster than the place and the attitude.
+    if has_surface(plane.body) or plane.body.shape is not None:
+        return False
+    # In a window the direction of a slip varies with time, but only as a polynomial that steps resolve.
+    x, unravel = ravel_pytree(dataclasses.replace(packed, begun=None))
+    numbers, unravel_numbers = ravel_pytree((plane, reference))
+
+    def values(t: Float[Array, ""], x: Float[Array, " size"], numbers: Float[Array, " numbers"]) -> Array:
+        plane, reference = unravel_numbers(numbers)
+        return guards(plane, t, plane.from_packed(t, unravel(x)), reference)
+
+    return not depends_on_time(jax.make_jaxpr(values)(t, x, numbers))
 
 
 def guards_of_contact(
@@ -273,3 +298,103 @@ def is_one_of(cause: Int[Array, ""], *causes: SwitchCause) -> Bool[Array, ""]:
 
 _OF_ROLLING = SwitchCause.ROLLING_ENDS, SwitchCause.BREAKS_LOOSE
 _OF_SPINNING = SwitchCause.SPINNING_ENDS, SwitchCause.BEGINS_TO_SPIN
+
+
+class Progress(NamedTuple):
+    """A transition in progress: time, the state at the mode's end, and the current one.
+
+    ``still`` says that it does not slip, ``flies`` that it leaves the ground, ``lands`` that it comes down, ``decides``
+    that the mode has ended, and ``begins`` that a slip begins. ``stands`` says that rolling has ended against exact dry
+    resistance, and ``turns`` that it begins. ``strikes`` says that a joint has struck its stop; None without stops.
+    """
+
+    t: Float[Array, ""]
+    before: ContactState
+    state: ContactState
+    still: Bool[Array, ""]
+    flies: Bool[Array, ""]
+    lands: Bool[Array, ""]
+    decides: Bool[Array, ""]
+    begins: Bool[Array, ""]
+    stands: Bool[Array, ""]
+    turns: Bool[Array, ""]
+    strikes: Bool[Array, ""] | None
+
+    @classmethod
+    def of(cls, plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState, event: Int[Array, ""]) -> "Progress":
+        """Begins a transition."""
+        starts, no = event == START, jnp.asarray(False)
+        strikes = None if state.stop_loss is None else no
+        decides = starts | (event >= 0)
+        if state.mode is None:
+            state_in_mode = _without_windows(plane, t, state, decides, no)
+            return cls(t, state, state_in_mode, no, no, no, decides, no, no, no, strikes)
+        rise = _rise(plane, t, state)
+        # What has happened to a joint does not concern a body in flight.
+        goes_on = (event >= FIRST_OF_JOINTS) & state.is_in(Mode.FLIGHT)
+        return cls(
+            t=t,
+            before=state,
+            state=_without_windows(plane, t, state, decides, starts | goes_on),
+            still=(event == int(SwitchCause.GIVES_WAY)) | state.is_in(Mode.ROLLING),
+            flies=(event == int(SwitchCause.LIFTS)) | goes_on | starts & ((state.height > 0) | (rise > 0)),
+            lands=(event == int(SwitchCause.LANDS)) | starts & (state.height <= 0) & (rise < 0),
+            decides=decides,
+            begins=no,
+            stands=no,
+            turns=no,
+            strikes=strikes,
+        )
+
+    def finish(self, cause: Int[Array, ""], slope: Float[Array, ""], pauses: Bool[Array, ""]) -> Transition:
+        """Returns the transition for a :class:`SwitchCause`, WINDOW or START.
+
+        ``pauses`` says that the mode has ended in ever shorter steps, which is so where a slip does.
+        """
+        starts = cause == START
+        # A start is no switch, except for a body that starts with an impact.
+        first, begins, crowds = int(SwitchCause.LANDS), self.lands, cause != int(SwitchCause.LANDS)
+        if self.strikes is not None:
+            first, begins = jnp.where(self.lands, first, int(SwitchCause.JOINT_STRIKES)), begins | self.strikes
+            crowds &= cause != int(SwitchCause.JOINT_STRIKES)
+        return Transition(
+            t=self.t,
+            before=self.before,
+            after=self.state,
+            event=jnp.where(starts, first, cause),
+            slope=slope,
+            switches=jnp.where(starts, begins, self.decides & (cause != WINDOW)),
+            # Bounces follow each other in ever shorter times, but ``slowest`` of the law puts an end to them.
+            crowds=crowds,
+            pauses=pauses & self.decides,
+            status=jnp.where(cause == int(SwitchCause.JAMS), int(Status.JAMMED), int(Status.SUCCESS)),
+        )
+
+
+def _without_windows(
+    plane: "BodyOnPlane",
+    t: Float[Array, ""],
+    state: ContactState,
+    decides: Bool[Array, ""],
+    keeps_height: Bool[Array, ""],
+) -> ContactState:
+    """Returns the state on the ground, or at its height, with the directions that are still known beforehand."""
+    # All other events happen on the ground, where a landing is met only up to rounding.
+    height, begun, rolling, none = state.height, state.begun, state.rolling, Beginning.none(t)
+    ended = Beginning.none(t, slide_size(plane))
+    if height is not None:
+        height = jnp.where(keeps_height, height, 0.0)
+    # The end of one window leaves the other in force; a new mode leaves neither.
+    if begun is not None:
+        begun = ended if rolling is None else select_tree(decides | (begun.until <= t), ended, begun)
+    if rolling is not None and not plane.body.planar:  # the direction of a disk's rolling does not turn
+        rolling = select_tree(decides | (rolling.until <= t), none, rolling)
+    return dataclasses.replace(state, height=height, begun=begun, rolling=rolling)
+
+
+def _rise(plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
+    """Computes the rate at which a body leaves its ground; 0 if it is rounding, but not for a ball on a plane."""
+    rate = slip_velocity(plane.body, t, state.released)[2]
+    if not has_surface(plane.body) and plane.body.shape is None:
+        return rate
+    return jnp.where(jnp.abs(rate) > plane.rounding_of_velocity(state), rate, 0.0)

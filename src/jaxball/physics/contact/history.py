@@ -12,8 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ...interface.printing import format_value, is_single
 from ...interface.wording import all_of
 from ..body import AbstractBody
-from ..dynamics.sticking import sticking_slots
-from ..dynamics.stops import Stops, describe_joints, sides
+from ..dynamics.sticking import Stops, describe_joints, sides, sticking_slots
 from ..hybrid import SLOW_ROLLING, STIFF, AbstractHistory, Record, Switches
 from . import over_surface as over
 from .law import Contact
@@ -36,7 +35,7 @@ OF_JOINTS = (
 
 class HeldSwitches(Switches):
     """The times at which a body or a joint comes to rest, breaks loose or turns back; ``event`` is the
-    ``jaxball.SwitchCause`` of each.
+    ``jaxball.physics.SwitchCause`` of each.
 
     - ``before``, ``after``: the states of the body, with a leading axis.
     - ``rolls_before``, ``rolls_after``: 1 where it rolls, 0 where it rests, shape (max_switches,).
@@ -64,7 +63,7 @@ class HeldSwitches(Switches):
 
     @property
     def cause(self) -> Int[Array, "*batch switches"]:
-        """The ``jaxball.SwitchCause`` of each, shape (max_switches,); −1 where there are fewer."""
+        """The ``jaxball.physics.SwitchCause`` of each, shape (max_switches,); −1 where there are fewer."""
         return self.event
 
     def words(self, k: int) -> str:
@@ -164,10 +163,10 @@ class HeldHistory(AbstractHistory):
 
 
 class ContactSwitches(HeldSwitches):
-    """The switches of a body from one mode to another; ``event`` is the ``jaxball.SwitchCause`` of each.
+    """The switches of a body from one mode to another; ``event`` is the ``jaxball.physics.SwitchCause`` of each.
 
-    - ``source``, ``target``: the :class:`~jaxball.Mode` before and after it, shape (capacity,).
-    - ``before``, ``after``: the :class:`~jaxball.ReleasedState` before and after it, with a leading axis.
+    - ``source``, ``target``: the :class:`~jaxball.physics.Mode` before and after it, shape (capacity,).
+    - ``before``, ``after``: the :class:`~jaxball.physics.ReleasedState` before and after it, with a leading axis.
     - ``lost``: the energy lost in an impact, or in the strike of a joint, mass length²/time², shape (capacity,).
 
     Besides these it has what :class:`HeldSwitches` have.
@@ -195,13 +194,13 @@ class ContactHistory(HeldHistory):
 
     - ``switches``: the ``ContactSwitches``.
     - ``law``: the :class:`~jaxball.Contact`.
-    - ``mode``: the :class:`~jaxball.Mode` at each time, shape (T,); −1 at times that the solve did not reach.
+    - ``mode``: the :class:`~jaxball.physics.Mode` at each time, shape (T,); −1 at times that the solve did not reach.
     - ``V``: the velocity of the geometric centre, space axes, length/time, shape (T, 3).
     - ``height``: of the body above the ground, length, shape (T,).
     - ``slip``: v_s, the velocity of the body's lowest point relative to the ground, length/time, shape (T, 3), in space
       axes; on a surface p along ∂p/∂u1, across, and along the normal.
     - ``sigma``: the direction of the slip, a unit vector, shape (T, 2), also where the slip begins; 0 before the first.
-      With a :class:`~jaxball.LimitSurface` that of (v_s, ρ ω₃), shape (T, 3).
+      With a :class:`~jaxball.physics.LimitSurface` that of (v_s, ρ ω₃), shape (T, 3).
     - ``friction_loss``, ``impact_loss``: the energy dissipated so far by sliding friction and by impacts,
       mass length²/time², shape (T,) each.
 

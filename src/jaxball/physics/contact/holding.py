@@ -1,7 +1,7 @@
 """Finds the end of rolling, and decides what dry friction holds where a mode of a body on its ground ends.
 
 Everything that does not move is held, as far as friction can do it: the most overloaded of the contact, of rolling, of
-spinning and of the joints lets go first, and as it goes, the loads of all others jump. ``beginnings`` finds
+spinning and of the joints lets go first, and as it goes, the loads of all others jump. ``transition`` finds
 how the rest begins to move.
 """
 
@@ -17,14 +17,12 @@ from ...numerics.arrays import select_tree
 from ...numerics.directions import diverging, unit
 from ...numerics.vectors import in_three
 from ...programs.derivatives.differentiation import without_derivatives
-from ..dynamics.law import release
-from ..dynamics.rest import Turning, TurningMode, candidates, let_go, needs
+from ..dynamics.dry_friction import Turning, TurningMode, candidates, let_go, needs, release
 from ..dynamics.sticking import change_joint, loosen, overloads, with_directions
 from ..hybrid import START
 from . import friction, slip as slips
-from .guards import FIRST_OF_JOINTS, rounding_of_force
+from .guards import FIRST_OF_JOINTS, Progress, rounding_of_force
 from .modes import ContactState, Mode, SwitchCause
-from .progress import Progress
 from .released import (
     Response,
     rates,
@@ -34,7 +32,7 @@ from .released import (
     with_slip,
 )
 from .slide import slide
-from .turning import comes_to_rest
+from .slip import comes_to_rest
 from .window import Beginning
 
 if TYPE_CHECKING:
@@ -74,7 +72,7 @@ class Rolling(NamedTuple):
         """Computes what acts where it rolls in a direction."""
         mode = self.mode._replace(sigma=in_three(sigma))
         if self.rows is not None:
-            return friction.resist_rolling(self.plane.resistance, self.rows, mode)
+            return friction.resist_rolling(self.rows, mode)
         assert self.contact is not None
         law = self.plane.law_of_turning(self.at, mode)
         return self.contact.with_turning(law).interaction(self.mu, self.sigma)
@@ -97,15 +95,17 @@ def end_rolling(plane: "BodyOnPlane", done: Progress, tolerance: Float[Array, ""
     if plane.body.planar:
         return done._replace(stands=jnp.asarray(True))
     t, omega = done.t, plane.over_ground(done.t, state)[:2]
-    rolling = plane.mode(t, state, unit(omega))
+
+    def rolling(t: Float[Array, ""], where: Any) -> TurningMode:
+        return plane.mode(t, where, unit(omega))
 
     def end(t: Float[Array, ""], where: Any) -> slips.End:
-        return slips.end(Rolling.pull, slips.Around(Rolling.of(plane, t, where, rolling)), omega)
+        return slips.end(Rolling.pull, slips.Around(Rolling.of(plane, t, where, rolling(t, where))), omega)
 
     def brake(t: Float[Array, ""], where: Any, time: Float[Array, ""], share: float) -> Any:
         rate = -omega / jnp.where(time > 0, time, 1.0)
         # The mean rate until the end, so that ω_h is then zero; the torque is whatever this needs.
-        held = rolling._replace(rests=jnp.asarray(True), braking=in_three(rate))
+        held = rolling(t, where)._replace(rests=jnp.asarray(True), braking=in_three(rate))
         moved = Rolling.of(plane, t, where, held).rates(held.sigma[:2])
         return state.move(jax.tree.map(lambda x, rate: x + share * time * rate, state.motion, moved))
 
@@ -218,7 +218,7 @@ class Deciding(NamedTuple):
         loads = [of_contact[None]]
         if choice.mode is not None and acting is not None:
             torque, height = acting.torque, plane.body.height_of_centre(self.at.body.Gamma)
-            loads.append(needs(plane.resistance, height, torque, acting.normal).overloads(choice.mode))
+            loads.append(needs(plane.static_levels, height, torque, acting.normal).overloads(choice.mode))
         if choice.slips is not None:
             now = dataclasses.replace(self.at, slips=choice.slips)
             if responds is None or acting is None:
@@ -247,8 +247,8 @@ class Deciding(NamedTuple):
         last = last._replace(sigma=jnp.where(self.still, last.sigma, choice.sigma))
         if choice.mode is None or last.mode is None:
             return last
-        turned = choice.mode.rests & ~last.mode.rests
-        return last._replace(mode=last.mode._replace(sigma=jnp.where(turned, last.mode.sigma, choice.mode.sigma)))
+        sigma = jnp.where(choice.mode.rests & ~last.mode.rests, last.mode.sigma, choice.mode.sigma)
+        return last._replace(mode=last.mode._replace(sigma=sigma, levels=choice.mode.levels))
 
     def direct(self, choice: Choice, turns: Bool[Array, ""]) -> Choice:
         """Returns the choice with the directions in which a slip and rolling that begin grow."""

@@ -17,7 +17,7 @@ friction drives v_s3. So no impact with e ≤ 1 creates energy, because friction
 friction give no impulse here, not even the dry one, which is proportional to N.
 """
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -30,10 +30,21 @@ from ..body import AbstractBody
 from .friction import push, slip_direction
 from .released import ReleasedState, Response, slip_velocity, with_slip
 
+if TYPE_CHECKING:
+    from .body_on_plane import BodyOnPlane
+
 MOST_STEPS = 20_000
 ERROR = 500  # of a step, in units of rounding of the velocity before, to which its length is chosen
 TURNING = 0.5  # of the impulse in which v_s changes by its own size: the longest step while σ turns
 LIMITED = 1e-3  # a rebound slower than Newton's by a smaller fraction, in square roots of rounding, counts as Newton's
+
+
+def slowest_rise(plane: "BodyOnPlane", response: Response) -> Float[Array, ""]:
+    """Computes the velocity at which a body leaves its ground, where a slower one counts as none: the law's ``slowest``
+    times √(g r). Without gravity, the acceleration by which the body would fall takes the place of g.
+    """
+    g = jnp.abs(plane.body.gravity)
+    return plane.law.slowest * root(jnp.where(g > 0, g, jnp.abs(response.free[2])) * plane.body.radius)
 
 
 class _Care(NamedTuple):

@@ -10,16 +10,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...compat import is_traced
 from ...interface.arguments import refusal
+from ...interface.compat import is_traced
 from ...interface.printing import Printed
 from ...numerics.arrays import Numbers, namespace_of, numbers
-from ...numerics.declare import FROM_0, LENGTH, POSITIVE, VELOCITY, number
+from ...numerics.declare import BETWEEN_0_AND_1, FROM_0, LENGTH, POSITIVE, VELOCITY, number
 from ..conditions import Condition, on_numbers
 
 SLOWEST_REBOUND = 1e-6
 DEFAULT_CAPACITY = 64
 COEFFICIENTS: tuple[str, ...] = ("friction", "static_friction", "restitution", "slowest")
+_LOSING_ENERGY = BETWEEN_0_AND_1._replace(phrase="from 0 to 1, or impacts would create energy")
+_ENDING_BOUNCES = POSITIVE._replace(phrase="a positive number, or bounces would never end")
 
 
 class AbstractFriction(Printed):
@@ -55,13 +57,14 @@ class SmoothedCoulomb(AbstractFriction):
     **Arguments:**
 
     - ``kinetic``: the friction coefficient of a fast slip, dimensionless, 0 or positive.
-    - ``smoothing``: the slip speed at which friction is half as large, length/time, positive, far below the speeds of
-      interest; the smaller, the stiffer the equations.
+    - ``smoothing``: the slip speed at which friction is half as large, length/time, positive. It is far below the
+      speeds of interest; the smaller, the stiffer the equations.
 
     **Example:**
 
     >>> import jax.numpy as jnp
-    >>> from jaxball import Contact, SmoothedCoulomb
+    >>> from jaxball import Contact
+    >>> from jaxball.physics import SmoothedCoulomb
     >>> float(Contact(SmoothedCoulomb(kinetic=0.25, smoothing=0.5)).coefficient(jnp.array(2.0)))
     0.2
     """
@@ -95,12 +98,13 @@ class LimitSurface(AbstractFriction):
     **Arguments:**
 
     - ``friction``: the kinetic coefficient μ of slip without spin, dimensionless, positive.
-    - ``radius``: ρ, a length, positive: the largest torque over the largest force. For a uniform pressure on a circle
-      it is 2/3 of the radius of that.
+    - ``radius``: ρ, the largest torque against the spin over the largest force, length, positive. For a uniform
+      pressure on a circle it is 2/3 of the radius of that.
 
     **Example:**
 
-    >>> from jaxball import Contact, LimitSurface
+    >>> from jaxball import Contact
+    >>> from jaxball.physics import LimitSurface
     >>> Contact(LimitSurface(friction=0.3, radius=0.05)).friction_or_law
     LimitSurface(friction=0.3, radius=0.05)
     """
@@ -123,13 +127,13 @@ class Contact(Printed):
     **Arguments:**
 
     - ``friction``: the kinetic friction coefficient μ, dimensionless; 0 for a smooth ground. An
-      :class:`~jaxball.AbstractFriction` makes it a function of the slip speed, except that it is constant during an
-      impact; ``friction`` is then its value for speed 0.
+      :class:`~jaxball.physics.AbstractFriction` makes it a function of the slip speed, except that it is constant
+      during an impact; ``friction`` is then its value for speed 0.
     - ``static_friction``: the static friction coefficient μ_s; ``friction`` if not given.
-    - ``restitution``: Newton's e, from 0 to 1.
-    - ``slowest``: a rebound slower than this times √(g r) is treated as none, because bounces get shorter and shorter,
-      and infinitely many of them end in a finite time (Zeno). Without gravity, g is the acceleration by which other
-      forces press the body on.
+    - ``restitution``: Newton's coefficient of restitution e, from 0 to 1.
+    - ``slowest``: a rebound slower than this times √(g r) is treated as none; without gravity, g is the acceleration by
+      which other forces press the body on. Bounces get shorter and shorter, and infinitely many of them end in a finite
+      time (Zeno). So do strikes of a joint on its stop that each lift the body: a slower rise is treated as none, too.
     - ``capacity``: how many switches of the mode are kept; all are counted.
     - ``friction_law``: the function in the place of ``friction``, as ``dataclasses.replace`` passes it on.
 
@@ -144,8 +148,8 @@ class Contact(Printed):
 
     friction: Float[Array, "*batch"]
     static_friction: Float[Array, "*batch"]
-    restitution: Float[Array, "*batch"]
-    slowest: Float[Array, "*batch"]
+    restitution: Float[Array, "*group"] = eqx.field(converter=number(rule=_LOSING_ENERGY))
+    slowest: Float[Array, "*group"] = eqx.field(converter=number(rule=_ENDING_BOUNCES))
     capacity: int = eqx.field(static=True)
     friction_law: AbstractFriction | None = None
 
@@ -171,11 +175,13 @@ class Contact(Printed):
         at_rest: Any = friction if friction_law is None else friction_law(jnp.zeros(()))
         self.friction = numbers("friction")(at_rest)
         self.static_friction = self.friction if static_friction is None else numbers("static_friction")(static_friction)
-        self.restitution = numbers("restitution")(restitution)
-        self.slowest = numbers("slowest")(slowest)
+        given: Any = restitution, slowest  # their fields convert them
+        self.restitution, self.slowest = given
         self.capacity = capacity
-        if capacity < 1:
-            raise ValueError(f"Argument `capacity` must be 1 or more, but it is {capacity}.")
+
+    def __check_init__(self):
+        if self.capacity < 1:
+            raise ValueError(f"Argument `capacity` must be 1 or more, but it is {self.capacity}.")
         if not any(map(is_traced, jax.tree.leaves(self))):
             law = jax.tree.map(np.asarray, self)  # NumPy checks its conditions, without compiling anything
             for condition in law.conditions():
@@ -186,20 +192,12 @@ class Contact(Printed):
         """Yields the conditions on the coefficients; traceable."""
         if self.friction_law is not None:  # first, because what it makes of impossible numbers says nothing
             yield from self.friction_law.conditions()
-        finite = namespace_of(self.friction).isfinite
-        must = "0 or positive"
-        yield Condition((self.friction >= 0) & finite(self.friction), "contact.friction", self.friction, must)
+        yield Condition(FROM_0.holds(self.friction), "contact.friction", self.friction, FROM_0.phrase)
+        static = self.static_friction
+        holds = (static >= self.friction) & namespace_of(static).isfinite(static)
         must = "no less than the coefficient `friction`, because friction cannot be larger on a body that slips"
-        yield Condition(
-            (self.static_friction >= self.friction) & finite(self.static_friction),
-            "contact.static_friction",
-            self.static_friction,
-            must,
-        )
-        holds = (self.restitution >= 0) & (self.restitution <= 1)
-        yield Condition(holds, "contact.restitution", self.restitution, "from 0 to 1, or impacts would create energy")
-        holds = (self.slowest > 0) & finite(self.slowest)
-        yield Condition(holds, "contact.slowest", self.slowest, "a positive number, or bounces would never end")
+        yield Condition(holds, "contact.static_friction", static, must)
+        yield from on_numbers(self, "contact.")
 
     def coefficient(self, speed: Float[Array, ""]) -> Float[Array, ""]:
         """Returns the kinetic friction coefficient for a slip speed, length/time."""

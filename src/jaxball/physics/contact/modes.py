@@ -23,7 +23,7 @@ class Mode(enum.IntEnum):
 
     **Example:**
 
-    >>> from jaxball import Mode
+    >>> from jaxball.physics import Mode
     >>> Mode(1).name
     'SLIDING'
     """
@@ -43,7 +43,7 @@ class SwitchCause(enum.IntEnum):
 
     **Example:**
 
-    >>> from jaxball import SwitchCause
+    >>> from jaxball.physics import SwitchCause
     >>> SwitchCause.LANDS.sentence
     'the body came down'
     """
@@ -180,6 +180,8 @@ class ContactState(AbstractState):
 
     def direction(self, t: Float[Array, ""], slide: Float[Array, " n"]) -> Float[Array, " n"]:
         """Returns σ of a body with a slide s; 0 without."""
+        if self.begun is None:
+            return slip_direction(slide, jnp.zeros_like(slide))
         # Where a slip begins, v_s is zero and has no direction.
         begins = t <= self.begun.until
         return jnp.where(begins, self.begun.direction(t), slip_direction(slide, jnp.zeros_like(slide)))

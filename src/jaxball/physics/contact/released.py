@@ -37,7 +37,7 @@ from ...numerics.terms import add, convert
 from ...numerics.vectors import apply, cross, dot, inverse
 from ..body import AbstractBody
 from ..dynamics.coupling import Joints, join_coordinates
-from ..dynamics.energy import kinetic_energy, potential_energy
+from ..dynamics.dry_friction import Law, Rows, TurningLaw
 from ..dynamics.equations import equations
 from ..dynamics.footing import (
     arm_of,
@@ -48,14 +48,12 @@ from ..dynamics.footing import (
     velocity_by_turning,
     velocity_of_centre,
 )
-from ..dynamics.law import Law, Rows
-from ..dynamics.load import Load, load
+from ..dynamics.load import Load, kinetic_energy, load, potential_energy
+from ..dynamics.locked import reaction_in_body
 from ..dynamics.moments import kinematics, point_mass_values, principal_inertia
-from ..dynamics.reaction import reaction_in_body
-from ..dynamics.rest import TurningLaw
 from ..dynamics.sticking import of_sticking
 from ..grounds import Footing
-from ..grounds.footing import AT_REST
+from ..grounds.ground import AT_REST
 from ..prescribed.motion import Kinematics
 from ..state import DiskState, PlacedState
 
@@ -66,14 +64,15 @@ class ReleasedState(Printed):
     **Arguments:**
 
     - ``body``: orientation, Ω, position and joints, as for a body that rolls: a :class:`~jaxball.BallState`, a
-      :class:`~jaxball.RotationState` or a :class:`~jaxball.DiskState`.
+      :class:`~jaxball.physics.RotationState` or a :class:`~jaxball.DiskState`.
     - ``V``: the velocity of the geometric centre, space axes, length/time, shape (3,); for a disk its second entry is
       0.
     - ``height``: of the geometric centre above that of rolling, length; over a surface, along the normal at ``z``.
 
     **Example:**
 
-    >>> from jaxball import BallState, ReleasedState
+    >>> from jaxball import BallState
+    >>> from jaxball.physics import ReleasedState
     >>> ReleasedState(BallState(Omega=(0.0, -5.0, 0.0)), V=(2.0, 0.0, 0.0))  # with backspin
     ReleasedState(body=BallState(Omega=(0.0, -5.0, 0.0)), V=(2.0, 0.0, 0.0), height=0.0)
     """
@@ -144,7 +143,7 @@ class Motion(NamedTuple):
 
 
 class Turned(NamedTuple):
-    """Exact dry friction against the turning of a released body: contact ``axes``, and the rows of ``law`` for ω.
+    """Exact dry friction against the turning of a released body: contact ``axes``, and the rows of a law for ω.
 
     ``carried`` is the rate of ω relative to the ground while Ω is constant, contact axes; None on a plane. ``given`` is
     what the mode of turning gives. ``pivot`` is the radius of a limit surface, None without: then sliding friction acts
@@ -210,7 +209,7 @@ class Response(NamedTuple):
         return self.with_turning(law._replace(solved=law.solved.at[2].set(held), value=value))
 
     def rows(self) -> Rows:
-        """Returns the rows of ``law``: of the reaction and v̇_s, and of a mode of turning."""
+        """Returns the rows of the law: of the reaction and v̇_s, and of a mode of turning."""
         R, by = self.rolling.reaction, self.each("reaction")
         if self.turned is None:
             return Rows(R, by.T, R[2], by[:, 2])

@@ -14,8 +14,8 @@ from jaxtyping import Array, Float
 
 from ...numerics.vectors import apply
 from ..body import AbstractBody
-from ..dynamics.stops import has_stops
-from ..forces.resistance import Resistance
+from ..dynamics.sticking import has_stops
+from ..forces.resistance import Levels
 from .law import Contact
 from .modes import ContactState
 from .released import rolling_contact, slip_velocity
@@ -29,8 +29,11 @@ def find_rival(body: AbstractBody, contact: Contact) -> str | None:
     if contact.limit_radius is None or body.planar:
         return None
     resistance = body.resistance
-    if isinstance(resistance, Resistance) and resistance.dry_spinning is not None:
-        return "`dry_spinning` of the resistance, because both are friction against the spin; leave one of them out"
+    if resistance is not None and Levels.at_rest(resistance).spinning is not None:
+        return (
+            "dry resistance against spinning (`dry_spinning`), because both are friction against the spin; leave one "
+            "of them out"
+        )
     if resistance is not None and resistance.is_dry and not resistance.holds:
         return "dry resistance that is smoothed, which is not solved together with it; make that `exact`"
     if has_stops(body):

@@ -1,7 +1,5 @@
 """How a slip begins and how it ends, where its direction σ = v_s/|v_s| cannot be computed from its velocity.
 
-Rolling under exact dry resistance begins and ends in the same way, with ω_h in place of v_s (``turning``).
-
 It may be a slide, which has a third component ρ ω₃ where friction has a limit surface.
 
 With the angle φ of σ and the speed s, a slip obeys ṡ = a·σ and s φ̇ = a·n, where n is σ turned by a right angle and
@@ -12,11 +10,17 @@ the slip acceleration a = v̇_s is a smooth function of φ and of the motion of 
 **A slip ends** in a finite time, in which its direction turns ever faster. In the time τ with dt = s dτ nothing is
 singular: φ′ = a·n, (ln s)′ = a·σ, t′ = s. Where the slip is slow, the rest hardly moves until the end, and the slip is
 followed to its end with the response of the body halfway.
+
+**Rolling** under exact dry resistance begins and ends in the same way, with ω_h in place of v_s. A ball rolls in the
+direction of ω_h until that vanishes, and rests until the torque that holds it exceeds the largest one; spinning, ω₃,
+has a mode of rest of its own. A disk has two directions, which its state knows. All vectors are in contact axes: on a
+plane those of space.
 """
 
+import dataclasses
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -26,8 +30,13 @@ from ...numerics import cooper_verner
 from ...numerics.directions import perpendicular, turn_left, unit
 from ...numerics.vectors import root
 from ..body import AbstractBody
-from ..hybrid import Accuracy
+from ..dynamics.dry_friction import Needs
+from ..hybrid import Accuracy, GuardedStep
 from .friction import SolvedContact
+from .window import Course
+
+if TYPE_CHECKING:
+    from .body_on_plane import BodyOnPlane
 
 NEARLY_STILL = 3  # times the least speed of a slip: a slower one may end in the next step
 SAME_SPEED = 1e-9  # of a speed: what rounding may change
@@ -229,3 +238,91 @@ def longest_step(
     safe = 1 - PAST * least / jnp.where(slows, after, 1.0)
     longest = until_end * jnp.where(after > NEARLY_STILL * least, jnp.minimum(share, safe), safe)
     return jnp.where(slows & (longest > 0), longest, jnp.inf)
+
+
+SLOW_TURNING = 0.4  # as slip.SLOW, for rolling, which is followed to its end with what acts halfway
+ERRORS_OF_ROLLING = 50  # tolerances: how fast a ball may roll to and fro by the errors of a method of low order
+LONGEST_WAY = 10  # in tolerances: the angle over which a ball is followed to its rest however long that takes, ...
+STEADY_RESPONSE = 0.2  # ... if what acts halfway changes the time until then by no more than this share
+
+
+def heading_of_rolling(plane: "BodyOnPlane", t: Float[Array, ""], state: Any, accuracy: Accuracy) -> Heading:
+    """Returns the direction of rolling as a step begins; a disk may roll however slowly."""
+    sigma, omega = plane.direction(t, state), plane.over_ground(t, state)
+    size = root(jnp.sum(omega**2))
+    g, r, rate = jax.lax.stop_gradient((jnp.abs(plane.body.gravity), plane.body.radius, size))
+    heading = Heading.of(sigma, omega[:2], root(g / r) + rate, accuracy.atol + accuracy.rtol * size, SLOW_TURNING)
+    # The direction of a disk's rolling does not turn as that ends, so nothing has to stop short of zero.
+    return heading._replace(least=jnp.zeros_like(heading.least)) if plane.body.planar else heading
+
+
+def guards_of_turning(
+    plane: "BodyOnPlane", t: Float[Array, ""], state: Any, spare: Needs, heading: Heading
+) -> Float[Array, "2"]:
+    """Computes the rate in the direction of rolling, and of spinning, or what friction that holds has to spare."""
+    omega = plane.over_ground(t, state)
+    # A guard that the body does not have is always positive.
+    rolling = spinning = jnp.ones_like(state.rolls)
+    if plane.resists_rolling:
+        forward = jnp.sum(omega[:2] * heading.sigma) - heading.least
+        rolling = jnp.where(state.rolls == 0, spare.rolling, forward)
+    if plane.resists_spinning:
+        spinning = jnp.where(state.spin == 0, spare.spinning, state.spin * omega[2])
+    return jnp.stack([rolling, spinning])
+
+
+def comes_to_rest(
+    plane: "BodyOnPlane", first: End, second: End, omega: Float[Array, "2"], tolerance: Float[Array, ""]
+) -> Bool[Array, ""]:
+    """Returns whether a ball that rolls slowly, with ω_h over the ground, has come to rest at its ``first`` end.
+
+    Where resistance is hardly enough to hold it, a ball no faster than the errors of its speed takes long to stop.
+    It does all the same, if it turns little until then, and if what acts halfway, by which its end is the
+    ``second``, is much the same.
+    """
+    is_soon = first.time <= longest_pause(tolerance, unit_of_time(plane.body))
+    is_short = root(jnp.sum(omega**2)) * first.time <= LONGEST_WAY * tolerance
+    is_steady = second.comes & (jnp.abs(second.time - first.time) <= STEADY_RESPONSE * first.time)
+    return first.comes & (is_soon | (is_short & is_steady))
+
+
+def follow_rolling(
+    plane: "BodyOnPlane", t: Float[Array, ""], before: Any, state: Any, tolerance: Float[Array, ""]
+) -> tuple[Course, Bool[Array, ""]]:
+    """Returns how a ball rolls, and whether it does although its direction is not known beforehand.
+
+    - ``before``: the state before an event, by whose window the direction may be known at its end.
+    """
+    omega, sigma = plane.over_ground(t, state), plane.direction(t, before)
+    course = Course(sigma, jnp.sum(sigma * omega[:2]), before.rolling.next_span(t))
+    size = _unit_of_rate(plane) + root(jnp.sum(omega**2))
+    rolls = (state.rolls != 0) & (before.rolls != 0) & (state.rolling.until <= t) & plane.resists_rolling
+    return course, rolls & course.is_that_of(omega[:2], size, tolerance)
+
+
+def along_rolling(plane: "BodyOnPlane", t: Float[Array, ""], state: Any, course: Course) -> Any:
+    """Returns the state with ω_h exactly along its direction, without the errors of the solve across it."""
+    omega = plane.over_ground(t, state).at[:2].set(course.slip)
+    Omega = plane.contact_axes(t, state).in_body(omega)
+    return dataclasses.replace(state, body=state.body.with_Omega(Omega))
+
+
+def _unit_of_rate(plane: "BodyOnPlane") -> Float[Array, ""]:
+    """Computes √(g/r)."""
+    return root(jax.lax.stop_gradient(jnp.abs(plane.body.gravity) / plane.body.radius))
+
+
+def approach_rest(
+    plane: "BodyOnPlane", step: GuardedStep, heading: Heading, guard: int, accuracy: Accuracy
+) -> tuple[Bool[Array, ""], Bool[Array, ""], Float[Array, ""]]:
+    """Returns whether a ball that rolls is slow, whether it may come to its end, and the longest next step.
+
+    - ``guard``: the index of the guard of rolling.
+    """
+    least, omega = heading.least, plane.over_ground(step.end, step.state)
+    # Within the errors of the method the ball rolls to and fro, so that it may never be as slow as ``least``.
+    slowest = least + ERRORS_OF_ROLLING * (accuracy.atol + accuracy.rtol * root(jnp.sum(omega**2)))
+    slow = root(jnp.sum(omega[:2] ** 2)) <= 2 * slowest
+    before, after = step.guards[guard, 0] + least, step.guards[guard, -1] + least
+    nears = slow & nears_its_end(before, after, slowest)
+    return slow, nears, longest_step(before, after, least, step.end - step.start, accuracy)

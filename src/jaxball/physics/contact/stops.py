@@ -5,8 +5,9 @@ contact keeps its mode if it can: in rolling the impulse of the ground must be w
 sliding it is I₃ (e3 − μσ) with I₃ ≥ 0, as long as the slip does not reverse. If not, the ground gives no impulse where
 the body then rises, and else that of an impact without restitution (``impact``), the joint with its rate after the
 strike. There, friction may end in another mode than it begins, and restitution would then create energy: e is smaller,
-so that it does not. Friction in joints and dry resistance at the ground are finite and give no impulse. A joint that
-rests against another stop is held there as far as that stop pushes it.
+so that it does not. A rise slower than the law's ``slowest`` is none: otherwise the body would land at once and take
+the joint off its stop, only to be lifted again, without end. Friction in joints and dry resistance at the ground are
+finite and give no impulse. A joint that rests against another stop is held there as far as that stop pushes it.
 """
 
 import dataclasses
@@ -19,15 +20,13 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ...numerics.vectors import apply, dot, inverse, root
 from ..dynamics.coupling import join_coordinates
+from ..dynamics.dry_friction import release
 from ..dynamics.equations import equations
-from ..dynamics.law import release
-from ..dynamics.sticking import among_free, of_sticking, put, sticking_slots
-from ..dynamics.stops import Reach, Stops, rubs, sides
+from ..dynamics.sticking import Reach, Stops, among_free, of_sticking, put, rubs, sides, sticking_slots
 from . import friction
-from .guards import find_struck
-from .impact import collision
+from .guards import Progress, find_struck
+from .impact import collision, slowest_rise
 from .modes import ContactState, Mode
-from .progress import Progress
 from .released import combine_rows, slip_velocity, with_rise, with_velocities
 
 if TYPE_CHECKING:
@@ -216,7 +215,7 @@ def _blow_on_contact(plane: "BodyOnPlane", t: Float[Array, ""], strike: _Strike,
     # With the rate of the joint after the strike, the impulse of the ground is R₀ + S Δv_s.
     R0 = strike.change / gain * pushed.reaction
     S = yielding.reaction - by_slip[:, None] * pushed.reaction[None] / gain
-    before, after, still = _slip_after(plane, t, state, R0, inverse(S))
+    before, after, still = _slip_after(plane, t, state, R0, inverse(S), slowest_rise(plane, response))
     change = after - before
     impulse = (strike.change - jnp.sum(by_slip * change)) / gain
     of_ground = jnp.where(state.is_in(Mode.FLIGHT), 0.0, R0 + combine_rows(change, S))
@@ -229,10 +228,16 @@ def _blow_on_contact(plane: "BodyOnPlane", t: Float[Array, ""], strike: _Strike,
 
 
 def _slip_after(
-    plane: "BodyOnPlane", t: Float[Array, ""], state: ContactState, R0: Float[Array, "3"], D: Float[Array, "3 3"]
+    plane: "BodyOnPlane",
+    t: Float[Array, ""],
+    state: ContactState,
+    R0: Float[Array, "3"],
+    D: Float[Array, "3 3"],
+    slowest: Float[Array, ""],
 ) -> tuple[Float[Array, "3"], Float[Array, "3"], Bool[Array, ""]]:
     """Computes the slip velocity before and after a strike in which the ground would give the impulse R₀ to a contact
-    that rolls on, and whether nothing slips after it.
+    that rolls on, and whether nothing slips after it. A body that would rise slower than ``slowest`` stays on its
+    ground.
     """
     rolls, slides, flies = (state.is_in(mode) for mode in (Mode.ROLLING, Mode.SLIDING, Mode.FLIGHT))
     slip = slip_velocity(plane.body, t, state.released)
@@ -253,6 +258,10 @@ def _slip_after(
 
     goes_on = rolls_on | slides_on | flies
     hit, sticks = jax.lax.cond(goes_on, lambda: (free, jnp.zeros_like(goes_on)), strike_ground)
+    # What takes the rise away is an impulse along the normal, which loses its energy.
+    stays = ~flies & (hit[2] > 0) & (hit[2] < slowest)
+    pulled = hit - D[:, 2] * hit[2] / jnp.where(stays, D[2, 2], 1.0)
+    hit = jnp.where(stays, pulled.at[2].set(0.0), hit)
     after = jnp.where(rolls_on, 0.0, jnp.where(slides_on, slid, hit))
     return before, after, rolls_on | sticks
 

@@ -19,16 +19,24 @@ from ...numerics.terms import add, convert
 from ...numerics.vectors import apply, cross, dot, outer, root
 from ...programs.derivatives.differentiation import without_derivatives
 from ..conditions import Condition
-from ..forces.resistance import Resistance
 from ..state import Rates, ReducedState, State
-from .coupling import FactoredInertia, Inertia, Joints, inertia, join_coordinates, joint_forces, with_free_joints
+from .coupling import (
+    FactoredInertia,
+    Inertia,
+    Joints,
+    Linkage,
+    along,
+    inertia,
+    join_coordinates,
+    joint_forces,
+    linkages,
+    with_free_joints,
+)
+from .dry_friction import Rows, Turning, TurningMode, mode_of, pressing_force, resist
 from .footing import ContactAxes, arm_of, contact_normal, rate_of_carrier
-from .law import Rows, pressing_force
-from .linkage import Linkage, along, linkages
 from .load import Load, load
 from .moments import AbstractMoments, Moments, moments, velocity_moments
 from .parameters import BodyParameters
-from .rest import Turning, TurningMode, mode_of, resist
 from .sticking import has_directions, of_sticking, release_joints, sticking_joints, with_directions
 
 SOLVABLE = (
@@ -197,15 +205,16 @@ def accelerations(
     r, motion_equations = system.radius, equations(system, t, state)
     Gamma, lever, free = motion_equations.Gamma, motion_equations.lever, motion_equations.free
     Omegadot, thetaddot = motion_equations.solve(r, t, state, acting)
-    resistance, height = system.resistance, system.height_of_centre(Gamma)
-    dry = None if resistance is None else resistance.dry_torque(height, acting.resisted, Gamma)
-    if isinstance(system.resistance, Resistance) and system.resistance.holds:
+    resistance, dry = system.resistance, None
+    if resistance is not None and not resistance.holds:
+        dry = resistance.dry_torque(system.height_of_centre(Gamma), acting.resisted, Gamma)
+    if resistance is not None and resistance.holds:
         axes = _contact_axes(system, t, state)
         turns = _turning(system, motion_equations, acting, Omegadot, thetaddot, axes, rate_of_carrier(system, t, state))
         # A solve knows the mode; from a state alone it is found here.
         if mode is None:
-            mode = mode_of(system.resistance, turns, apply(axes, acting.resisted), system.planar)
-        dry = apply(axes.T, resist(system.resistance, turns, mode).amounts)
+            mode = mode_of(resistance, turns, apply(axes, acting.resisted), system.planar)
+        dry = apply(axes.T, resist(turns, mode).amounts)
         change, joint_changes, _ = _dry_friction(lever, free, motion_equations.matrix, dry)
         Omegadot = Omegadot + change
         thetaddot = [x + y for x, y in zip(thetaddot, joint_changes, strict=True)]

@@ -14,8 +14,7 @@ from ...numerics.arrays import select_tree
 from ...numerics.terms import add, convert
 from ...numerics.vectors import apply, cross, in_three
 from ..grounds import AbstractSurface, Footing
-from ..grounds.footing import AT_REST
-from ..grounds.ground import AbstractGround
+from ..grounds.ground import AT_REST, AbstractGround
 from ..grounds.surface import Coordinates
 from ..state import BallState, DiskState, Rates, ReducedState, rolling_velocity
 from .parameters import BodyParameters

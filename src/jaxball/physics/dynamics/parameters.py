@@ -13,12 +13,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ...compat import is_traced
 from ...interface.arguments import require, require_each
+from ...interface.compat import is_traced
 from ...interface.printing import Printed, entry, format_fields, format_value
 from ...interface.wording import all_of
-from ...numerics.arrays import Numbers, numbers
-from ...numerics.declare import OF_MASS, POSITIVE, number
+from ...numerics.arrays import Numbers
+from ...numerics.declare import FINITE, LENGTH, OF_GRAVITY, OF_INERTIA, OF_MASS, POSITIVE, number
 from ..feedback import AbstractLaw
 from ..forces.force import AbstractWrench, FunctionForce, HarmonicForce, require_wrench
 from ..forces.resistance import AbstractResistance
@@ -83,11 +83,6 @@ def _require_rail(item: PointMass) -> AbstractRail:
     return item.rail
 
 
-def shapes_of_body(kind: type["BodyParameters"]) -> dict[str, tuple[int, ...]]:
-    """Returns the shapes of the numbers of a body that are not those of its parts, by name."""
-    return {"mass": (), "radius": (), "gravity": (), "inertia": kind.inertia_shape, "offset": (3,)}
-
-
 class BodyParameters(Printed):
     """The parameters that a ball and a disk share; :class:`~jaxball.Ball` describes them.
 
@@ -97,20 +92,18 @@ class BodyParameters(Printed):
     Mechanisms are grouped likewise. The state has θ of the driven masses first, and then those of each
     mechanism's joints that are not prescribed, and then those of the ground that a law drives.
 
-    ``inertia_shape`` is (3,) for three principal moments, () for the one of a ``planar`` body, which lies in the plane
-    of E1 and E3.
+    A ``planar`` body lies in the plane of E1 and E3, and has one moment of inertia where others have three.
     """
 
-    inertia_shape: ClassVar[tuple[int, ...]] = (3,)
     planar: ClassVar[bool] = False
     shape: ClassVar[AbstractShape | None] = None  # of a surface that is no sphere: a ConvexBody has one
     derived: ClassVar[tuple[str, ...]] = ()  # numbers that are no arguments
 
-    mass: Float[Array, "*group"]
-    inertia: Float[Array, "..."]
-    radius: Float[Array, "*group"]
-    offset: Float[Array, "*group 3"]
-    gravity: Float[Array, "*group"]
+    mass: Float[Array, "*group"] = eqx.field(converter=number(OF_MASS, POSITIVE))
+    inertia: Float[Array, "*group 3"] = eqx.field(converter=number(OF_INERTIA, POSITIVE))
+    radius: Float[Array, "*group"] = eqx.field(converter=number(LENGTH, POSITIVE))
+    offset: Float[Array, "*group 3"] = eqx.field(converter=number(LENGTH))
+    gravity: Float[Array, "*group"] = eqx.field(converter=number(OF_GRAVITY, FINITE))
     force: AbstractWrench | None
     groups: tuple[PointMass, ...]
     order: tuple[tuple[int, ...], ...] = eqx.field(static=True)
@@ -138,11 +131,8 @@ class BodyParameters(Printed):
         resistance: AbstractResistance | None = None,
         own_states: OwnStates | None = None,
     ):
-        arguments = mass, radius, gravity, inertia, offset
-        self.mass, self.radius, self.gravity, self.inertia, self.offset = (
-            numbers(name, shape)(x)
-            for x, (name, shape) in zip(arguments, shapes_of_body(type(self)).items(), strict=True)
-        )
+        given: Any = mass, inertia, radius, offset, gravity  # their fields convert them
+        self.mass, self.inertia, self.radius, self.offset, self.gravity = given
         self.force, self.law = force, law
         require_each("masses", masses, PointMass, "a PointMass")
         require_each("mechanisms", mechanisms, AbstractMechanism, "a mechanism, such as Mechanism(...)")

@@ -30,12 +30,12 @@ class BodyMotion(NamedTuple):
     - ``Lambda``: the rotation matrix Λ from body to space, shape (3, 3).
     - ``Omega``: the angular velocity Ω, body axes, rad/time, shape (3,).
     - ``theta``, ``thetadot``: θ and θ̇ of the driven masses and the joints, as in a state, shape (coordinates,).
-    - ``own``: the values of the body's :class:`~jaxball.OwnStates`, shape (own,); None where it has none.
+    - ``own``: the values of the body's :class:`~jaxball.physics.OwnStates`, shape (own,); None where it has none.
 
     **Example:**
 
     >>> import jax.numpy as jnp
-    >>> from jaxball import BodyMotion
+    >>> from jaxball.physics import BodyMotion
     >>> still, none = jnp.zeros(3), jnp.zeros(0)
     >>> BodyMotion(still, still, jnp.eye(3), jnp.array([0.0, 1.0, 0.0]), none, none).omega
     Array([0., 1., 0.], dtype=float64)
@@ -122,18 +122,19 @@ class HarmonicForce(AbstractForce):
 
     **Arguments:**
 
-    - ``constant``: space axes, mass length/time², shape (3,).
-    - ``amplitude``: of each sinusoid, in the same units, shape (terms, 3).
-    - ``frequency``: rad/time, shape (terms,).
-    - ``phase``: rad, shape (terms,); zero if not given.
-    - ``powers``: the coefficients of t, t², …, shape (degree, 3); none if not given.
+    - ``constant``: the constant part, space axes, mass length/time², shape (3,).
+    - ``amplitude``: a row for each sinusoid, mass length/time², shape (terms, 3).
+    - ``frequency``: one for each sinusoid, rad/time, shape (terms,).
+    - ``phase``: one for each sinusoid, rad, shape (terms,); zero if not given.
+    - ``powers``: the coefficients of t, t², …, each in the unit of the one before it over time, shape (degree, 3); none
+      if not given.
 
     **Raises:** ``ValueError`` when ``amplitude``, ``frequency`` and ``phase`` differ in length.
 
     **Example:**
 
     >>> import jax.numpy as jnp
-    >>> from jaxball import HarmonicForce
+    >>> from jaxball.physics import HarmonicForce
     >>> force = HarmonicForce((0.0, 0.0, 0.0), amplitude=[(2.0, 0.0, 0.0)], frequency=[jnp.pi])
     >>> force(jnp.array(0.5))
     Array([2., 0., 0.], dtype=float64)
@@ -165,7 +166,7 @@ class FunctionForce(VectorOfTime, AbstractForce):
 
     - ``function``: of (t, parameters), to Fe, space axes, mass length/time², shape (3,).
     - ``parameters``: arrays, in any PyTree, passed to it; they can be swept and differentiated.
-    - ``kink_times``: times, shape (kinks,), at which it jumps or has a kink.
+    - ``kink_times``: the times at which it jumps or has a kink, shape (kinks,).
 
     **Example:**
 
@@ -185,10 +186,10 @@ class FunctionWrench(OfKinkedFunctionOfState, AbstractWrench):
 
     **Arguments:**
 
-    - ``function``: of (t, motion, parameters), where ``motion`` is a :class:`~jaxball.BodyMotion`, to the force at the
-      geometric centre, space axes, mass length/time², shape (3,), or to a :class:`~jaxball.Wrench`.
+    - ``function``: a function of (t, motion, parameters), where ``motion`` is a :class:`~jaxball.physics.BodyMotion`,
+      to the force at the geometric centre, space axes, mass length/time², shape (3,), or to a :class:`~jaxball.Wrench`.
     - ``parameters``: arrays, in any PyTree, passed to it; they can be swept and differentiated.
-    - ``kink_times``: times, shape (kinks,), at which it jumps or has a kink.
+    - ``kink_times``: the times at which it jumps or has a kink, besides those found in its trace, shape (kinks,).
 
     **Example:**
 
@@ -252,10 +253,10 @@ class Push(AbstractWrench):
 
     **Arguments:**
 
-    - ``force``: space axes, mass length/time², shape (3,).
-    - ``start``: a time.
-    - ``duration``: a time; the push gives the momentum force × duration.
-    - ``torque``: space axes, mass length²/time², shape (3,); none if not given.
+    - ``force``: at the geometric centre, space axes, mass length/time², shape (3,).
+    - ``start``: when it begins, a time.
+    - ``duration``: how long it lasts, a time. The push gives the momentum force × duration.
+    - ``torque``: space axes, mass length²/time², shape (3,).
 
     **Example:**
 

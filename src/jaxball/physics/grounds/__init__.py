@@ -4,9 +4,8 @@ A surface is one function p(t, u1, u2), a place in space for two coordinates; ev
 differentiation.
 """
 
-from .carriers import Belt as Belt, Turntable as Turntable
-from .footing import Footing as Footing
-from .moving_frame import MovingFrame as MovingFrame, Turn as Turn
+from .carriers import Belt as Belt, MovingFrame as MovingFrame, Turn as Turn, Turntable as Turntable
+from .ground import Footing as Footing
 from .shapes import (
     Bowl as Bowl,
     Cylinder as Cylinder,

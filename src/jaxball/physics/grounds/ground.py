@@ -1,4 +1,4 @@
-"""The ground: its contract, and a plane that may be tilted and move without turning.
+"""The ground: its contract, how it holds a body at one moment, and a plane that may be tilted and move without turning.
 
 Space axes move with that plane and never turn; e3 is its normal, and the position z and all velocities are relative to
 these axes. A ground of any other form or motion is a ``surface``, in space axes that are at rest.
@@ -6,7 +6,7 @@ these axes. A ground of any other form or motion is a ``surface``, in space axes
 
 import abc
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
 import equinox as eqx
 import jax
@@ -18,22 +18,70 @@ from ...interface.printing import Printed
 from ...numerics.arrays import join_arrays, namespace_of
 from ...numerics.declare import ANGLE, FULL_TURN, QUARTER_TURN, number
 from ...numerics.terms import add
-from ...numerics.vectors import in_three, sine_cosine
+from ...numerics.vectors import apply, in_three, sine_cosine
 from ..conditions import Condition, ExplainedCondition, on_numbers
 from ..prescribed.motion import AbstractPrescribedMotion
 from ..prescribed.schedules import AbstractSchedule
 from .carriers import Belt, Turntable
-from .footing import AT_REST, Footing
+
+
+class Footing(NamedTuple):
+    """How a ground holds a body at one moment, in space axes.
+
+    What is None is as on a level plane at rest: the contact axes are those of space, the vectors are 0, and places and
+    their rates are those that the state of the body has.
+
+    - ``axes``: the contact axes as rows: unit vectors along ∂p/∂u1 and across, and the normal n towards the body.
+    - ``centre``, ``foot``: the positions c of the ball's centre and p of the contact point.
+    - ``coordinate_rates``: u̇.
+    - ``velocity``: w of the ground's matter at the contact; ``spin`` is the angular velocity of that matter.
+    - ``normal_rate``: ṅ along the motion of the contact point; ``acceleration`` is ẇ, likewise.
+    - ``turning``: the angular velocity of the contact axes, likewise.
+    """
+
+    axes: Float[Array, "3 3"] | None = None
+    centre: Float[Array, "3"] | None = None
+    foot: Float[Array, "3"] | None = None
+    coordinate_rates: Float[Array, "*two"] | None = None
+    velocity: Float[Array, "3"] | None = None
+    spin: Float[Array, "3"] | None = None
+    normal_rate: Float[Array, "3"] | None = None
+    acceleration: Float[Array, "3"] | None = None
+    turning: Float[Array, "3"] | None = None
+
+    @property
+    def normal(self) -> Float[Array, "3"] | None:
+        """n; None for e3."""
+        return None if self.axes is None else self.axes[2]
+
+    def to_axes(self, v: Float[Array, "3"]) -> Float[Array, "3"]:
+        """Returns the components of a vector in the contact axes."""
+        return v if self.axes is None else apply(self.axes, v)
+
+    def to_space(self, v: Float[Array, "3"]) -> Float[Array, "3"]:
+        """Returns the vector whose components in the contact axes are ``v``."""
+        return v if self.axes is None else apply(self.axes.T, v)
+
+    def rows(self, Lambda: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
+        """Returns the contact axes in body axes, as rows: what takes vectors of the body to the contact axes."""
+        return Lambda if self.axes is None else jnp.sum(self.axes[:, :, None] * Lambda[None], axis=1)
+
+
+AT_REST = Footing()  # on a level plane at rest
+
 
 Kind = TypeVar("Kind", bound="AbstractGround")
 SINE_ALONG = 1e-6  # how far the sine of a disk's heading may be from 0
 
 
 class AbstractGround(Printed):
-    """What a body rolls on: a :class:`Ground`, which is a plane, or an :class:`~jaxball.AbstractSurface`.
+    """What a body rolls on: a :class:`Ground`, which is a plane, or an :class:`~jaxball.physics.AbstractSurface`.
 
-    Nothing else is known to the equations of motion; a ground of one's own is a surface. Any ground may have a
-    ``turntable`` and a ``belt``, which carry its matter along it.
+    Nothing else is known to the equations of motion; a ground of one's own is a surface. Any ground may have these,
+    which carry its matter along it:
+
+    - ``turntable``: a part of the ground that turns, under a ball. A :class:`~jaxball.Turntable`.
+    - ``belt``: a conveyor along the ground, under a disk along its line. A :class:`~jaxball.Belt`.
     """
 
     turntable: Turntable | None = eqx.field(default=None, kw_only=True)
@@ -144,12 +192,12 @@ class Ground(AbstractGround):
 
     **Arguments:**
 
-    - ``angle``: the tilt of the plane, rad, between −π/2 and π/2.
+    - ``angle``: the tilt of the plane, between −π/2 and π/2, rad.
     - ``heading``: the direction of steepest descent, from e1 to e2, rad.
-    - ``motion``: the displacement X(t) of the plane, with its axes, as a motion: an :class:`~jaxball.Oscillating` of
-      sinusoids, an :class:`~jaxball.OnRail` of a rail and a schedule, or a :class:`~jaxball.Free` of a function.
-    - ``turntable``, ``belt``: a :class:`~jaxball.Turntable` and a :class:`~jaxball.Belt` in the plane, which carry what
-      rolls on them; a disk may have a belt along e1.
+    - ``motion``: the displacement X(t) of the plane, with its axes; at rest if not given. An
+      :class:`~jaxball.Oscillating` of sinusoids, an :class:`~jaxball.OnRail` of a rail and a schedule, or a
+      :class:`~jaxball.Free` of a function.
+    - ``turntable``, ``belt``: as for an :class:`AbstractGround`.
 
     Gravity is g (sin a cos b, sin a sin b, −cos a), with a the angle and b the heading. The weight, the plane's
     acceleration and that of its matter act together on the masses as γ = Λ⁻¹(Ẍ + u̇ − **g**), which replaces gΓ.

@@ -18,8 +18,8 @@ from ..conditions import Condition
 from ..mechanisms.joints import Accelerated
 from ..prescribed.motion import AbstractPrescribedMotion
 from ..prescribed.schedules import AbstractSchedule
-from .moving_frame import MovingFrame, Turn
-from .stereographic import coordinates_along, share_to_pole
+from .carriers import MovingFrame, Turn
+from .chart import coordinates_along, share_to_pole
 from .surface import AbstractSurface, Coordinate, Coordinates, Time
 
 AXIS_ACROSS = 0.5  # the component along e2 of an axis that is not along the plane of a disk
@@ -34,10 +34,11 @@ class HeightField(OfKinkedFunctionOfState, AbstractSurface):
 
     **Arguments:**
 
-    - ``function``: of (t, x, y, parameters), to a height, length. The ground's matter moves up and down with it.
+    - ``function``: a function of (t, x, y, parameters), to a height, length. The ground's matter moves up and down with
+      it.
     - ``parameters``: arrays, in any PyTree, passed to it; they can be swept and differentiated.
-    - ``kink_times``: times, shape (kinks,), at which its second derivative by t jumps or has a kink.
-    - ``motion``: a :class:`MovingFrame`, if it moves as a whole.
+    - ``kink_times``: the times at which its second derivative by t jumps or has a kink, shape (kinks,).
+    - ``motion``: its motion as a rigid body; at rest if not given. A :class:`MovingFrame`.
 
     The coordinates of the contact point are x and y.
 
@@ -85,16 +86,16 @@ class ParametricSurface(OfKinkedFunctionOfState, AbstractSurface):
 
     **Arguments:**
 
-    - ``function``: of (t, u1, u2, parameters), to a point, length, shape (3,). A piece of the ground's matter keeps its
-      coordinates.
+    - ``function``: a function of (t, u1, u2, parameters), to a point, length, shape (3,). A piece of the ground's
+      matter keeps its coordinates.
     - ``parameters``: arrays, in any PyTree, passed to it; they can be swept and differentiated.
-    - ``kink_times``: times, shape (kinks,), at which its second derivative by t jumps or has a kink.
-    - ``motion``: a :class:`MovingFrame`, if it moves as a whole.
+    - ``kink_times``: the times at which its second derivative by t jumps or has a kink, shape (kinks,).
+    - ``motion``: its motion as a rigid body; at rest if not given. A :class:`MovingFrame`.
 
     **Example:**
 
     >>> import jax.numpy as jnp
-    >>> from jaxball import ParametricSurface
+    >>> from jaxball.physics import ParametricSurface
     >>> def torus(t, around, across, radii):
     ...     rho = radii[0] - radii[1] * jnp.cos(across)
     ...     return jnp.stack([rho * jnp.cos(around), rho * jnp.sin(around), radii[1] * jnp.sin(across)])
@@ -125,8 +126,8 @@ class Bowl(AbstractSurface):
 
     **Arguments:**
 
-    - ``radius``: R, more than that of the ball, length.
-    - ``motion``: a :class:`MovingFrame`, if it moves.
+    - ``radius``: R, the radius of the sphere, more than that of the ball, length.
+    - ``motion``: its motion as a rigid body; at rest if not given. A :class:`MovingFrame`.
 
     **Example:**
 
@@ -160,13 +161,14 @@ class SphereOutside(AbstractSurface):
 
     **Arguments:**
 
-    - ``radius``: R, length.
-    - ``motion``: a :class:`MovingFrame`, if it moves.
+    - ``radius``: R, the radius of the sphere, length.
+    - ``motion``: its motion as a rigid body; at rest if not given. A :class:`MovingFrame`.
 
     **Example:**
 
     >>> import jax.numpy as jnp
-    >>> from jaxball import Ball, BallState, SphereOutside, observe
+    >>> from jaxball import Ball, BallState, observe
+    >>> from jaxball.physics import SphereOutside
     >>> ball = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=SphereOutside(3.0))
     >>> print(observe(ball, jnp.array(0.0), BallState(z=(6.0, 0.0))).geometric_centre)  # at φ = π/2
     [ 4.  0. -3.]
@@ -196,18 +198,18 @@ class Cylinder(AbstractSurface):
 
     **Arguments:**
 
-    - ``radius``: R, length.
+    - ``radius``: R, the radius of the cylinder, length.
     - ``axis``: the direction of the axis, of any nonzero length, shape (3,).
-    - ``start``: the direction, from the axis, of the line along which the arc is 0; of any length, and not along the
+    - ``start``: the direction, from the axis, of the line along which the arc is 0, of any length, and not along the
       axis, shape (3,). The lowest line of a horizontal cylinder by default, which fits the inside.
     - ``centre``: the point of the axis from which lengths along it are counted, length, shape (3,).
-    - ``outside``: whether the ball is outside.
-    - ``motion``: a :class:`MovingFrame`, if it moves.
+    - ``outside``: whether the ball is outside of it.
+    - ``motion``: its motion as a rigid body; at rest if not given. A :class:`MovingFrame`.
 
     **Example:**
 
     >>> import jax.numpy as jnp
-    >>> from jaxball import Cylinder
+    >>> from jaxball.physics import Cylinder
     >>> well = Cylinder(2.0, axis=(0.0, 0.0, 1.0), start=(1.0, 0.0, 0.0))
     >>> print(well.place_of_centre(jnp.array(0.0), jnp.array(0.5), jnp.array([3.0, jnp.pi])).round(6) + 0.0)
     [0.  1.5 3. ]
@@ -271,14 +273,14 @@ class Paraboloid(AbstractSurface):
     **Arguments:**
 
     - ``curvatures``: k1 and k2, positive where the ground rises from the origin, 1/length, shape (2,).
-    - ``motion``: a :class:`MovingFrame`, if it moves.
+    - ``motion``: its motion as a rigid body; at rest if not given. A :class:`MovingFrame`.
 
     The coordinates of the contact point are x and y.
 
     **Example:**
 
     >>> import jax.numpy as jnp
-    >>> from jaxball import Paraboloid
+    >>> from jaxball.physics import Paraboloid
     >>> saddle = Paraboloid((0.1, -0.1))
     >>> print(saddle.place(jnp.array(0.0), jnp.array(2.0), jnp.array(1.0)))
     [2.   1.   0.15]
@@ -299,17 +301,18 @@ class Washboard(AbstractSurface):
 
     **Arguments:**
 
-    - ``amplitude``: of the height, length.
-    - ``wavelength``: length.
-    - ``phase``, ``heading``: rad; 0 if not given.
-    - ``motion``: a :class:`MovingFrame`, if it moves.
+    - ``amplitude``: the amplitude of the height, length.
+    - ``wavelength``: the wavelength, length.
+    - ``phase``: the phase of the waves at the origin, rad; 0 if not given.
+    - ``heading``: the direction across the waves, from e1 towards e2, rad; 0 if not given.
+    - ``motion``: its motion as a rigid body; at rest if not given. A :class:`MovingFrame`.
 
     The coordinates of the contact point are x and y.
 
     **Example:**
 
     >>> import jax.numpy as jnp
-    >>> from jaxball import Washboard
+    >>> from jaxball.physics import Washboard
     >>> print(Washboard(0.1, wavelength=4.0).place(jnp.array(0.0), jnp.array(1.0), jnp.array(2.0)))
     [1.  2.  0.1]
     """
@@ -337,16 +340,20 @@ class TiltingPlane(AbstractSurface):
 
     **Arguments:**
 
-    - ``about_e1``, ``about_e2``: the angles, rad, as schedules; None for none; ``Accelerated()`` for one whose θ̈ is
-      given by the body's feedback law, and which is in the state's ``theta`` after those of masses and joints.
+    - ``about_e1``: the angle about e1, a schedule, or the one that a law follows, rad; level if not given.
+      ``Accelerated()`` where the body's feedback law gives its θ̈; it is in the state's ``theta`` after those of masses
+      and joints.
+    - ``about_e2``: the angle about the plane's own e2, likewise, rad; level if not given.
     - ``pivot``: the point about which it tilts, length, shape (3,); the origin if not given. It need not be in the
       plane.
-    - ``displacement``: X(t), a motion such as an :class:`~jaxball.Oscillating` of sinusoids, length; None for none.
+    - ``displacement``: X(t), its displacement, length; none if not given. A motion such as an
+      :class:`~jaxball.Oscillating` of sinusoids.
 
     **Example:**
 
     >>> import jax.numpy as jnp
-    >>> from jaxball import Ball, ConstantRate, TiltingPlane, simulate
+    >>> from jaxball import Ball, ConstantRate, simulate
+    >>> from jaxball.physics import TiltingPlane
     >>> slope = TiltingPlane(about_e2=ConstantRate(0.1))  # held there
     >>> run = simulate(Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=slope), jnp.array([0.0, 2.0]))
     >>> print(run.state.z[-1].round(6))  # ½ t² g sin a / (1 + 2/5), as on a Ground(angle=0.1)

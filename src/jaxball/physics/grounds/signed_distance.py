@@ -15,8 +15,8 @@ from ...numerics.functions import OfKinkedFunctionOfState
 from ...numerics.roots import find_rising_root, with_derivatives_of_root
 from ...numerics.vectors import cross, dot
 from ..conditions import Condition, ExplainedCondition, Problem, positive
-from .moving_frame import MovingFrame
-from .stereographic import coordinates_along, direction_at, share_to_pole
+from .carriers import MovingFrame
+from .chart import coordinates_along, direction_at, share_to_pole
 from .surface import AbstractSurface, Coordinate, Time
 
 # The sine of the angle between the normal and the way to a point above which a piece is not the nearest to that, in
@@ -50,19 +50,19 @@ class SignedDistance(OfKinkedFunctionOfState, AbstractSurface):
 
     **Arguments:**
 
-    - ``function``: of (t, x, y, z, parameters), to a number.
+    - ``function``: a function of (t, x, y, z, parameters), zero on the ground and positive on the side of the ball.
     - ``parameters``: arrays, in any PyTree, passed to it; they can be swept and differentiated.
-    - ``kink_times``: times, shape (kinks,), at which its second derivative by t jumps or has a kink.
-    - ``motion``: a :class:`MovingFrame`, if it moves as a whole.
-    - ``centre``: the point from which rays go out, length, shape (3,), in the plane of e1 and e3 under a disk; None for
-      lines along e3.
-    - ``guess``: the height, or the distance from the centre, at which the ground is sought first, length. With a centre
-      it must be positive, and is also the scale of the coordinates.
+    - ``kink_times``: the times at which its second derivative by t jumps or has a kink, shape (kinks,).
+    - ``motion``: its motion as a rigid body; at rest if not given. A :class:`MovingFrame`.
+    - ``centre``: the point from which rays meet the ground, in the plane of e1 and e3 under a disk, length, shape (3,);
+      if not given, lines along e3 meet it.
+    - ``guess``: the height, or the distance from ``centre``, then positive, at which the ground is sought first,
+      length. With a centre it is also the scale of the coordinates.
 
     **Example:**
 
     >>> import jax.numpy as jnp
-    >>> from jaxball import SignedDistance
+    >>> from jaxball.physics import SignedDistance
     >>> def inside(t, x, y, z, axes):
     ...     return 1 - (x / axes[0])**2 - (y / axes[1])**2 - (z / axes[2])**2
     >>> egg = SignedDistance(inside, jnp.array([1.0, 1.0, 2.0]), centre=(0.0, 0.0, 0.0), guess=1.0)

@@ -22,12 +22,9 @@ from ...interface.status import Status
 from ...numerics.terms import add
 from ...numerics.vectors import cross, dot, unit_vector
 from ..conditions import Condition, ExplainedCondition, Problem
-from .carriers import Slopes
-from .chart import END_MARGIN, LEAST_MARGIN, Chart, Touch, determinant, margin
-from .footing import Footing
-from .ground import AbstractGround
-from .moving_frame import MovingFrame
-from .nearest import Section, nearest
+from .carriers import MovingFrame, Slopes
+from .chart import END_MARGIN, LEAST_MARGIN, Chart, Section, Touch, determinant, margin, nearest
+from .ground import AbstractGround, Footing
 
 CURVED = (
     "curved less than the ball where it starts, on the side of the ball, because a ball that is more curved than its "
@@ -51,8 +48,8 @@ class AbstractSurface(AbstractGround):
 
     An implementer supplies ``point(t, u1, u2)``, traced with ``jax.numpy``: where the piece of the ground with the
     coordinates u = (u1, u2) is at a time, as ∂p/∂u1 × ∂p/∂u2 points towards the ball. A piece keeps its coordinates:
-    the velocity of the ground's matter is ∂p/∂t. And a field ``motion``, a :class:`~jaxball.MovingFrame` that moves
-    it as a rigid body, or None. Where the ground has an edge, or its coordinates do not reach all of it, also
+    the velocity of the ground's matter is ∂p/∂t. And a field ``motion``, a :class:`~jaxball.physics.MovingFrame` that
+    moves it as a rigid body, or None. Where the ground has an edge, or its coordinates do not reach all of it, also
     ``reach(t, u1, u2)``; a run ends there with the status ``LEFT_SURFACE``.
 
     With a law of contact the ball may fly, and the piece that is nearest to it is sought: ``nearest`` gives it in

@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ...compat import is_traced
+from ...interface.compat import is_traced
 from ...numerics.arrays import AnyArray, namespace_of
 from ...numerics.excursions import Excursion, first_excursion
 from ...numerics.functions import HarmonicSeries

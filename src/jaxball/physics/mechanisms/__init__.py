@@ -11,13 +11,15 @@ from .forces import (
     SpeedLimitedMotor as SpeedLimitedMotor,
     Spring as Spring,
 )
-from .friction import JointFriction as JointFriction, MajdSimaanFriction as MajdSimaanFriction
 from .joints import (
     AbstractJoint as AbstractJoint,
     Accelerated as Accelerated,
     Carriage as Carriage,
     Drive as Drive,
+    HardStops as HardStops,
     Hinge as Hinge,
+    JointFriction as JointFriction,
+    MajdSimaanFriction as MajdSimaanFriction,
     Slider as Slider,
 )
 from .mechanism import (
@@ -36,4 +38,3 @@ from .robots import (
     spherical_pendulum as spherical_pendulum,
     turning_rail as turning_rail,
 )
-from .stops import HardStops as HardStops

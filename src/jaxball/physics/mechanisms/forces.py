@@ -190,7 +190,7 @@ class Spring(AbstractJointForce):
 
     **Arguments:**
 
-    - ``stiffness``: torque per rad, or force per length.
+    - ``stiffness``: the torque per rad, or force per length.
     - ``rest``: the θ at which its force is zero.
 
     **Example:**
@@ -213,7 +213,7 @@ class Damper(AbstractJointForce):
 
     **Arguments:**
 
-    - ``coefficient``: torque or force per rate; 0 or positive unless ``negative``.
+    - ``coefficient``: the torque or force per rate, not negative unless ``negative``.
     - ``negative``: whether it may be negative, and so supply energy.
 
     **Example:**
@@ -248,8 +248,8 @@ class Motor(AbstractJointForce):
 
     **Arguments:**
 
-    - ``signal``: the torque of a hinge or the force along a slider: a number, a :class:`~jaxball.PiecewiseSignal`, or a
-      schedule of it.
+    - ``signal``: the torque of a hinge or the force along a slider, mass length²/time² or mass length/time². A number,
+      a :class:`~jaxball.PiecewiseSignal`, or a schedule of it.
     - ``limit``: the largest |Q|; none if not given.
 
     **Example:**
@@ -303,15 +303,16 @@ class SpeedLimitedMotor(AbstractJointForce):
 
     **Arguments:**
 
-    - ``command``: the voltage relative to the maximum, from −1 to 1: a number, a :class:`~jaxball.PiecewiseSignal` or a
-      schedule.
+    - ``command``: the voltage relative to the maximum, from −1 to 1, as a function of time. A number, a
+      :class:`~jaxball.PiecewiseSignal` or a schedule.
     - ``stall``: the torque of a hinge, or the force along a slider, at full command and zero speed.
     - ``free_speed``: θ̇ at full command and zero torque.
 
     **Example:**
 
     >>> import jax.numpy as jnp
-    >>> from jaxball import BallState, SpeedLimitedMotor
+    >>> from jaxball import BallState
+    >>> from jaxball.physics import SpeedLimitedMotor
     >>> motor = SpeedLimitedMotor(1.0, stall=2.0, free_speed=10.0)
     >>> float(motor(jnp.array(0.0), jnp.array(0.0), jnp.array(5.0), BallState()))
     1.0
@@ -355,8 +356,8 @@ class PDServo(AbstractJointForce):
     **Arguments:**
 
     - ``target``: a schedule of θ.
-    - ``stiffness``: torque per rad, or force per length.
-    - ``damping``: torque or force per rate.
+    - ``stiffness``: the torque per rad, or force per length.
+    - ``damping``: the torque or force per rate.
     - ``limit``: the largest |Q|; none if not given.
 
     **Example:**
@@ -395,10 +396,11 @@ class EndStops(AbstractJointForce):
 
     **Arguments:**
 
-    - ``lower``, ``upper``: θ at the ends.
-    - ``stiffness``: torque per rad, or force per length. A mass m that hits a stop at speed v overshoots it by about
-      v √(m / stiffness).
-    - ``damping``: time per angle or length.
+    - ``lower``: θ at the lower end.
+    - ``upper``: θ at the upper end, more than ``lower``.
+    - ``stiffness``: the torque per rad, or force per length, beyond an end. A mass m that hits a stop at speed v
+      overshoots it by about v √(m / stiffness).
+    - ``damping``: by how much the force grows with the rate ẋ, time/rad.
 
     **Example:**
 
@@ -437,12 +439,13 @@ class FunctionJointForce(OfKinkedFunctionOfState, AbstractJointForce):
 
     - ``function``: of (t, theta, thetadot, state, parameters), with θ and θ̇ of the joint, to Q, shape ().
     - ``parameters``: arrays, in any PyTree, passed to it; they can be swept and differentiated.
-    - ``kink_times``: times, shape (kinks,), at which it jumps or has a kink.
+    - ``kink_times``: the times at which it jumps or has a kink, shape (kinks,).
 
     **Example:**
 
     >>> import jax.numpy as jnp
-    >>> from jaxball import BallState, FunctionJointForce
+    >>> from jaxball import BallState
+    >>> from jaxball.physics import FunctionJointForce
     >>> def hardening(t, theta, thetadot, state, stiffness):
     ...     return -stiffness * theta**3
     >>> force = FunctionJointForce(hardening, 2.0)

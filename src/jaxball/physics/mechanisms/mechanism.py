@@ -19,9 +19,7 @@ from ..conditions import Condition, positive
 from ..prescribed.schedules import AbstractSchedule
 from ..state import State
 from .forces import AbstractJointForce
-from .friction import JointFriction
-from .joints import AbstractJoint, Accelerated, Drive, Hinge, Moved, in_place, require_drive
-from .stops import HardStops
+from .joints import AbstractJoint, Accelerated, Drive, HardStops, Hinge, JointFriction, Moved, in_place, require_drive
 
 AnyMechanism = TypeVar("AnyMechanism", bound="AbstractMechanism")
 EachJoint = tuple[Float[Array, "_"], Float[Array, "_"], Float[Array, "_"]]  # θ, θ̇ and θ̈ of some or all joints
@@ -43,7 +41,7 @@ class CarriedMass(Printed):
 
     **Arguments:**
 
-    - ``mass``: in units of mass.
+    - ``mass``: the mass, in units of mass.
     - ``place``: its position when every θ is 0, from the geometric centre, body axes, length, shape (3,).
     - ``joint``: the index of the joint that carries it; by default the last one.
 
@@ -350,7 +348,7 @@ class FunctionMechanism(AbstractMechanism):
     **Example:**
 
     >>> import jax.numpy as jnp
-    >>> from jaxball import FunctionMechanism
+    >>> from jaxball.physics import FunctionMechanism
     >>> def on_a_sphere(theta, radius):
     ...     a, b = theta
     ...     return radius * jnp.stack([jnp.sin(a), jnp.cos(a) * jnp.sin(b), -jnp.cos(a) * jnp.cos(b)])[None]

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...compat import is_traced
 from ...interface.arguments import refusal, require_count
+from ...interface.compat import is_traced
 from ...numerics.arrays import Numbers, numbers
 from ...numerics.vectors import cross, root
 from ..conditions import real_inertia
@@ -115,7 +115,7 @@ def double_pendulum(
 
     **Example:**
 
-    >>> from jaxball import double_pendulum
+    >>> from jaxball.physics import double_pendulum
     >>> print(double_pendulum((0.5, 0.2), (0.4, 0.3)).place)
     [[ 0.   0.  -0.4]
      [ 0.   0.  -0.7]]
@@ -201,7 +201,8 @@ def gyroscopic_pendulum(
 
     **Example:**
 
-    >>> from jaxball import Motor, gyroscopic_pendulum
+    >>> from jaxball import Motor
+    >>> from jaxball.physics import gyroscopic_pendulum
     >>> robot = gyroscopic_pendulum(0.5, 0.4, 0.3, drives=(None, None, Motor(0.02)))
     >>> robot.n_joints, robot.mass.shape
     (3, (3,))
@@ -230,7 +231,8 @@ def mass_in_tube(mass: Numbers, axis: Numbers, *, centre: Numbers = CENTRE, driv
 
     **Example:**
 
-    >>> from jaxball import Spring, mass_in_tube
+    >>> from jaxball import Spring
+    >>> from jaxball.physics import mass_in_tube
     >>> tubes = [mass_in_tube(0.1, axis, drive=Spring(2.0)) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
     >>> tubes[2].joints[0].axis
     Array([0., 0., 1.], dtype=float64)
@@ -261,7 +263,8 @@ def turning_rail(
 
     **Example:**
 
-    >>> from jaxball import Circle, ConstantRate, turning_rail
+    >>> from jaxball import Circle, ConstantRate
+    >>> from jaxball.physics import turning_rail
     >>> robot = turning_rail(0.5, Circle(0.6), drives=(ConstantRate(0.0, rate=1.0), None))
     >>> robot.free  # the schedule moves the rail, and the mass moves freely
     (1,)

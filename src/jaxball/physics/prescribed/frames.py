@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...compat import is_traced
+from ...interface.compat import is_traced
 from ...interface.printing import Printed
 from ...numerics.declare import ANGLE, FULL_TURN, NOT_ALL_ZERO, QUARTER_TURN, number
 from ...numerics.versor import normalize, rotation_matrix
@@ -58,7 +58,7 @@ class MatrixFrame(AbstractFrame):
 
     **Arguments:**
 
-    - ``B``: its columns are the frame's axes in the body, shape (3, 3).
+    - ``B``: a rotation matrix, whose columns are the frame's axes in the body, shape (3, 3).
 
     **Example:**
 
@@ -82,11 +82,11 @@ class VersorFrame(AbstractFrame):
 
     **Arguments:**
 
-    - ``q``: (q0, q1, q2, q3), the real part first, shape (4,).
+    - ``q``: a quaternion of any nonzero length, the real part first, shape (4,).
 
     **Example:**
 
-    >>> from jaxball import VersorFrame
+    >>> from jaxball.physics import VersorFrame
     >>> print(VersorFrame((1.0, 0.0, 0.0, 1.0)).matrix().round(12))  # a quarter of a turn about E3
     [[ 0. -1.  0.]
      [ 1.  0.  0.]
@@ -107,8 +107,8 @@ class SphericalFrame(AbstractFrame):
 
     **Arguments:**
 
-    - ``azimuth``: from E1 towards E2, rad.
-    - ``elevation``: over the plane of E1 and E2, rad.
+    - ``azimuth``: the angle from E1 towards E2, rad.
+    - ``elevation``: the angle over the plane of E1 and E2, rad.
 
     **Raises:** ``ValueError`` for an angle beyond a full turn, which must be in degrees. An elevation between a quarter
     and a full turn, which a search may reach, is taken by its sine and cosine.

@@ -227,7 +227,7 @@ class Free(VectorOfTime, AbstractPrescribedMotion):
 
     - ``function``: of (t, parameters), to χ, body axes, length, shape (3,).
     - ``parameters``: arrays, in any PyTree, passed to it; they can be swept and differentiated.
-    - ``kink_times``: times, shape (kinks,), at which its second derivative jumps or has a kink.
+    - ``kink_times``: the times at which its second derivative jumps or has a kink, shape (kinks,).
 
     **Example:**
 

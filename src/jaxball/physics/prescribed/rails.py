@@ -104,8 +104,8 @@ class Tube(AbstractRail):
 
     **Arguments:**
 
-    - ``direction``: of any nonzero length, body axes, shape (3,).
-    - ``centre``: where θ is 0, body axes, length, shape (3,).
+    - ``direction``: the direction, a vector of any nonzero length, body axes, shape (3,).
+    - ``centre``: the point where θ is 0, body axes, length, shape (3,).
 
     **Example:**
 
@@ -171,12 +171,10 @@ class Circle(AbstractPlanarRail):
 
     **Arguments:**
 
-    - ``radius``: length.
-    - ``centre``: of the rail, from the geometric centre, body axes, shape (3,), length; the geometric centre if not
-      given.
-    - ``frame``: the orientation, whose first and third columns span the rail's plane: a
-      :class:`~jaxball.SphericalFrame`, :class:`~jaxball.VersorFrame` or :class:`~jaxball.MatrixFrame`; the plane of
-      E1 and E3 if not given.
+    - ``radius``: the radius, length.
+    - ``centre``: the centre of the rail, from the geometric centre, body axes, length, shape (3,).
+    - ``frame``: the orientation, whose first and third columns span the rail's plane; the plane of E1 and E3 if not
+      given. A :class:`~jaxball.SphericalFrame`, :class:`~jaxball.physics.VersorFrame` or :class:`~jaxball.MatrixFrame`.
 
     **Example:**
 
@@ -208,12 +206,10 @@ class Ellipse(AbstractPlanarRail):
 
     **Arguments:**
 
-    - ``semi_axes``: (a, b), length, shape (2,).
-    - ``centre``: of the rail, from the geometric centre, body axes, shape (3,), length; the geometric centre if not
-      given.
-    - ``frame``: the orientation, whose first and third columns span the rail's plane: a
-      :class:`~jaxball.SphericalFrame`, :class:`~jaxball.VersorFrame` or :class:`~jaxball.MatrixFrame`; the plane of
-      E1 and E3 if not given.
+    - ``semi_axes``: the semi-axes (a, b), length, shape (2,).
+    - ``centre``: the centre of the rail, from the geometric centre, body axes, length, shape (3,).
+    - ``frame``: the orientation, whose first and third columns span the rail's plane; the plane of E1 and E3 if not
+      given. A :class:`~jaxball.SphericalFrame`, :class:`~jaxball.physics.VersorFrame` or :class:`~jaxball.MatrixFrame`.
 
     **Example:**
 
@@ -238,17 +234,15 @@ class GeronoEight(AbstractPlanarRail):
 
     **Arguments:**
 
-    - ``half_extents``: (a, b), length, shape (2,).
-    - ``centre``: of the rail, from the geometric centre, body axes, shape (3,), length; the geometric centre if not
-      given.
-    - ``frame``: the orientation, whose first and third columns span the rail's plane: a
-      :class:`~jaxball.SphericalFrame`, :class:`~jaxball.VersorFrame` or :class:`~jaxball.MatrixFrame`; the plane of
-      E1 and E3 if not given.
+    - ``half_extents``: half of the extents (a, b), length, shape (2,).
+    - ``centre``: the centre of the rail, from the geometric centre, body axes, length, shape (3,).
+    - ``frame``: the orientation, whose first and third columns span the rail's plane; the plane of E1 and E3 if not
+      given. A :class:`~jaxball.SphericalFrame`, :class:`~jaxball.physics.VersorFrame` or :class:`~jaxball.MatrixFrame`.
 
     **Example:**
 
     >>> import jax.numpy as jnp
-    >>> from jaxball import GeronoEight
+    >>> from jaxball.physics import GeronoEight
     >>> print(GeronoEight((0.8, 0.4)).points(jnp.array([0.0, jnp.pi / 4])).round(3))
     [[0.8   0.    0.   ]
      [0.566 0.    0.4  ]]
@@ -268,17 +262,15 @@ class BernoulliEight(AbstractPlanarRail):
 
     **Arguments:**
 
-    - ``half_width``: a, length.
-    - ``centre``: of the rail, from the geometric centre, body axes, shape (3,), length; the geometric centre if not
-      given.
-    - ``frame``: the orientation, whose first and third columns span the rail's plane: a
-      :class:`~jaxball.SphericalFrame`, :class:`~jaxball.VersorFrame` or :class:`~jaxball.MatrixFrame`; the plane of
-      E1 and E3 if not given.
+    - ``half_width``: a, half of the width, length.
+    - ``centre``: the centre of the rail, from the geometric centre, body axes, length, shape (3,).
+    - ``frame``: the orientation, whose first and third columns span the rail's plane; the plane of E1 and E3 if not
+      given. A :class:`~jaxball.SphericalFrame`, :class:`~jaxball.physics.VersorFrame` or :class:`~jaxball.MatrixFrame`.
 
     **Example:**
 
     >>> import jax.numpy as jnp
-    >>> from jaxball import BernoulliEight
+    >>> from jaxball.physics import BernoulliEight
     >>> print(BernoulliEight(0.8).points(jnp.array([0.0, jnp.pi / 4])).round(3))
     [[0.8   0.    0.   ]
      [0.377 0.    0.267]]
@@ -299,8 +291,8 @@ class FourierRail(AbstractClosedRail):
 
     **Arguments:**
 
-    - ``cosine``, ``sine``: a row for each harmonic, length, shape (K, 3).
-    - ``centre``: length, shape (3,); the geometric centre if not given.
+    - ``cosine``, ``sine``: a row for each harmonic, as many of either, length, shape (K, 3).
+    - ``centre``: the constant, from the geometric centre, body axes, length, shape (3,).
 
     **Raises:** ``ValueError`` when ``cosine`` and ``sine`` do not have one shape (K, 3).
 
@@ -339,13 +331,13 @@ SAMPLES_PER_PIECE = 16
 
 
 class SplineRail(AbstractClosedRail):
-    """The closed cubic spline that passes ``points_on_rail`` at θ = 0, 2π/n, 4π/n, …
+    """The closed cubic spline that passes its points at θ = 0, 2π/n, 4π/n, …
 
     ζ and ζ′ are smooth and ζ″ is continuous, so the motion of a mass has no jump of acceleration.
 
     **Arguments:**
 
-    - ``points_on_rail``: the points, body axes, length, shape (n, 3).
+    - ``points_on_rail``: the points, three or more, body axes, length, shape (n, 3).
 
     **Raises:** ``ValueError`` when ``points_on_rail`` does not have the shape (n, 3) with n ≥ 3.
 

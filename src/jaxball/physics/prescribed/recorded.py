@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...compat import is_traced
 from ...interface.arguments import refusal
+from ...interface.compat import is_traced
 from ...interface.printing import Printed
 from ...interface.wording import one_of, tell_numbers_apart
 from ...numerics.arrays import AnyArray
@@ -100,10 +100,11 @@ class RecordedSignal(AbstractRecorded, AbstractIntegrableSignal):
 
     - ``times``: increasing, shape (n,), with n two or more.
     - ``values``: s at these times, in the unit of the signal, shape (n,).
-    - ``interpolation``: "previous", the value of the last sample; "linear"; or "spline", the not-a-knot cubic spline,
-      whose error is of the order h⁴, instead of h² and h, in the distance h of samples of a smooth signal.
+    - ``interpolation``: between the samples, "previous", the value of the last one, "linear", or "spline", the
+      not-a-knot cubic spline. Its error is of the order h⁴, instead of h² and h, in the distance h of samples of a
+      smooth signal.
     - ``outside``: before the first time and after the last, "hold" for the first and the last value, "zero" for 0, or
-      "refuse": a run that begins before the log or ends after it is ``IMPOSSIBLE``.
+      "refuse" for a run that must not go beyond the log. It is then ``IMPOSSIBLE``.
 
     **Raises:** ``ValueError`` where ``times`` and ``values`` differ in length or have one entry, where times do not
     increase, and for numbers that are not finite, as far as they are known; for another word.
@@ -190,8 +191,8 @@ class RecordedSchedule(AbstractRecorded, AbstractSchedule):
 
     - ``times``: increasing, shape (n,), with n two or more.
     - ``values``: θ at these times, rad on a closed rail, without jumps by full turns, and length in a tube, shape (n,).
-    - ``outside``: before the first time and after the last, "continue" for motion at the rate at that end, or "refuse":
-      a run that begins before the log or ends after it is ``IMPOSSIBLE``.
+    - ``outside``: before the first time and after the last, "continue" for motion at the rate at that end, or "refuse"
+      for a run that must not go beyond the log. It is then ``IMPOSSIBLE``.
 
     **Raises:** as :class:`RecordedSignal`.
 

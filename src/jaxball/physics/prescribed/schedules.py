@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...compat import is_traced
 from ...interface.arguments import call_with, require_function
+from ...interface.compat import is_traced
 from ...interface.printing import Printed
-from ...numerics.arrays import AnyArray, Numbers, a_number, to_array
+from ...numerics.arrays import AnyArray, Numbers, a_number, numbers, to_array
 from ...numerics.calculus import two_derivatives
 from ...numerics.declare import ACCELERATION, ANGLE, INCREASING, RATE, TIME, number
 from ...numerics.functions import HarmonicSeries, OfFunction, PiecewisePolynomial, cubic_spline_with_slopes
@@ -78,7 +78,7 @@ class FunctionSchedule(OfFunction, AbstractSchedule):
     - ``function``: of (t, parameters), to an angle in rad, or a length in a tube.
     - ``parameters``: arrays, in any PyTree, passed to it; they can be swept and differentiated.
     - ``theta``: a constant added to it, in the same unit.
-    - ``kink_times``: times, shape (kinks,), at which its second derivative jumps or has a kink.
+    - ``kink_times``: the times at which its second derivative jumps or has a kink, shape (kinks,).
 
     **Example:**
 
@@ -112,8 +112,8 @@ class ConstantRate(AbstractSchedule):
 
     **Arguments:**
 
-    - ``theta``: θ at time 0, rad on a closed rail and length in a tube.
-    - ``rate``: θ̇, the same per time; 0 if not given.
+    - ``theta``: θ at time 0, rad. In a tube or along a slider θ is a length.
+    - ``rate``: θ̇, rad/time; 0 if not given.
 
     **Example:**
 
@@ -138,11 +138,11 @@ class Sinusoids(AbstractSchedule):
 
     **Arguments:**
 
-    - ``theta``: the constant, rad on a closed rail and length in a tube.
-    - ``amplitude``: in the same unit, shape (terms,); no sinusoids if not given.
-    - ``frequency``: rad/time, shape (terms,).
-    - ``phase``: rad, shape (terms,); zero if not given.
-    - ``rate``: the constant part of θ̇, the same per time.
+    - ``theta``: the constant part of θ, rad. In a tube or along a slider θ is a length.
+    - ``amplitude``: one for each sinusoid, rad, shape (terms,); no sinusoids if not given.
+    - ``frequency``: one for each sinusoid, rad/time, shape (terms,).
+    - ``phase``: one for each sinusoid, rad, shape (terms,); zero if not given.
+    - ``rate``: the constant part of θ̇, rad/time.
 
     **Raises:** ``ValueError`` when ``amplitude``, ``frequency`` and ``phase`` differ in length.
 
@@ -167,7 +167,7 @@ class Sinusoids(AbstractSchedule):
         rate: Numbers = 0.0,
     ):
         self.series = HarmonicSeries(theta, amplitude, frequency, phase)
-        self.rate = to_array(rate)
+        self.rate = numbers("rate")(rate)
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
         return self.series(t) + self.rate * t
@@ -211,9 +211,11 @@ class PiecewiseAcceleration(AbstractPiecewise):
 
     **Arguments:**
 
-    - ``theta``, ``rate``: θ and θ̇ at ``times[0]``, rad and rad/time, or length and length/time in a tube.
-    - ``times``: increasing, shape (n + 1,).
-    - ``accelerations``: shape (n, k), in rad/time² times powers of 1/time.
+    - ``theta``: θ at ``times[0]``, rad. In a tube or along a slider θ is a length.
+    - ``rate``: θ̇ at ``times[0]``, rad/time.
+    - ``times``: the ends of the intervals, increasing, shape (n + 1,).
+    - ``accelerations``: a row for each interval, the coefficients of θ̈ as a polynomial in t − ``times[j]``, the
+      constant first, each in the unit of the one before it over time, rad/time², shape (n, k).
 
     **Raises:** ``ValueError`` when ``accelerations`` does not have one row for each interval, and for ``times`` that do
     not increase.
@@ -279,9 +281,12 @@ class Pulse(AbstractPiecewise):
 
     **Arguments:**
 
-    - ``theta``, ``rate``: θ and θ̇ at ``start``, rad and rad/time, or length and length/time in a tube.
-    - ``height``: of θ̈, rad/time².
-    - ``start``, ``hold``, ``end``: times, in this order.
+    - ``theta``: θ at ``start``, rad. In a tube or along a slider θ is a length.
+    - ``rate``: θ̇ at ``start``, rad/time.
+    - ``height``: θ̈ from ``start`` to ``hold``, rad/time².
+    - ``start``: when θ̈ begins, a time.
+    - ``hold``: when θ̈ begins to fall, not before ``start``, a time.
+    - ``end``: when θ̈ is 0 again, after ``hold``, a time.
 
     **Raises:** ``ValueError`` when ``hold`` is before ``start``, or ``end`` is not after ``hold``.
 
@@ -348,9 +353,9 @@ class Waypoints(AbstractPiecewise):
 
     **Arguments:**
 
-    - ``times``: increasing, shape (n,).
-    - ``theta``: θ at these times, rad on a closed rail and length in a tube, shape (n,).
-    - ``end_rates``: θ̇ at the first and the last, shape (2,).
+    - ``times``: the times of the waypoints, two or more, increasing, shape (n,).
+    - ``theta``: θ at these times, rad, shape (n,). In a tube or along a slider θ is a length.
+    - ``end_rates``: θ̇ at the first and the last time, rad/time, shape (2,).
 
     **Raises:** ``ValueError`` unless ``times`` increase, and ``times`` and ``theta`` have the same length, two or more.
 

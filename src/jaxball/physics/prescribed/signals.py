@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from ...interface.arguments import refusal
 from ...interface.printing import Printed
 from ...numerics.arrays import Numbers, numbers, require_not_nan, to_array
-from ...numerics.declare import number
+from ...numerics.declare import ANGLE, INCREASING, TIME, number
 from ...numerics.kinks import kinks_seen
 from .schedules import SORT_INTERVALS, AbstractSchedule, PiecewiseAcceleration, require_increasing
 
@@ -77,8 +77,9 @@ class PiecewiseSignal(AbstractIntegrableSignal):
 
     **Arguments:**
 
-    - ``times``: increasing, shape (n + 1,).
-    - ``values``: shape (n, k), or (n,) for steps.
+    - ``times``: the ends of the intervals, increasing, shape (n + 1,).
+    - ``values``: a row for each interval, the coefficients of a polynomial in t − ``times[j]``, the constant first,
+      each in the unit of the one before it over time, shape (n, k). Numbers of shape (n,) are steps.
 
     **Raises:** ``ValueError`` when ``values`` does not have one row for each interval, and for ``times`` that do not
     increase.
@@ -92,8 +93,9 @@ class PiecewiseSignal(AbstractIntegrableSignal):
     [0.5, -0.5, 0.0]
     """
 
-    times: Float[Array, "*group n_plus_one"] = eqx.field(converter=number())
-    values: Float[Array, "*group n k"]
+    times: Float[Array, "*group n_plus_one"] = eqx.field(converter=number(TIME, INCREASING))
+    # The dimension is that of what the signal drives, for which an angle stands here.
+    values: Float[Array, "*group n k"] = eqx.field(converter=number(ANGLE, by_size=True))
 
     def __init__(self, times: Numbers, values: Numbers):
         self.times = numbers("times", ("n_plus_one",))(times)

@@ -13,8 +13,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 from matplotlib.lines import Line2D
 
+from ...files.scenario.units import read_units
 from ...interface.status import Status
-from ...scenario.units import read_units
 from ..style import ABOVE, SMALL_FONT, caption, colour_bar, in_words, number_decades, plane_axes
 
 if TYPE_CHECKING:

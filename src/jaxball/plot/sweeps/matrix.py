@@ -13,8 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from ...interface.status import Status
 from ...interface.wording import number_of
 from ..palette import COMPONENTS
-from ..shown import ShownFigure
-from ..style import SMALL_FONT, label_axes, number, plane_axes
+from ..style import SMALL_FONT, ShownFigure, label_axes, number, plane_axes
 from .axes import (
     LOOKS,
     MANY_VALUES,

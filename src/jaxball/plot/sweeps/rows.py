@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ...files.scenario.paths import entries
 from ...interface.status import SUCCESSES, Status
 from ...interface.wording import did_you_mean
-from ...scenario.paths import entries
 from ...simulation import DEFAULT_TOLERANCE
 from ...simulation.variables import EXTREMES, FINDS, RUN, symbol_of
 from ..style import ColourScale, label_with
@@ -366,7 +366,7 @@ def sweep_scale(data: "xarray.Dataset", rows: Sequence[int], by: str | None = No
 
     **Arguments:**
 
-    - ``data``: the store of a study, as :func:`jaxball.sweep.open_dataset` opens it.
+    - ``data``: the rows of a study, as ``dataset`` of a :func:`jaxball.studies.sweep.open_store` opens them.
     - ``rows``: the numbers of the rows, from 0.
     - ``by``: the path of a number that the study changes, or a result such as ``"z[0]"``, at the end; by default the
       first number that differs between the rows.

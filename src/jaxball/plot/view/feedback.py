@@ -7,15 +7,16 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from ...control.history import FeedbackHistory
+from ...control.loop import FeedbackHistory
 from ...simulation.trajectory import Trajectory
-from ..floor import Setting
+from ..control import bounds_of_squares
 from ..palette import DASHED, Line
-from ..record import finite_rows
+from ..record import columns_by_field, finite_rows
+from ..shapes import Setting
 from ..surface import contacts_of
 from .scene import BLUE, Numbers, continuous, each, graph, of_masses, series
 
@@ -59,12 +60,13 @@ def feedback_numbers(
     estimate_rows = np.flatnonzero(np.isfinite(np.asarray(estimate.covariance)[:, 0, 0]))
     last = np.minimum(rows, estimate_rows[-1])
     there = _lying(trajectory, setting, estimate.state, last, lift)
-    planes = [k for k, name in enumerate(estimate.directions) if name.partition("[")[0] == "z"]
+    planes = columns_by_field(estimate.directions)["z"]
+    lower, upper = bounds_of_squares(np.asarray(estimate.read), CONFIDENCE)
     axes = half_axes(np.asarray(estimate.covariance)[last][:, planes][:, :, planes])
     return numbers | {
         "estimate": Numbers(there.centres - radius * there.normals, radius),
         "ellipse": Numbers((axes @ there.axes).reshape(len(rows), -1), radius),
-        "innovation": Numbers(np.stack([np.asarray(estimate.nis), *bounds(np.asarray(estimate.read))], axis=1)[rows]),
+        "innovation": Numbers(np.stack([np.asarray(estimate.nis), upper, lower], axis=1)[rows]),
     }
 
 
@@ -95,10 +97,7 @@ def feedback_graphs(trajectories: Sequence[Trajectory[Any, Any]]) -> list[dict[s
     histories = [trajectory.history for trajectory in trajectories if isinstance(trajectory.history, FeedbackHistory)]
     if not histories:
         return []
-    groups: dict[str, list[int]] = {}
-    for k, name in enumerate(histories[0].directions):
-        groups.setdefault(name.partition("[")[0], []).append(k)
-    lines = []
+    groups, lines = columns_by_field(histories[0].directions), []
     for (name, columns), line in zip(groups.items(), of_masses(range(1, len(groups) + 1)), strict=True):
         several = len(columns) > 1
         words = f"|δ{LETTERS[name]}|" if several else f"δ{LETTERS[name]}"
@@ -108,15 +107,6 @@ def feedback_graphs(trajectories: Sequence[Trajectory[Any, Any]]) -> list[dict[s
         return graphs
     names, bound = ("νᵀS⁻¹ν", "upper bound", "lower bound"), Line(GREY, DASHED)
     return [*graphs, graph("Innovation, 95 %", each(names, (Line(BLUE), bound, bound), "innovation"))]
-
-
-def bounds(read: Int[np.ndarray, " T"]) -> list[Float[np.ndarray, " T"]]:
-    """Returns the bounds between which a normalised innovation lies with 95 % probability; NaN where nothing
-    was read.
-    """
-    tails = (1 + CONFIDENCE) / 2, (1 - CONFIDENCE) / 2
-    # `maximum`, because ppf has no value without degrees of freedom, and `where` computes both.
-    return [np.where(read > 0, chi2.ppf(tail, np.maximum(read, 1)), np.nan) for tail in tails]
 
 
 def half_axes(covariances: Float[np.ndarray, "T d d"]) -> Float[np.ndarray, "T 2 3"]:

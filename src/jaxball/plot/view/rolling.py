@@ -13,12 +13,10 @@ from ...physics.grounds import AbstractSurface
 from ...physics.state import ReducedState
 from ...simulation.trajectory import Trajectory
 from ..coordinates import ANGLE, LENGTH, UNKNOWN, angles_of, joint_units, joints_of, mass_units
-from ..floor import Placed, Setting, floor_under, place
-from ..modes import modes_of
-from ..over_time import Sizes, sizes_of, without_rounding
+from ..over_time import Sizes, modes_of, sizes_of, without_rounding
 from ..palette import TAKEN, mass_colour
 from ..record import Record, finite_rows, record, require_finite_rows, require_one, with_jumps
-from ..shapes import on_surface, rails_of
+from ..shapes import Placed, Setting, floor_under, on_surface, place, rails_of
 from ..surface import Contacts, Mesh, contacts_of, mesh_grid, mesh_points, nodes
 from ..time_series import energy_losses, height, of_contact, slip_speed
 from .feedback import feedback_graphs, feedback_numbers

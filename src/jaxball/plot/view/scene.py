@@ -120,13 +120,13 @@ class Scene(NamedTuple):
     wanted: Numbers | None = None
 
 
-def free_stand(azimuth: float) -> dict[str, Any]:
+def free_stand(azimuth: float, elevation: float = 20.0) -> dict[str, Any]:
     """Returns the stand of bodies without a plane, seen from a direction in degrees."""
     return {
         "axes": np.eye(3).tolist(),
         "floor": None,
         "obstacles": [],
-        "camera": {"elevation": 20.0, "azimuth": azimuth},
+        "camera": {"elevation": elevation, "azimuth": azimuth},
     }
 
 

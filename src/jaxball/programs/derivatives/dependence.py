@@ -6,9 +6,11 @@ A ``reversible_loop`` pulls back only what varies.
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import jax
 import jax.numpy as jnp
+from jaxtyping import Array
 
-from ...compat import Literal, Program, argument, branches, function_of, inner_program, loop
+from ...interface.compat import Literal, Program, argument, branches, function_of, inner_program, loop
 from .steering import is_control
 
 
@@ -44,6 +46,21 @@ def varying_in_loop(body: Program, constants: Sequence[bool], carried: Sequence[
         if following == lasts:
             return lasts
         lasts = following
+
+
+@jax.custom_jvp
+def move_with(arrays: list[Array], others: Any) -> list[Array]:
+    """Returns arrays that have tangents, of zeros if need be, where others have some.
+
+    Of what begins to move within a loop, JAX then knows at once. Otherwise it would differentiate a step again and
+    again, each time with what has moved in the last.
+    """
+    return arrays
+
+
+@move_with.defjvp
+def _differentiate_move(primals: Any, tangents: Any) -> tuple[list[Array], list[Array]]:
+    return primals[0], tangents[0]
 
 
 def evaluate_chosen(

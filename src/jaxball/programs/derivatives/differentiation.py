@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, PyTree
 
-from ...compat import batch_by, declare_linear, differentiate_by, primitive
+from ...interface.compat import batch_by, declare_linear, differentiate_by, primitive
 from .. import traces
 from .steering import is_steered_from_outside
 

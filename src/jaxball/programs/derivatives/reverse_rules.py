@@ -9,10 +9,12 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Int
 
-from ...compat import evaluate, unvmap_any
+from ...interface.compat import evaluate, unvmap_any
+from .. import native
 from ..batches import map_rows
 from .differentiation import without_derivatives
 
@@ -52,39 +54,104 @@ def with_rule(function: Callable[[Any], Any], forward: Forward, pull: Pull) -> C
     return ruled
 
 
-def pull_by_forward_mode(function: Callable[[Any], Any]) -> Pull:
-    """Returns the pull of ``function``, of a PyTree of arrays, by forward mode; it keeps the operands and the results.
+class PullByForwardMode:
+    """The pull of ``function``, of a PyTree of arrays, by forward mode; it keeps the operands and the results.
 
     For a function of a few numbers that is long, or has loops of unknown length. It is computed, with its derivative in
     one direction, for each number that varies. These have one type.
+
+    - ``happens``: of the operands, whether the results are not just zeros; None if they never are.
     """
 
-    @functools.partial(jax.jit, static_argnums=0)
-    def products(which: tuple[bool, ...], operands: Any, cotangents: list[Array | None]) -> list[Array]:
-        leaves, structure = jax.tree.flatten(operands)
-        x, unravel = ravel_pytree(choose(leaves, which))
+    def __init__(self, function: Callable[[Any], Any], happens: Callable[[Any], Bool[Array, ""]] | None = None):
+        self.function, self.happens = function, happens
 
-        def results(x: Array) -> list[Array]:
-            return jax.tree.leaves(function(structure.unflatten(replace_chosen(leaves, which, unravel(x)))))
+        def along(which: tuple[bool, ...], operands: Any, direction: Array) -> tuple[list[Array], list[Array]]:
+            leaves, structure = jax.tree.flatten(operands)
+            x, unravel = ravel_pytree(choose(leaves, which))
 
-        def product(direction: Array) -> Array:
-            rates = zip(cotangents, jax.jvp(results, (x,), (direction,))[1], strict=True)
-            return sum((jnp.sum(cotangent * rate) for cotangent, rate in rates if cotangent is not None), 0 * x[0])
+            def results(x: Array) -> list[Array]:
+                return jax.tree.leaves(function(structure.unflatten(replace_chosen(leaves, which, unravel(x)))))
 
-        return unravel(map_rows(product, jnp.eye(x.size, dtype=x.dtype)))
+            values, rates = jax.jvp(results, (x,), (direction,))
+            return values, [rate for value, rate in zip(values, rates, strict=True) if _is_inexact(value)]
 
-    def pull(recording: tuple[Any, Any], cotangents: Any, varies: Any) -> Any:
+        @functools.partial(jax.jit, static_argnums=0)
+        def products(which: tuple[bool, ...], operands: Any, cotangents: list[Array | None]) -> list[Array]:
+            x, unravel = ravel_pytree(choose(jax.tree.leaves(operands), which))
+
+            def product(direction: Array) -> Array:
+                values, rates = along(which, operands, direction)
+                of_rates = [ct for ct, value in zip(cotangents, values, strict=True) if _is_inexact(value)]
+                pairs = zip(of_rates, rates, strict=True)
+                return sum((jnp.sum(cotangent * rate) for cotangent, rate in pairs if cotangent is not None), 0 * x[0])
+
+            return unravel(map_rows(product, jnp.eye(x.size, dtype=x.dtype)))
+
+        # Traced, and written for lanes, once: for the way back, in many directions, and for the way forward, in one.
+        along.__name__ = native.FOR_LANES
+        along = jax.jit(along, static_argnums=0)
+        self._along, self._products = along, products
+
+    def __call__(self, recording: tuple[Any, Any], cotangents: Any, varies: Any) -> Any:
         which, structure = jax.tree.flatten(varies)
         if not any(which):
             return structure.unflatten([None] * len(which))
-        gradients = products(tuple(which), recording[0], jax.tree.leaves(cotangents, is_leaf=lambda leaf: leaf is None))
+        cotangents = jax.tree.leaves(cotangents, is_leaf=lambda leaf: leaf is None)
+        gradients = self._products(tuple(which), recording[0], cotangents)
         return structure.unflatten(replace_chosen([None] * len(which), which, gradients))
 
-    return pull
+    def carry_out(self, operands: Any) -> list[Array]:
+        """Computes the results on a way forward that has a probe, whose tangents come from the program of the way back.
+
+        That is written for many directions, in lanes. With one for a single direction besides, a gradient with a law of
+        contact had a third more instructions.
+        """
+        leaves, structure = jax.tree.flatten(operands)
+
+        @jax.custom_jvp
+        def results(leaves: list[Array]) -> list[Array]:
+            return jax.tree.leaves(self.function(structure.unflatten(leaves)))
+
+        def moved(primals: Any, tangents: Any) -> tuple[list[Array], list[Any]]:
+            (leaves,), (tangents,) = primals, tangents
+            which = tuple(not isinstance(tangent, jax.custom_derivatives.SymbolicZero) for tangent in tangents)
+            operands = structure.unflatten(leaves)
+
+            def push() -> tuple[list[Array], list[Array]]:
+                direction, _ = ravel_pytree(choose(tangents, which))
+                # Twice, because a single one would be the same in all lanes, and so no direction of lanes.
+                rows = jnp.broadcast_to(direction, (2, direction.size))
+                return jax.tree.map(lambda x: x[0], map_rows(functools.partial(self._along, which, operands), rows))
+
+            def nothing() -> tuple[list[Array], list[Array]]:
+                return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(push))
+
+            if not any(which):
+                values, rates = results(leaves), []
+            elif self.happens is None:
+                values, rates = push()
+            else:
+                values, rates = jax.lax.cond(self.happens(operands), push, nothing)
+            remaining = iter(rates)
+            return values, [
+                next(remaining, jnp.zeros_like(value)) if _is_inexact(value) else _no_tangent(value) for value in values
+            ]
+
+        results.defjvp(moved, symbolic_zeros=True)
+        return results(leaves)
+
+
+def _is_inexact(array: Any) -> bool:
+    return jnp.issubdtype(array.dtype, jnp.inexact)
+
+
+def _no_tangent(array: Any) -> np.ndarray:
+    return np.zeros(array.shape, jax.dtypes.float0)
 
 
 def _varies(operand: Any) -> bool:
-    return operand.perturbed and jnp.issubdtype(operand.value.dtype, jnp.inexact)
+    return operand.perturbed and _is_inexact(operand.value)
 
 
 def _unless_zero(cotangent: Any) -> Array | None:

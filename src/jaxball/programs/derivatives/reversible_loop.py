@@ -17,10 +17,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
-from ...compat import Program, argument, evaluate, program_within, unvmap_any
+from ...interface.compat import Program, argument, evaluate, program_within, unvmap_any
 from ..native.emit.uninitialised import empty_array
-from .dependence import evaluate_chosen, varying_in_loop
-from .reverse_rules import add_arrays, choose, or_zeros, replace_chosen, with_rule
+from .dependence import evaluate_chosen, move_with, varying_in_loop
+from .reverse_rules import PullByForwardMode, add_arrays, choose, or_zeros, replace_chosen, with_rule
 from .steering import direction_of, error_of_size, is_control, is_steered_from_outside, judge, steer_from_outside
 
 Carry = TypeVar("Carry")
@@ -52,6 +52,15 @@ class Recorded:
 
         compute.__name__ = self.name
         return jax.jit(compute)(*leaves)
+
+    def carry_out(self, program: Program, operands: Sequence[Any], of_parts: Sequence[Any]) -> list[Array]:
+        """Computes the results without rules for reverse mode: by the ``program`` of the step, or as the pull does.
+
+        - ``of_parts``: the operands, with the list of the arrays of which the whole is made in the place of the whole.
+        """
+        if isinstance(self._pull, PullByForwardMode):
+            return self._pull.carry_out(self._structure.unflatten(of_parts))
+        return _without_rules(program, list(operands))
 
     def recall(self, operands: Sequence[Any], results: Sequence[Array]) -> list[Array]:
         """Returns results that were recorded, with their derivatives with respect to the operands."""
@@ -198,9 +207,13 @@ class _Loop:
 
     def whole(self, constants: list[Any], arrays: list[Array]) -> list[Any]:
         """Joins the parts into the constant that they are."""
-        if self.place is None or self.parts is None:
+        return constants if self.parts is None else self.with_whole(constants, self.parts.join(arrays))
+
+    def with_whole(self, constants: list[Any], whole: Any) -> list[Any]:
+        """Returns what stands for the constants, with the ``whole`` in its place, if it has one."""
+        if self.place is None:
             return constants
-        return [*constants[: self.place], self.parts.join(arrays), *constants[self.place + 1 :]]
+        return [*constants[: self.place], whole, *constants[self.place + 1 :]]
 
     def forward(self, constants, arrays, conditions, leaves) -> list[Array]:
         """Takes all steps, without a recording."""
@@ -214,7 +227,7 @@ class _Loop:
     def record_with_probe(self, operands: Any, varies: Any) -> tuple[list[Array], _Recording]:
         """Takes all steps, as short as the derivatives with respect to what ``varies`` ask for, and records them."""
         constants, arrays, conditions, leaves = operands
-        _, of_arrays, _, of_leaves = varies
+        of_constants, of_arrays, _, of_leaves = varies
         of_probe = [k in self.probed and varies for k, varies in enumerate(of_leaves)]
         moving = choose(arrays, of_arrays), choose(leaves, of_probe)
         numbers = (
@@ -222,15 +235,17 @@ class _Loop:
             [len(arrays) + self.probed.index(k) for k, varies in enumerate(of_probe) if varies],
         )
         directions = tuple(list(map(direction_of, *both)) for both in zip(moving, numbers, strict=True))
-        if is_steered_from_outside() or not any(moving):
-            return self.record(*operands)
+        of_loop = varying_in_loop(self.step, self.with_whole(of_constants, any(of_arrays)), of_leaves)
 
         def record(moving: tuple[list[Array], list[Array]]) -> Any:
             moved_arrays = replace_chosen(arrays, of_arrays, moving[0])
             moved_constants = [moved_arrays[self.shared[k]] if k in self.shared else x for k, x in enumerate(constants)]
             moved_leaves = replace_chosen(leaves, of_probe, moving[1])
+            moved_leaves = replace_chosen(moved_leaves, of_loop, move_with(choose(moved_leaves, of_loop), moving))
             return (), self.record(moved_constants, moved_arrays, conditions, moved_leaves)
 
+        if is_steered_from_outside() or not any(moving):
+            return record(moving)[1]
         with steer_from_outside():
             return jax.jvp(record, (moving,), (directions,), has_aux=True)[2]
 
@@ -243,7 +258,7 @@ class _Loop:
 
         def step(k: Array, carry: Any) -> Any:
             leaves, every, errors, rows = carry
-            new, row, error = self.take_step(whole, leaves)
+            new, row, error = self.take_step(whole, arrays, leaves)
             errors = errors.at[k].set(error)
             if self.rows == self.max_steps:
                 return new, every, errors, _write_row(rows, k, row)
@@ -262,11 +277,11 @@ class _Loop:
         return last, _Recording(steps, every, errors, rows, constants, arrays)
 
     def _take_step(
-        self, constants: list[Any], leaves: list[Array], error: Array | None = None
+        self, constants: list[Any], arrays: list[Array], leaves: list[Array], error: Array | None = None
     ) -> tuple[list[Array], list[Array], Array]:
         """Takes a step; returns the arrays after it, the row that is recorded, and the error by which it was judged.
 
-        - ``error``: that by which it was judged when it was taken before.
+        - ``arrays``: the parts of the whole; ``error``: that by which the step was judged when it was taken before.
         """
         seen: list[Array] = []
         judged = [jnp.zeros(self.judged.shape, self.judged.dtype)]
@@ -279,15 +294,24 @@ class _Loop:
                 return results
             if equation.primitive.name.startswith("custom_vjp_call"):  # a loop that writes rows, which no step reads
                 return _without_rules(program_within(equation), jax.lax.stop_gradient(operands))
-            if not any(equation is part_equation for part_equation, _ in self.recorded):
+            part = next((part for recorded, part in self.recorded if recorded is equation), None)
+            if part is None:
                 return None
-            results = _without_rules(argument(equation, "jaxpr"), operands)
+            of_parts = self.with_parts(equation, operands, arrays)
+            results = part.carry_out(argument(equation, "jaxpr"), operands, of_parts)
             seen.extend(results)
             return results
 
         new = evaluate_chosen(self.step, constants, leaves, [True] * len(leaves), note)
         row = self.packing.pack([*choose(leaves, self.is_carried), *seen])
         return new, *jax.lax.stop_gradient((row, judged[0]))
+
+    def with_parts(self, equation: Any, operands: list[Any], arrays: list[Array]) -> list[Any]:
+        """Returns the operands of an equation with the list of the ``arrays`` of the whole in its place."""
+        if self.place is None:
+            return operands
+        whole = self.step.jaxpr.constvars[self.place]
+        return [arrays if variable is whole else x for variable, x in zip(equation.invars, operands, strict=True)]
 
     def recall(self, equation: Any, known: list[Array]) -> tuple[Recorded | None, list[Array]]:
         """Looks up an equation among the recorded parts of a step; returns the part, if it is one, and its results."""
@@ -315,9 +339,8 @@ class _WayBack:
         self.loop, self.recording = loop, recording
         of_constants, self.of_arrays, self.of_conditions, of_leaves = varies
         # The whole varies if any of its parts does.
-        if loop.place is not None:
-            of_constants[loop.place] = any(self.of_arrays)
-        self.of_constants, self.which = of_constants, varying_in_loop(loop.step, of_constants, of_leaves)
+        self.of_constants = loop.with_whole(of_constants, any(self.of_arrays))
+        self.which = varying_in_loop(loop.step, self.of_constants, of_leaves)
         self.constants = loop.whole(recording.constants, recording.arrays)
 
     def nothing(self) -> list[list[Array]]:
@@ -338,7 +361,7 @@ class _WayBack:
             def again(k: Array, at: Any) -> Any:
                 leaves, rows = at
                 error = self.recording.errors[first + k]
-                new, row, _ = loop.take_step(self.constants, self.with_buffers(leaves), error)
+                new, row, _ = loop.take_step(self.constants, self.recording.arrays, self.with_buffers(leaves), error)
                 return choose(new, loop.is_carried), _write_row(rows, k, row)
 
             first_row = [row[first // every] for row in self.recording.rows]
@@ -384,13 +407,7 @@ class _WayBack:
                 part, results = loop.recall(equation, known)
                 if part is None:
                     return None
-                if loop.place is not None:
-                    whole = loop.step.jaxpr.constvars[loop.place]
-                    operands = [
-                        arrays if variable is whole else operand
-                        for variable, operand in zip(equation.invars, operands, strict=True)
-                    ]
-                return part.recall(operands, results)
+                return part.recall(loop.with_parts(equation, operands, arrays), results)
 
             constants = replace_chosen(self.constants, self.of_constants, constants)
             return evaluate_chosen(
@@ -433,8 +450,8 @@ class _Packing:
         """Makes room for ``rows`` rows."""
         return [empty_array((rows, count), dtype) for count, dtype in zip(self.counts, self.dtypes, strict=True)]
 
-    def pack(self, arrays: Sequence[Array]) -> list[Array]:
-        """Packs arrays into a row."""
+    def pack(self, arrays: Sequence[Any]) -> list[Array]:
+        """Packs arrays into a row; among them may be constants of a trace, which are no arrays of JAX."""
         return [
             jnp.concatenate([jnp.ravel(array) for array in arrays if array.dtype == dtype]) for dtype in self.dtypes
         ]

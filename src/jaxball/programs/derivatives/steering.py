@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...compat import Rules, is_recorded, new_primitive, no_tangent, unvmap_max, zero_tangent
+from ...interface.compat import Rules, is_recorded, new_primitive, no_tangent, unvmap_max, zero_tangent
 from .. import traces
 
 LAST_ROW, ALONE = "last row", "alone"

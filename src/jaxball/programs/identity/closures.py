@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ...compat import is_traced
+from ...interface.compat import is_traced
 from .code import codes_in
 from .names import home_of, is_known
 

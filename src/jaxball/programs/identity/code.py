@@ -14,7 +14,7 @@ import types
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from ...compat import node_functions, unwrap_jit
+from ...interface.compat import node_functions, unwrap_jit
 from .names import OWN, NoNameError, home_of, is_known
 
 _GLOBAL = ("LOAD_GLOBAL", "LOAD_NAME", "LOAD_FROM_DICT_OR_GLOBALS")

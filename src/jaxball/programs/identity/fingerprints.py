@@ -17,7 +17,7 @@ import jax
 import numpy as np
 from jax.tree_util import PyTreeDef
 
-from ...compat import Primitive, is_traced, node_of
+from ...interface.compat import Primitive, is_traced, node_of
 from . import code, purity
 from .names import NoNameError, home_of, is_known, name_of
 

@@ -18,7 +18,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from .code import IMPURE, Import, Use, Used, codes_in, imports, is_own, names_in, of_other, uses
+from .code import IMPURE, Import, Use, Used, codes_in, imports, is_own, names_in, names_of_caches, of_other, uses
 from .names import OWN, NoNameError, is_known
 
 # Packages, besides those that are known, whose functions give the same in every process; a warning is no result.
@@ -27,9 +27,10 @@ _PURE = frozenset(
 )
 _PURE |= {"ml_dtypes", "scipy", "typing_extensions"}
 # What these read decides how a program is compiled, kept and interrupted, and what is said meanwhile; not its results.
-_PROGRAMS = "native", "store", "identity.names", "computation", "compiled", "operation", "program"
-_MACHINERY = (f"{OWN}.cache", f"{OWN}.cpu", *(f"{OWN}.programs.{name}" for name in _PROGRAMS))
-_STORES = f"{OWN}.programs.store"
+_MACHINERY = tuple(
+    f"{OWN}.programs.{name}"
+    for name in ("cache", "cpu", "native", "store", "identity.names", "computation", "compiled", "operation", "program")
+)
 SEEDED = ("default_rng", "Philox")  # generators of random numbers, which jaxball gives seeds
 _FUNCTIONS_THAT_READ = frozenset(("__import__", "breakpoint", "eval", "exec", "help", "input", "open", "print"))
 _DATA = bool | int | float | complex | str | bytes | None | np.ndarray | np.generic | jax.Array
@@ -67,8 +68,6 @@ class _Reached:
         if isinstance(value, _DATA) or id(value) in self._values:
             return
         if isinstance(value, types.FunctionType | type) and _module_of(value).startswith(_MACHINERY):
-            return
-        if type(value).__module__.startswith(_STORES):  # a store, in which a program keeps what was compiled
             return
         self._values[id(value)] = value
         self._next.append(value)
@@ -186,7 +185,10 @@ class _Reached:
                 parts = of_other(value)
             except NoNameError:
                 parts = None
-            self._add_all(getattr(value, "__dict__", {}).values() if parts is None else parts)
+            if parts is None:
+                follows = names_of_caches(type(value))
+                parts = [part for name, part in getattr(value, "__dict__", {}).items() if name not in follows]
+            self._add_all(parts)
 
 
 def _require_no_reading(use: Use, value: Any, function: types.FunctionType) -> None:

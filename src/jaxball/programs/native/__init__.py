@@ -7,21 +7,20 @@ turns it into many small loops. Here such a program is written as LLVM IR, numbe
 
 - ``targets``: processors, LLVM for them, the driver of a GPU.
 - ``ir``: StableHLO as data, with the last use of each value; numbers, known and unknown; LLVM IR as text, with constant
-  folding, common subexpressions written once, and loop-invariant code moved before loops; loops whose turns are
-  independent; bounds of integers.
+  folding, common subexpressions written once, and loop-invariant code moved before loops; which turns of loops are
+  independent, and bounds of their counters.
 - ``emit``: arrays in registers, in memory, or as formulas of an index, and who owns the memory; what each operation
   computes, one file for each family, in ``operations``; functions, and the main one.
 - ``calls``: how Python, XLA, and threads of a CPU or of a GPU call the main function.
 
 Around them are ``arguments``, their types; ``tracing``, functions traced by JAX; ``choice``, of the compiler;
-``executable`` and ``gpu``, programs that are called; ``collecting``, of garbage while the compiler works; and
-``limits``, all sizes that decide what is written how.
+``executable`` and ``gpu``, programs that are called; and ``limits``, all sizes that decide what is written how.
 
 It contains nothing specific to mechanics.
 """
 
 from .arguments import are_numbers, as_keys, implementation, kind, numbers, some_traced, type_of
-from .calls.table import Rows
+from .calls.handler import Rows
 from .choice import (
     Refusal,
     compiler,
@@ -37,6 +36,7 @@ from .choice import (
 )
 from .executable import CallbackReachedError, Executable, Form
 from .gpu import GridExecutable, GridForm
+from .ir.turns import FOR_LANES
 from .limits import FEWEST, LANES
 from .targets.cuda import CudaError
 from .targets.machine import identity
@@ -44,6 +44,7 @@ from .tracing import Lowered, is_traced_natively
 
 __all__ = [
     "FEWEST",
+    "FOR_LANES",
     "LANES",
     "CallbackReachedError",
     "CudaError",

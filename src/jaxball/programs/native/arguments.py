@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ...compat import is_tracer_type
+from ...interface.compat import is_tracer_type
 
 _OF_NUMPY = (np.ndarray, np.generic, bool, int, float, complex)  # all types other than JAX arrays
 

@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import jax
 
-from ...compat import trace_context
+from ...interface.compat import trace_context
 from . import gpu
 from .arguments import are_numbers, some_traced
 from .targets import machine

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeAlias
 import jax
 import numpy as np
 
-from ...compat import array_type, put
+from ...interface.compat import array_type, put
 from .arguments import is_of_numpy
 from .limits import ALIGNMENT
 from .targets.machine import Code

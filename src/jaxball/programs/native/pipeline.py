@@ -6,20 +6,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .calls.grid import kernel, launcher
-from .calls.handler import handler
+from .calls.handler import Part, Rows, bytes_of_table, handler, part_of
 from .calls.python import python_call
 from .calls.row_threads import rows_in_threads
-from .calls.table import Part, Rows, bytes_of_table, part_of
 from .emit import operations  # noqa: F401 (whose rules are entered)
+from .emit.functions import Main, emit_main
 from .emit.lowering import RULES, Compiler
-from .emit.main import Main, emit_main
 from .executable import Form, Given
 from .gpu import GridForm, compile_for_gpus
 from .ir.elements import UnsupportedError
 from .ir.program import Block, functions_of
 from .limits import LONG_AXIS, MOST_BYTES_OF_TABLE
-from .targets.machine import object_code, ptx, routines_in, triple
-from .targets.processors import HOST, THREAD, Target, host_for
+from .targets.machine import HOST, THREAD, Target, object_code, ptx, routines_in, triple
 
 
 class Emitted(NamedTuple):
@@ -52,7 +50,10 @@ def compile_for_cpu(
     **Raises:** :class:`UnsupportedError`.
     """
     functions = read_functions(module, len(takes), large)  # StableHLO as data: uses, last uses, nothing unread
-    emitted = emit(functions, host_for(rows is not None), rows)  # LLVM IR, operation by operation
+    # Rows have the bits of a GPU's threads if they are computed in lanes. Lanes never call the C library; what all rows
+    # share does not, either.
+    target = HOST if rows is None else HOST._replace(has_library=False)
+    emitted = emit(functions, target, rows)  # LLVM IR, operation by operation
     text = cpu_text(emitted)  # with the functions by which it is called
     code = object_code(text, quickly)  # LLVM's passes, and machine code
     main = emitted.main
@@ -82,7 +83,8 @@ def compile_for_gpu(module: Any, takes: int, gives: Sequence[Given], large: bool
     functions = read_functions(module, takes, large)
     emitted = emit(functions, THREAD)
     code = compile_for_gpus(ptx(kernel_text(emitted)))
-    return GridForm(code, object_code(launcher_text(emitted)), tuple(gives), emitted.main.longest_map)
+    launching = handler(emitted.takes, emitted.gives, 1) + launcher(emitted.main.workspace)
+    return GridForm(code, object_code(launching), tuple(gives), emitted.main.longest_map)
 
 
 def read_functions(module: Any, takes: int, large: bool = True) -> dict[str, Block]:
@@ -161,8 +163,3 @@ def kernel_text(emitted: Emitted) -> str:
     if bytes_of_table([*takes, *gives]) > MOST_BYTES_OF_TABLE:
         raise UnsupportedError(f"A program of {len(takes) + len(gives)} arrays on a GPU")
     return kernel(takes, gives, main.workspace) + main.body
-
-
-def launcher_text(emitted: Emitted) -> str:
-    """Returns the module of the handler that starts the kernel."""
-    return handler(emitted.takes, emitted.gives, 1) + launcher(emitted.main.workspace)

@@ -1,8 +1,12 @@
-"""Traces a function for arrays of certain types, and has either compiler make a program of it."""
+"""Traces a function for arrays of certain types, and has either compiler make a program of it.
+
+Meanwhile Python's garbage collector runs less often.
+"""
 
 import contextlib
 import copy
 import functools
+import gc
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -10,15 +14,17 @@ from typing import Any
 import jax
 import numpy as np
 
-from ...compat import same_mesh, without_locations
+from ...interface.compat import same_mesh, without_locations
 from .. import traces
 from .arguments import type_of
 from .choice import Refusal
-from .collecting import seldom_collected
 from .executable import Executable, Given
 from .gpu import GridExecutable
 from .ir.elements import UnsupportedError
 
+SELDOM = (50_000, 50, 50)  # objects between two searches, and searches between two that look further back
+_lock = threading.Lock()
+_running, _usual = 0, SELDOM  # how many blocks search less often, and the thresholds outside of them
 _asked: set[int] = set()  # the threads in which `is_traced_natively` was true since they last began to trace
 
 
@@ -102,7 +108,7 @@ class Lowered:
 
         - ``large``: whether it is compiled even if its loops are over large arrays, which XLA runs faster.
         - ``quickly``: whether LLVM optimises it less.
-        - ``rows``: what it computes at once, see :class:`~.table.Rows`.
+        - ``rows``: what it computes at once, see :class:`~.handler.Rows`.
         """
         from .pipeline import compile_for_cpu
 
@@ -165,3 +171,33 @@ def _numpy_type(aval: Any) -> np.dtype:
     if not isinstance(aval.dtype, np.dtype):  # such as random keys
         raise UnsupportedError(f"An array of {aval.dtype}")
     return aval.dtype
+
+
+@contextlib.contextmanager
+def seldom_collected() -> Iterator[None]:
+    """Makes Python search for garbage less often within this block. Used around functions that trace or compile, also
+    as a decorator.
+
+    They make hundreds of thousands of objects, most of which live on. By Python's own thresholds these are looked
+    through again and again, which takes an eighth to a fifth of the time. The thresholds are those of the process:
+    threads share the block, which ends with the last of them. A search that the user has switched off, or made more
+    seldom, stays so.
+    """
+    global _running, _usual
+    with _lock:
+        _running += 1
+        if _running == 1:
+            _usual = gc.get_threshold()
+            gc.set_threshold(*_at_least(_usual))
+    try:
+        yield
+    finally:
+        with _lock:
+            _running -= 1
+            if _running == 0 and gc.get_threshold() == _at_least(_usual):  # the user may have changed them meanwhile
+                gc.set_threshold(*_usual)
+
+
+def _at_least(thresholds: tuple[int, int, int]) -> tuple[int, int, int]:
+    young, middle, old = map(max, thresholds, SELDOM)
+    return (young, middle, old) if thresholds[0] else thresholds

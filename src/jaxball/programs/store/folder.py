@@ -1,4 +1,4 @@
-"""The folder of compiled programs: private, limited in size, and silent about failures."""
+"""The folder of compiled programs: where it is; private, limited in size, and silent about failures."""
 
 import contextlib
 import hashlib
@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+OFF, PLACE = "JAXBALL_NO_CACHE", "JAXBALL_CACHE_DIR"  # of the environment
 LARGEST_SIZE = 512 * 10**6
 KEPT_OF_LIMIT = 0.9  # so that not every new program evicts an old one
 SECONDS_OF_A_WRITE = 3600
@@ -235,3 +236,23 @@ def _hold_lock(path: Path, patience: float) -> Iterator[None]:
         with contextlib.suppress(OSError):  # for instance if another process has it open on Windows
             path.unlink()
         os.close(descriptor)
+
+
+def users_folder(chosen: str | os.PathLike[str] | None = None) -> Folder:
+    """Returns the ``chosen`` folder, that of the environment variable ``JAXBALL_CACHE_DIR``, or one in the user's
+    cache folder.
+    """
+    place = chosen or os.environ.get(PLACE)
+    if place:
+        return Folder(Path(place).expanduser().absolute(), LARGEST_SIZE)
+    import platformdirs
+
+    return Folder(platformdirs.user_cache_path("jaxball", appauthor=False) / "programs", LARGEST_SIZE)
+
+
+def objection_to(folder: Folder) -> str | None:
+    """Returns why no programs are kept there, as a sentence; None if they are."""
+    if os.environ.get(OFF, "0") not in ("", "0"):
+        return f"The variable {OFF} is set."
+    objection = folder.objection()
+    return None if objection is None else f'The folder "{folder.path}" {objection}.'

@@ -1,4 +1,4 @@
-"""The store that ``jaxball.cache`` switches on: the programs of a folder; those of a command are loaded early.
+"""The store that ``jaxball.programs.cache`` switches on: the programs of a folder; those of a command are loaded early.
 
 Its identity has what decides how a program is compiled, besides the program and JAX's settings: jaxball's sources,
 versions, flags and the processor.
@@ -33,15 +33,20 @@ class FolderStore:
 
     - ``folder``: where they are.
     - ``arguments``: those of a command, which identify the list of its programs.
+    - ``keeps_xla``: whether it keeps programs of XLA.
     """
 
-    def __init__(self, folder: Folder, arguments: Sequence[str] = ()):
-        self.folder, self._arguments = folder, tuple(arguments)
+    def __init__(self, folder: Folder, arguments: Sequence[str] = (), keeps_xla: bool = True):
+        self.folder, self._arguments, self.keeps_xla = folder, tuple(arguments), keeps_xla
         self._used: dict[str, None] = {}
         self._early: dict[str, concurrent.futures.Future] = {}
         self._expected: list[str] | None = None
         # One thread, because the main one is busy; loading releases Python's lock.
         self._thread = concurrent.futures.ThreadPoolExecutor(1)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Another process, such as a worker of a sweep, has a store of its own of the same folder."""
+        return FolderStore, (self.folder, (), self.keeps_xla)
 
     @functools.cached_property
     def _sources(self) -> str:

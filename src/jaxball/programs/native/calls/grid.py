@@ -7,8 +7,7 @@ the program. The other runs on the CPU beside XLA's handler: it starts the kerne
 from collections.abc import Iterator, Sequence
 
 from ..limits import FEWEST_THREADS, MOST_LOCAL, ROWS_OF_LAUNCH, THREADS
-from .handler import load_function, write_arguments
-from .table import DONE, NEXT, ROWS, Part, bytes_of_table, write_places
+from .handler import DONE, NEXT, ROWS, Part, bytes_of_table, load_function, write_arguments, write_places
 
 MEMORY = DONE  # where the array to work in is: a number of the table that a grid does not need
 

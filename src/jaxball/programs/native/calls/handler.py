@@ -3,13 +3,74 @@
 XLA hands over a frame: where its arguments, its results and its own functions lie. The layout of the frame is part of
 XLA's stable interface (``xla/ffi/api/c_api.h``, beside ``jax.ffi.include_dir()``); offsets below are those of 64 bits.
 
-Where an argument of XLA has one axis more than a row has, that axis counts rows. The handler writes into a table where
-all rows lie, and has them computed: by threads of the CPU (``row_threads``) or by those of a GPU (``grid``).
+Where an argument of XLA has one axis more than a row has, that axis counts rows. The handler fills a table of where the
+arrays of the call lie, with all their rows, and from which each row is read. It has the rows computed by threads of the
+CPU (``row_threads``) or by those of a GPU (``grid``).
 """
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
-from .table import BLOCKS, DONE, NEXT, PARTS, ROWS, STOPPED, USERS, Part, bytes_of_table
+from ..emit.values import size_of
+from ..ir.program import Value
+
+
+class Rows(NamedTuple):
+    """What a program that computes a block of rows at once takes of them.
+
+    - ``block``: how many there are; ``taken``: which arguments have them as leading axis. All results have.
+    """
+
+    block: int
+    taken: tuple[bool, ...]
+
+
+class Part(NamedTuple):
+    """An argument or a result of a program, as it is in one row.
+
+    - ``rank``: how many axes a row has; ``size``: its bytes.
+    - ``in_rows``: whether the program takes or gives a block of rows of it.
+    """
+
+    rank: int
+    size: int
+    in_rows: bool
+
+
+# The table has these numbers, at these offsets. Bases and steps of all parts follow, from argument to argument and from
+# result to result; the step of a result that all rows share is 0.
+NEXT, DONE, USERS, ROWS, BLOCKS, STOPPED, PARTS = 0, 8, 16, 24, 32, 40, 48
+
+
+def part_of(value: Value, in_rows: bool) -> Part:
+    """Describes an argument or a result."""
+    shape = value.shape[1:] if in_rows else value.shape
+    return Part(len(shape), size_of(shape) * value.dtype.itemsize, in_rows)
+
+
+def bytes_of_table(parts: Sequence[Part]) -> int:
+    """Returns the length of the table in bytes."""
+    return PARTS + 16 * len(parts)
+
+
+def write_places(takes: Sequence[Part], gives: Sequence[Part], first: str) -> Iterator[str]:
+    """Writes where the arrays of a row lie, from ``%shared``: ``%own.j`` of each part, in ``%inputs`` and ``%outputs``.
+
+    - ``first``: the number of the row, or of the first one of a block.
+    """
+    yield f"  %inputs = alloca [{max(len(takes), 1)} x ptr], align 8"
+    yield f"  %outputs = alloca [{max(len(gives), 1)} x ptr], align 8"
+    for j in range(len(takes) + len(gives)):
+        base, step = PARTS + 16 * j, PARTS + 16 * j + 8
+        listed = f"%inputs, i64 {8 * j}" if j < len(takes) else f"%outputs, i64 {8 * (j - len(takes))}"
+        yield f"  %base.place.{j} = getelementptr i8, ptr %shared, i64 {base}"
+        yield f"  %base.{j} = load ptr, ptr %base.place.{j}"
+        yield f"  %step.place.{j} = getelementptr i8, ptr %shared, i64 {step}"
+        yield f"  %step.{j} = load i64, ptr %step.place.{j}"
+        yield f"  %offset.{j} = mul i64 {first}, %step.{j}"
+        yield f"  %own.{j} = getelementptr i8, ptr %base.{j}, i64 %offset.{j}"
+        yield f"  %place.{j} = getelementptr i8, ptr {listed}"
+        yield f"  store ptr %own.{j}, ptr %place.{j}"
 
 
 def handler(takes: Sequence[Part], gives: Sequence[Part], block: int) -> str:

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
+from ..emit.functions import Result
 from ..emit.lowering import INTERRUPTED_CODE, REFUSED
-from ..emit.main import Result
 from ..limits import PATIENCE
 
 # The control data of a program: the instructions left until it next checks for signals, whether it must stop, the state

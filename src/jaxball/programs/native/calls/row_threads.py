@@ -7,8 +7,7 @@ XLA's, or of Python's, which call ``rows(shared)``. A block is the same to the l
 from collections.abc import Iterator, Sequence
 
 from ..limits import MOST_HELPER_THREADS, PATIENCE, SPARE
-from .handler import load_function, write_arguments
-from .table import BLOCKS, DONE, ROWS, STOPPED, USERS, Part, write_places
+from .handler import BLOCKS, DONE, ROWS, STOPPED, USERS, Part, load_function, write_arguments, write_places
 
 NEVER = 2**63 - 1  # instructions: XLA's threads do not look for signals
 

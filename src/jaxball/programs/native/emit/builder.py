@@ -6,6 +6,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..ir.elements import (
+    COMPARED,
+    FOLDED,
     Element,
     Index,
     Name,
@@ -14,12 +16,12 @@ from ..ir.elements import (
     in_lanes,
     is_known,
     llvm_type,
+    simpler_float,
+    simpler_integer,
     width_of,
     write_element,
 )
-from ..ir.folding import COMPARED, FOLDED, simpler_float, simpler_integer
-from ..ir.module import Module
-from ..ir.scopes import Turn
+from ..ir.module import Module, Turn
 from ..limits import ALIGNMENT
 from ..targets.machine import multiplies_and_adds
 from .instructions import BOOL, Instructions

@@ -1,5 +1,11 @@
-"""Functions that are not inlined: written once as functions of LLVM IR, and called, for ``operations.control``."""
+"""Functions of LLVM IR, and how arrays are passed to them and back.
 
+Those of a program that are not inlined are written once, and called; the main one reads its arguments and writes its
+results where it is told. Small arrays are passed on in registers, as they are to a loop's next turn and from branches,
+whose rules ask here; larger ones in memory.
+"""
+
+import copy
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -7,13 +13,57 @@ import numpy as np
 
 from ..ir.elements import Element, Vector, vector_type
 from ..ir.program import Block, Value
-from ..limits import LANES
+from ..limits import ALIGNMENT, LANES
 from .buffers import Buffer
 from .builder import Builder
 from .instructions import BOOL
-from .lowering import Function
-from .passing import Passing
-from .values import Array, Memory
+from .lowering import Compiler, Function
+from .storage import join_parts, parts, parts_of
+from .values import Array, Memory, Registers, registers, size_of
+from .vectors import are_handed_on, in_vectors, number_of_vectors, one_by_one
+
+
+class Passing:
+    """How an array is passed on: number by number, the parts of complex ones apart, or in vectors along its first axis.
+
+    - ``varying``: whether each lane of a loop has an array of its own; then each number is a vector.
+    - ``stacked``: whether it is in vectors along its first axis, which otherwise would be taken apart and made again.
+    - ``kinds``: the types of the registers, and whether they are vectors.
+    """
+
+    def __init__(self, function: Function, shape: tuple[int, ...], dtype: np.dtype, varying: bool = False):
+        self.function, self.shape, self.dtype, self.varying = function, shape, dtype, varying
+        self.stacked = function.uses_vectors and are_handed_on(shape, dtype)
+        self.kinds = [(kind, varying) for kind in parts_of(dtype, size_of(shape))]
+        # Phis of single numbers would make LLVM take the vectors apart in every turn.
+        if self.stacked:
+            self.kinds = [(dtype, True)] * number_of_vectors(shape)
+
+    def within(self, function: Function) -> "Passing":
+        """Returns the same for another function, one that is called, where the numbers that it reads and returns are
+        written.
+        """
+        other = copy.copy(self)
+        other.function = function
+        return other
+
+    def split(self, array: Array) -> list[Element]:
+        """Returns the numbers of the registers. Where lanes have each their own, a single one may stand for all."""
+        flat = list(self.function.storage.to_registers(array).objects().reshape(-1))
+        if self.stacked:
+            return in_vectors(self.function.builder, self.dtype, self.shape, flat)
+        return [number for _, number in parts([self.dtype] * len(flat), flat)]
+
+    def spread(self, array: Array) -> list[Element]:
+        """Returns the numbers of the registers, each a vector where lanes have each their own."""
+        spread, numbers = self.function.builder.spread, self.split(array)
+        return [spread(kind, x) if wide else x for (kind, wide), x in zip(self.kinds, numbers, strict=True)]
+
+    def join(self, numbers: Sequence[Element]) -> Registers:
+        """Returns the array of these numbers."""
+        if self.stacked:
+            numbers = one_by_one(self.function.builder, self.dtype, self.shape, numbers)
+        return registers(self.dtype, join_parts([self.dtype] * size_of(self.shape), numbers), self.shape)
 
 
 class _Form(NamedTuple):
@@ -155,3 +205,66 @@ def call_function(function: Function, name: str, block: Block, operands: Sequenc
         passed = [next(numbers) for _ in form.kinds]
         results.append(next(in_memory) if form.passing is None else form.passing.join(passed))
     return results
+
+
+class Result(NamedTuple):
+    """A result of a program: its offset in bytes, where all results lie in one array; its shape and type."""
+
+    offset: int
+    shape: tuple[int, ...]
+    dtype: np.dtype
+
+
+class Main(NamedTuple):
+    """A program as LLVM IR: a function ``main(control, workspace, inputs, outputs)``.
+
+    ``inputs`` and ``outputs`` are lists of the addresses of the arguments and of the results.
+
+    - ``body``: its text, with all that it calls; ``block``: what it was written from.
+    - ``results``, and ``size``: the bytes of the array in which all of them lie; ``workspace``: bytes to work in.
+    - ``refuses``: whether it may stop at a callback of Python, so that XLA cannot call it.
+    - ``longest_map``: how often its longest loop of independent turns is turned, one turn after another.
+    """
+
+    body: str
+    block: Block
+    results: tuple[Result, ...]
+    size: int
+    workspace: int
+    refuses: bool
+    longest_map: int
+
+
+def emit_main(compiler: Compiler) -> Main:
+    """Writes the operations of the main function, and of all that it calls.
+
+    **Raises:** :class:`~.elements.UnsupportedError`.
+    """
+    block = compiler.functions["main"]
+    function = Function(compiler, "ret void")
+    arguments = [_argument(function, compiler, value, position) for position, value in enumerate(block.arguments)]
+    results, size = [], 0
+    with function.write_block(block, arguments) as arrays:
+        for position, array in enumerate(arrays):
+            results.append(Result(size, array.shape, array.dtype))
+            address = _load_address(function, "%outputs", position)
+            function.storage.fill(Memory(array.shape, array.dtype, Buffer(address, 0)), array)
+            # Each begins at a multiple of the alignment, as JAX's arrays must to be taken without a copy.
+            size += -(-max(size_of(array.shape) * array.dtype.itemsize, 1) // ALIGNMENT) * ALIGNMENT
+    function.builder.write("ret void")
+    module = compiler.module
+    head = "internal void @main(ptr %control, ptr %workspace, ptr %inputs, ptr %outputs)"
+    module.functions.append(function.builder.function(head))
+    return Main(module.text(), block, tuple(results), size, module.workspace, compiler.refuses, compiler.longest_map)
+
+
+def _argument(function: Function, compiler: Compiler, value: Value, position: int) -> Array:
+    # The caller's array, which JAX may share with other values.
+    buffer = Buffer(_load_address(function, "%inputs", position), 0, writable=False)
+    memory = Memory(value.shape, value.dtype, buffer)
+    return function.storage.to_registers(memory) if compiler.in_registers(value) else memory
+
+
+def _load_address(function: Function, addresses: str, position: int) -> str:
+    b = function.builder
+    return b.effect(f"load ptr, ptr {b.address(addresses, 8 * position)}")

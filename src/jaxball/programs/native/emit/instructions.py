@@ -1,8 +1,8 @@
 """LLVM IR as text, one instruction at a time, with common subexpressions found, in single numbers and in vectors.
 
 A pure instruction is found again by its text, in the scope in which it was written or one within it, and is placed
-before loops in which it is invariant (:mod:`scopes`). Writing text is faster than building objects, and LLVM's parser
-reads 20,000 lines in 20 ms.
+before loops in which it is invariant (:class:`~.module.Scopes`). Writing text is faster than building objects, and
+LLVM's parser reads 20,000 lines in 20 ms.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,13 +17,13 @@ from ..ir.elements import (
     in_lanes,
     is_known,
     llvm_type,
+    read_element,
+    suffix_of,
     vector_type,
     width_of,
     write_element,
 )
-from ..ir.folding import read, suffix
-from ..ir.module import Module
-from ..ir.scopes import Scopes
+from ..ir.module import Module, Scopes
 from ..limits import LANES
 
 BOOL = np.dtype(bool)
@@ -145,7 +145,7 @@ class Instructions:
         # Known numbers are folded further where they are read one by one.
         if x.startswith("<"):  # of known numbers, which an operation left as they are
             numbers = [number.split()[1] for number in x[1:-1].split(", ")]
-            return [read(dtype, number) for number in numbers[:count]]
+            return [read_element(dtype, number) for number in numbers[:count]]
         self._lanes.setdefault(x, (vector_type(dtype, x.width), set()))
         return [Lane(x, position) for position in range(count)]
 
@@ -228,7 +228,7 @@ class Instructions:
         result, wide = to or dtype, width_of(*operands)
         operand_type, result_type = (vector_type(kind, wide) for kind in (dtype, result))
         types = (dtype,) if to is None else (result, dtype)
-        name = f"@{function}" + "".join(f".v{wide}{suffix(kind)}" if wide else f".{suffix(kind)}" for kind in types)
+        name = f"@{function}" + "".join(f".{f'v{wide}' if wide else ''}{suffix_of(kind)}" for kind in types)
         kinds = ", ".join(filter(None, [*[operand_type] * len(operands), flags.partition(" ")[0]]))
         self.module.declared.setdefault(name, f"declare {result_type} {name}({kinds})")
         numbers = [f"{operand_type} {self.operand(dtype, x, wide)}" for x in operands]

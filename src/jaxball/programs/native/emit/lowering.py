@@ -10,14 +10,14 @@ from typing import TypeAlias
 import numpy as np
 
 from ..ir.elements import Element, UnsupportedError
-from ..ir.lanes import Varying
 from ..ir.module import Module
 from ..ir.program import Block, Operation, Value
+from ..ir.turns import Varying
 from ..limits import MOST_INLINED
-from ..targets.processors import HOST, Target
+from ..targets.machine import HOST, Target
 from .buffers import Buffer
 from .builder import Builder
-from .scalars.dispatch import ELEMENTWISE, scalar
+from .scalars import ELEMENTWISE, scalar
 from .storage import Storage
 from .values import Array, Formula, Memory, Registers, is_small
 

@@ -119,14 +119,17 @@ class Storage(Buffers):
         Up to ``most_steps`` are written one after another, more are a loop. ``varying``: they become vectors.
         """
         dtypes, numbers = [dtype for dtype, _ in start], [number for _, number in start]
-        # A phi that begins as one number cannot become a vector in a later turn.
-        if varying:
-            numbers = [self.spread(dtype, number) for dtype, number in start]
+
+        def spread() -> list[Element]:
+            return list(map(self.spread, dtypes, numbers)) if varying else numbers
+
         if size_of(shape) <= most_steps:
+            # Not before: a number that is known is left out of the first sum, and the others are rounded accordingly.
             for index in indices(shape):
                 numbers = list(step(list(index), numbers))
-            return numbers
-        return self._accumulate(list(shape), [], dtypes, numbers, step)
+            return spread()
+        # A phi that begins as one number cannot become a vector in a later turn.
+        return self._accumulate(list(shape), [], dtypes, spread(), step)
 
     def spread(self, dtype: np.dtype, number: Element) -> Element:
         """Returns a number that all lanes have."""

@@ -1,1 +1,1 @@
-"""StableHLO as data, and LLVM IR as text: elements, scopes, loops whose turns are independent."""
+"""StableHLO as data, and LLVM IR as text: elements, modules, turns of loops."""

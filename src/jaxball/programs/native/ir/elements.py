@@ -7,9 +7,13 @@ written into instructions. Two kinds of them carry more than their text:
 - A :class:`Vector` is one number for each lane. Where turns of a loop are computed side by side, it stands for the
   element of each turn.
 - A :class:`Lane` is one number of a vector: elements of short arrays, which are computed in vectors.
+
+Constant folding computes operations on known numbers, and knows identities that hold whatever the other number is.
 """
 
 import functools
+import operator
+from collections.abc import Callable
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -79,6 +83,11 @@ def llvm_type(dtype: np.dtype) -> str:
     return "i1" if dtype.kind == "b" else f"i{8 * dtype.itemsize}"
 
 
+def suffix_of(dtype: np.dtype) -> str:
+    """Returns a type as intrinsics' names have it."""
+    return f"{'f' if dtype.kind == 'f' else 'i'}{1 if dtype.kind == 'b' else 8 * dtype.itemsize}"
+
+
 @functools.cache
 def vector_type(dtype: np.dtype, width: int = LANES) -> str:
     """Returns LLVM's type of one number for each lane; of a single number where there is none."""
@@ -124,6 +133,15 @@ def write_element(element: Element) -> str:
     return str(int(element))
 
 
+def read_element(dtype: np.dtype, number: str) -> Element:
+    """Reads a number as LLVM writes it."""
+    if dtype.kind == "b":
+        return np.bool_(number == "true")
+    if dtype.kind == "f":
+        return dtype.type(np.uint64(int(number, 16)).view(np.float64))
+    return np.array(int(number)).astype(dtype)[()]
+
+
 def as_elements(numbers: np.ndarray) -> np.ndarray:
     """Converts an array of numbers to an array of elements."""
     elements = np.empty(numbers.shape, object)
@@ -132,3 +150,66 @@ def as_elements(numbers: np.ndarray) -> np.ndarray:
     for position, number in enumerate(numbers.reshape(-1)):
         flat[position] = Pair(number.real, number.imag) if numbers.dtype.kind == "c" else number
     return elements
+
+
+FOLDED: dict[str, Callable[[Any, Any], Any]] = {
+    "add": operator.add,
+    "sub": operator.sub,
+    "mul": operator.mul,
+    "and": operator.and_,
+    "or": operator.or_,
+    "xor": operator.xor,
+}
+# Numbers that are known have a type, so that the same operator compares signed and unsigned ones.
+COMPARED: dict[str, Callable[[Any, Any], Any]] = {
+    "eq": operator.eq,
+    "ne": operator.ne,
+    "slt": operator.lt,
+    "sle": operator.le,
+    "sgt": operator.gt,
+    "sge": operator.ge,
+    "ult": operator.lt,
+    "ule": operator.le,
+    "ugt": operator.gt,
+    "uge": operator.ge,
+    "oeq": operator.eq,
+    "une": operator.ne,
+    "olt": operator.lt,
+    "ole": operator.le,
+    "ogt": operator.gt,
+    "oge": operator.ge,
+}
+
+
+def simpler_float(operation: str, x: Element, y: Element) -> Element | None:
+    """Returns the operand that equals the result whatever the other number is: also for −0, infinities and NaN."""
+    # Not x + 0, which is 0 where x is −0, and not 0 x, which is −0 of a negative number, and NaN of an infinite one.
+    if operation in ("mul", "div") and is_known(y) and y == 1:
+        return x
+    if operation == "mul" and is_known(x) and x == 1:
+        return y
+    if operation == "sub" and is_known(y) and y == 0 and not np.signbit(y):
+        return x
+    if operation == "add":
+        for number, other in ((x, y), (y, x)):
+            if is_known(number) and number == 0 and np.signbit(number):
+                return other
+    return None
+
+
+def simpler_integer(operation: str, dtype: np.dtype, x: Element, y: Element) -> Element | None:
+    for number, other in ((y, x), (x, y)):
+        # 0 − y is not y.
+        if not is_known(number) or (operation == "sub" and number is x):
+            continue
+        if number == 0 and operation in ("add", "sub", "or", "xor"):
+            return other
+        if number == 0 and operation in ("mul", "and"):
+            return dtype.type(0)
+        if operation == "mul" and number == 1:
+            return other
+        if dtype.kind == "b" and number and operation in ("and", "or"):
+            return other if operation == "and" else np.bool_(True)
+    if operation in ("and", "or") and isinstance(x, str) and x == y:
+        return x
+    return None

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ....compat import stablehlo_bindings, stablehlo_passes
+from ....interface.compat import stablehlo_bindings, stablehlo_passes
 from .elements import UnsupportedError, dtype_named, part_of
 
 ir, stablehlo = stablehlo_bindings()

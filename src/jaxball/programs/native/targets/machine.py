@@ -1,4 +1,7 @@
-"""Compiles LLVM IR to machine code in memory or to PTX, by llvmlite, which is imported when it is first needed."""
+"""The kinds of processors that programs are written for, and LLVM, which compiles LLVM IR to machine code or to PTX.
+
+LLVM comes with llvmlite, which is imported when it is first needed.
+"""
 
 import contextlib
 import ctypes
@@ -9,9 +12,9 @@ import re
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
-from ..limits import LONG_PROGRAM, MOST_QUICKLY
+from ..limits import LONG_PROGRAM, MOST_ON_STACK, MOST_ON_STACK_OF_GPU, MOST_QUICKLY
 
 # LLVM's context, in which modules are parsed, is shared by the process.
 _lock = threading.Lock()
@@ -21,6 +24,30 @@ OLDEST_GPU, VERSION_OF_PTX = "sm_70", "+ptx70"
 
 # Declarations of routines, as linear_algebra.py writes them.
 _ROUTINE = re.compile(r"declare void @scipy\.(lapack|blas)\.(\w+)\(")
+
+
+class Target(NamedTuple):
+    """What a kind of processor offers to programs.
+
+    - ``has_library``: elementary functions of the C library, where they take less time than this package's own.
+    - ``has_routines``: LAPACK and BLAS.
+    - ``has_vectors``: vectors of numbers.
+    - ``has_signals``: Python, which may have a signal to handle, and another compiler that can take over.
+    - ``most_on_stack``: bytes of an array on the stack; larger ones are in the memory to work in.
+    """
+
+    has_library: bool
+    has_routines: bool
+    has_vectors: bool
+    has_signals: bool
+    most_on_stack: int
+
+
+HOST = Target(has_library=True, has_routines=True, has_vectors=True, has_signals=True, most_on_stack=MOST_ON_STACK)
+# One of a GPU's.
+THREAD = Target(
+    has_library=False, has_routines=False, has_vectors=False, has_signals=False, most_on_stack=MOST_ON_STACK_OF_GPU
+)
 
 
 @functools.cache

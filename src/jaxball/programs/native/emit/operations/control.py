@@ -8,10 +8,9 @@ from ...ir.elements import Element, Vector
 from ...ir.program import Block, Operation
 from .. import uninitialised
 from ..buffers import OwnersBefore
-from ..functions import call_function
+from ..functions import Passing, call_function
 from ..instructions import BOOL
 from ..lowering import Function, rule
-from ..passing import Passing
 from ..values import Array, Memory, is_small
 
 

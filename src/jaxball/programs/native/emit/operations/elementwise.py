@@ -7,8 +7,7 @@ import numpy as np
 from ...ir.elements import Element, UnsupportedError
 from ...ir.program import Operation
 from ..lowering import Function, rule
-from ..scalars import complex, real
-from ..scalars.dispatch import ELEMENTWISE, scalar
+from ..scalars import ELEMENTWISE, complex, real, scalar
 from ..values import Array, Formula, Memory, Registers, is_small, registers, size_of
 from ..vectors import in_columns, is_of_vectors, row_by_row, side_by_side
 

@@ -5,16 +5,15 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ...ir.counters import find_counters
 from ...ir.elements import Element, Name, Vector, vector_type
-from ...ir.lanes import Independent, independent
 from ...ir.program import Block, Operation
+from ...ir.turns import Independent, find_counters, independent
 from ...limits import LANES, MOST_NUMBERS, MOST_TURNS, MOST_UNCHANGED
 from ..buffers import OwnersBefore
 from ..builder import INDEX
+from ..functions import Passing
 from ..instructions import BOOL
 from ..lowering import Function, rule
-from ..passing import Passing
 from ..values import Array, Memory, Registers, registers
 
 _OF_CONDITIONS = {

@@ -16,7 +16,7 @@ import functools
 
 from ....ir.elements import Element, Name, vector_type, width_of
 from ...builder import Builder
-from . import errors, exponentials, hyperbolic, roots, trigonometric
+from . import errors, exponentials, roots, trigonometric
 from .writer import DOUBLE, Function, Writer
 
 # With how many arguments.
@@ -32,12 +32,12 @@ FUNCTIONS: dict[str, tuple[Function, int]] = {
     "log": (exponentials.log, 1),
     "log1p": (exponentials.log1p, 1),
     "pow": (exponentials.pow, 2),
-    "sinh": (hyperbolic.sinh, 1),
-    "cosh": (hyperbolic.cosh, 1),
-    "tanh": (hyperbolic.tanh, 1),
-    "asinh": (hyperbolic.asinh, 1),
-    "acosh": (hyperbolic.acosh, 1),
-    "atanh": (hyperbolic.atanh, 1),
+    "sinh": (exponentials.sinh, 1),
+    "cosh": (exponentials.cosh, 1),
+    "tanh": (exponentials.tanh, 1),
+    "asinh": (exponentials.asinh, 1),
+    "acosh": (exponentials.acosh, 1),
+    "atanh": (exponentials.atanh, 1),
     "cbrt": (roots.cbrt, 1),
     "hypot": (roots.hypot, 2),
     "log_hypot": (roots.log_hypot, 2),

@@ -1,0 +1,341 @@
+"""A solution of an optimal control problem: its violations, means, curvature and errors, and finer meshes.
+
+``solve`` refines the mesh by it, and reports describe it.
+
+Errors of a path in the differential equation reduced by finer meshes: Betts, Practical Methods for Optimal Control and
+Estimation Using Nonlinear Programming, section 4.7.
+"""
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse
+from jaxtyping import Float, Int
+
+from ....files.scenario.scenario import Scenario
+from ....interface.names import leave_to
+from ....physics.prescribed.schedules import PiecewiseAcceleration
+from ....simulation.solvers.tableau import gauss
+from ..continuation import Branch, newton, solver
+from ..problem.space import DesignError
+from .collocation import SHARP, Collocation, Unknowns, in_time
+from .problem import VIOLATION, AbstractControlProblem, Path
+from .rolling import Rolling, rolling
+
+if TYPE_CHECKING:
+    from .schedules import Resimulated
+
+MOST_PIECES = 4
+MOST_REFINEMENTS = 8
+# Keeps the equations for the multipliers regular where constraints are redundant.
+REGULARISATION = 1e-12
+
+
+# The number of points, including both ends, at which inequalities are evaluated in each interval.
+POINTS_OF_INTERVAL = 11
+
+
+class Solution(NamedTuple):
+    """A solved problem.
+
+    - ``collocation``, ``y``, ``parameter``: the equations, their solution and λ.
+    - ``errors``: those of :func:`mesh_errors`.
+    """
+
+    collocation: Collocation
+    y: Float[np.ndarray, " size"]
+    parameter: float
+    errors: Float[np.ndarray, " N"]
+
+    @property
+    def path(self) -> Path:
+        """States and controls."""
+        return path_of(self.collocation, self.y)
+
+    @property
+    def problem(self) -> AbstractControlProblem:
+        """The problem at λ."""
+        return self.collocation.problem_at(self.parameter)
+
+    def violations(self) -> Float[np.ndarray, " N"]:
+        """Computes the largest violation of an inequality in each interval, between the nodes too; 0 where all hold."""
+        times = self.path.within(POINTS_OF_INTERVAL)
+        values = margins(self.collocation, self.path, np.ravel(times), self.parameter)
+        return np.max(-values.reshape(*times.shape, self.collocation.inequalities), axis=(1, 2), initial=0.0)
+
+    def means(self) -> dict[str, float]:
+        """Computes the mean of each objective's integrand over the run of a :class:`Rolling`, without its weight.
+
+        It is that by the weights of Gauss.
+        """
+        rolling(self.problem)
+        collocation = self.collocation
+        terms = collocation.along(self.path, "terms", np.ravel(collocation.times), self.parameter)
+        return {name: float(np.ravel(collocation.weights) @ values) for name, values in terms.items()}
+
+    def least_curvature(self) -> float:
+        """Computes the smallest eigenvalue of the Lagrangian's second derivative by controls that keep conditions.
+
+        Inequalities count with the curvature of their barrier. Where the barrier is small, only changes along active
+        constraints matter, because changes across them are costly.
+
+        Controls have the norm (1/T ∫ |u|² dt)^½, and numbers that are free at the start their own size, so that it does
+        not depend on the mesh: where the cost is w |u|² only, it is 2 w. A solution with a positive curvature is a
+        strict local minimum.
+        """
+        collocation = self.collocation
+        places, count, held = collocation.places, collocation.unconstrained, collocation.held > 0
+        matrix = collocation.jacobian(self.y, self.parameter)[0].tocsr()
+        # In the order of time each state follows from the ones before: the matrix of the states is triangular by
+        # blocks, and its factors fill little.
+        states = in_time(places.nodes, places.knots[1:, None], first=places.knots[0, held])
+        equations = in_time(places.at_nodes, places.at_knots[:, None], first=places.at_start[held])
+        # What the start leaves free is chosen, as controls are.
+        controls = np.append(np.ravel(places.controls), places.knots[0, ~held])
+        A = matrix[equations]
+        # On the null space of all conditions: the states follow from the controls, and only those combinations of
+        # controls are kept that change no end condition.
+        change = -solver(A[:, states], np.arange(states.size))(A[:, controls].toarray())
+        basis = scipy.linalg.null_space(matrix[places.at_end][:, states] @ change)
+        along = np.zeros((count, basis.shape[1]))
+        along[states], along[controls] = change @ basis, basis
+        hessian = along.T @ (_condense(matrix, np.ravel(places.excess), count) @ along)
+        weights = np.append(
+            np.repeat(np.ravel(collocation.weights), places.controls.shape[2]), np.ones(np.count_nonzero(~held))
+        )
+        # In this metric a control that is 1 all the time has length 1.
+        metric = basis.T @ (weights[:, None] * basis)
+        return float(scipy.linalg.eigh(hessian, metric, eigvals_only=True, subset_by_index=(0, 0))[0])
+
+    # What can be done with a solution is found there. These need modules built upon this one.
+
+    @leave_to(".solve")
+    def continue_to(
+        self,
+        problem: Rolling,
+        tolerance: float = 1e-6,
+        visit: Callable[["Solution"], None] = lambda solution: None,
+    ) -> tuple[Branch, "Solution"]:
+        """Follows the branch to ``problem``, and solves at its end on a fine enough mesh.
+
+        With constraints, :meth:`sharpen` refines the mesh, after the barrier has fallen.
+
+        The parameter of the branch goes from 0 at one problem to 1 at the other, as in :meth:`Rolling.between`.
+
+        **Arguments:**
+
+        - ``tolerance``: the largest error of an interval of the mesh.
+        - ``visit``: called with each solution on the way.
+
+        **Raises:** :class:`~jaxball.studies.design.DesignError` where the branch does not reach its end, or where
+        Newton's method finds no solution on a finer mesh.
+        """
+        raise NotImplementedError
+
+    @leave_to(".solve")
+    def sharpen(
+        self,
+        barrier: float = SHARP,
+        tolerance: float = 1e-6,
+        violation: float = VIOLATION,
+        visit: Callable[["Solution"], None] = lambda solution: None,
+    ) -> "Solution":
+        """Solves with a small barrier, on meshes refined until the inequalities hold between the nodes as well.
+
+        Where Newton's method finds none on a finer mesh, it is the last one found, as its errors and violations show.
+
+        The barrier falls in steps, each solved by Newton's method from the solution before. In a convex problem the
+        cost then exceeds the minimum by at most µ for each inequality (Boyd & Vandenberghe, Convex Optimization,
+        section 11.2.2).
+
+        **Arguments:**
+
+        - ``barrier``: µ at the end.
+        - ``tolerance``: of :func:`mesh_errors`; ``violation``: of :meth:`violations`, of which a tenth is allowed where
+          motors have limits.
+        - ``visit``: called with the solution on each mesh.
+
+        **Raises:** :class:`~jaxball.studies.design.DesignError` where the barrier cannot be lowered.
+        """
+        raise NotImplementedError
+
+    @leave_to(".schedules")
+    def schedules(self) -> list[PiecewiseAcceleration]:
+        """Returns θ(t) of the accelerated coordinates of a :class:`Rolling`, masses first and then joints.
+
+        θ̈ is the polynomial u on each interval, so that at the knots θ and θ̇ are the solution's.
+        """
+        raise NotImplementedError
+
+    @leave_to(".schedules")
+    def holding(self) -> Float[np.ndarray, " motors"]:
+        """Computes the force or torque of each motor that holds the robot of a :class:`Rolling` at its end."""
+        raise NotImplementedError
+
+    @leave_to(".schedules")
+    def places(self, times: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k *d"]:
+        """Computes the position of the geometric centre of a :class:`Rolling` at ``times``, shape (k,).
+
+        It is (z1, z2) for a ball, z for a disk, and on a surface where the centre is along e1 and e2, or along e1.
+        """
+        raise NotImplementedError
+
+    @leave_to(".schedules")
+    def scenario(self, title: str = "", saves: int = 201) -> Scenario:
+        """Returns the scenario with the motion of a :class:`Rolling`, for ``jaxball simulate``.
+
+        **Arguments:**
+
+        - ``title``: of the scenario.
+        - ``saves``: the number of save times.
+        """
+        raise NotImplementedError
+
+    @leave_to(".schedules")
+    def resimulate(self, solver: str = "gauss16", tolerance: float = 1e-11) -> "Resimulated":
+        """Simulates the schedules of a :class:`Rolling` by a solver of another kind.
+
+        Constraints are evaluated ten times per interval of the mesh.
+
+        **Arguments:**
+
+        - ``solver``: its name, as in a scenario file.
+        - ``tolerance``: of that solver.
+
+        **Raises:** :class:`~jaxball.SolveError` where the solve fails.
+        """
+        raise NotImplementedError
+
+
+def path_of(collocation: Collocation, y: Float[np.ndarray, " size"]) -> Path:
+    """Returns the states and controls of y."""
+    return Path(collocation.mesh, *collocation.parts(y)[:3])
+
+
+def margins(
+    collocation: Collocation, path: Path, times: Float[np.ndarray, " k"], parameter: float
+) -> Float[np.ndarray, "k i"]:
+    """Evaluates the inequalities, at given times of a path."""
+    if not collocation.inequalities:
+        return np.zeros((len(times), 0))
+    return collocation.along(path, "inequalities", times, parameter)
+
+
+def _condense(matrix: scipy.sparse.csr_array, excess: Int[np.ndarray, " i"], count: int) -> scipy.sparse.csr_array:
+    """Reduces second derivatives to states and controls: those by the inequalities' unknowns are eliminated."""
+    # Each inequality's own unknown has one diagonal entry, so that eliminating it needs no solve.
+    inverse = scipy.sparse.diags_array(1 / matrix[excess][:, excess].diagonal())
+    return matrix[:count, :count] - matrix[:count][:, excess] @ inverse @ matrix[excess][:, :count]
+
+
+def unknowns_on(collocation: Collocation, path: Path, parameter: float) -> Float[np.ndarray, " size"]:
+    """Returns unknowns with the states and controls of a path, on any mesh, and the multipliers that fit them best.
+
+    The multipliers are those with which the gradient of the Lagrangian with respect to states and controls is least;
+    the unknowns of inequalities follow from their values on the path, whether it fulfils them or not.
+    """
+    times = np.ravel(collocation.times)
+    shapes = collocation.shapes
+    empty = Unknowns(*map(np.zeros, shapes))
+    y = collocation.join(
+        empty._replace(
+            knots=path.states(collocation.mesh),
+            nodes=path.states(times).reshape(shapes.nodes),
+            controls=path.inputs(times).reshape(shapes.controls),
+            # s = slack − multiplier, which is about g where an inequality is far from active.
+            excess=margins(collocation, path, times, parameter).reshape(shapes.excess),
+        )
+    )
+    count, equalities = collocation.unconstrained, collocation.equalities
+    # Multipliers are still 0 here, so that this is the gradient of the cost and the barrier alone.
+    gradient = collocation.residual(y, parameter)[:count]
+    A = collocation.jacobian(y, parameter)[0].tocsr()[equalities, :count]
+    # Least squares for the multipliers, as a sparse system in place of normal equations, whose condition would be
+    # squared.
+    matrix = scipy.sparse.block_array(
+        [[scipy.sparse.eye_array(count), A.T], [A, -REGULARISATION * scipy.sparse.eye_array(A.shape[0])]]
+    )
+    order = collocation.order[collocation.order < equalities.stop]
+    y[equalities] = solver(matrix, order)(np.append(-gradient, np.zeros(A.shape[0])))[count:]
+    return y
+
+
+def solve_near(collocation: Collocation, path: Path, parameter: float = 0.0, tolerance: float = 1e-6) -> Solution:
+    """Solves near a path, on meshes refined until no interval's error exceeds ``tolerance``.
+
+    **Arguments:**
+
+    - ``collocation``: the equations on the first mesh.
+    - ``path``: where Newton's method starts.
+    - ``parameter``: λ.
+
+    **Raises:** :class:`~jaxball.studies.design.DesignError` where Newton's method finds no solution.
+    """
+    rounds = 0
+    while True:
+        collocation, y = newton_from(collocation, path, parameter)
+        errors = mesh_errors(collocation, y, parameter)
+        if np.max(errors) <= tolerance or rounds == MOST_REFINEMENTS:
+            return Solution(collocation, y, parameter, errors)
+        path, rounds = path_of(collocation, y), rounds + 1
+        finer = finer_mesh(collocation.mesh, errors, tolerance, collocation.stages + 1)
+        collocation = collocation.with_changes(mesh=finer)
+
+
+def newton_from(
+    collocation: Collocation, path: Path, parameter: float
+) -> tuple[Collocation, Float[np.ndarray, " size"]]:
+    """Finds the solution to which Newton's method converges from a path, with a smaller barrier if necessary.
+
+    A path that fulfils its constraints nearly everywhere, and touches them, is far from the solution for a large
+    barrier.
+
+    **Raises:** :class:`~jaxball.studies.design.DesignError` where it does not converge.
+    """
+    while True:
+        try:
+            return collocation, newton(collocation, unknowns_on(collocation, path, parameter), parameter)
+        except DesignError:
+            if not collocation.inequalities or collocation.barrier <= SHARP:
+                raise
+        collocation = collocation.with_changes(barrier=max(SHARP, collocation.barrier / 10))
+
+
+def mesh_errors(collocation: Collocation, y: Float[np.ndarray, " size"], parameter: float) -> Float[np.ndarray, " N"]:
+    """Computes, for each interval, the largest ∫ |ẋ − rate(t, x, u)| dt of a component of the state, over 1 + max |x|.
+
+    ``collocation``, ``y`` and ``parameter`` are as in a :class:`Solution`.
+    """
+    # Two more nodes than the method has: at its own, the equations hold and show no error.
+    path, quadrature, h = path_of(collocation, y), gauss(collocation.stages + 2), collocation.steps
+    times = np.ravel(collocation.mesh[:-1, None] + h[:, None] * quadrature.c)
+    states = path.states(times)
+    rates = collocation.along(path, "rate", times, parameter)
+    # Relative to the largest value of each component, so that components of any unit compare.
+    gaps = np.abs(path.rates(times) - rates) / (1 + np.max(np.abs(states), axis=0))
+    gaps = gaps.reshape(len(h), len(quadrature.c), -1)
+    return np.max(np.einsum("k,j,kjn->kn", h, quadrature.b, gaps), axis=1)
+
+
+def finer_mesh(
+    mesh: Float[np.ndarray, " N_plus_one"], errors: Float[np.ndarray, " N"], tolerance: float, order: int
+) -> Float[np.ndarray, " M_plus_one"]:
+    """Returns the mesh with each interval whose error is too large cut in equal pieces, as many as the order requires.
+
+    **Arguments:**
+
+    - ``mesh``: times, the start first and the end last, shape (N + 1,).
+    - ``errors``: of each interval, shape (N,).
+    - ``tolerance``: the largest error allowed.
+    - ``order``: of the method.
+    """
+    pieces = [
+        # The error of an interval falls with this power of its length.
+        min(MOST_PIECES, max(2, math.ceil((error / tolerance) ** (1 / order)))) if error > tolerance else 1
+        for error in errors
+    ]
+    cut = [np.linspace(a, b, k, endpoint=False) for a, b, k in zip(mesh[:-1], mesh[1:], pieces, strict=True)]
+    return np.concatenate([*cut, mesh[-1:]])
