@@ -1,6 +1,5 @@
 """Every cell of the table of laws and questions in the documentation: asked of a small run, or refused."""
 
-import dataclasses
 import functools
 import re
 from pathlib import Path
@@ -33,7 +32,6 @@ from jaxball.analysis.verify import check_laws
 from jaxball.control import tvlqr
 from jaxball.control.environments import Environment, ReachPoint
 from jaxball.control.estimation import ErrorStateFilter
-from jaxball.control.sampled import SampledSystem
 from jaxball.physics import Ellipsoid, JointForces, LimitSurface
 from jaxball.physics.classical import DryFriction, LagrangianState, LagrangianSystem, UnilateralContact
 from jaxball.physics.sensors import Gyroscope, SensorErrors
@@ -108,11 +106,7 @@ class Asked:
     def estimate(self) -> Any:
         """What a filter finds by a gyroscope."""
         sensors, sample = {"gyro": Gyroscope(errors=SensorErrors(noise=0.1))}, float(TIMES[1])
-        if self.contact is None:
-            known = ErrorStateFilter.of(self.system, sensors, sample)
-        else:
-            sampled = SampledSystem.without_inputs(self.system, sample)
-            known = ErrorStateFilter.for_sampled_system(dataclasses.replace(sampled, contact=self.contact), sensors)
+        known = ErrorStateFilter.of(self.system, sensors, sample, **self.law)
         return known(self.run.measured(sensors), self.state, {self.state.rotation_rate: 0.1})
 
     def end(self, scale: Any) -> Any:

@@ -14,6 +14,7 @@ import numpy as np
 from jaxball.files.scenario.body import BODIES
 from jaxball.files.scenario.classical import CLASSICAL, RESISTED
 from jaxball.files.scenario.files import CLASSICAL_KEYS, KEYS, RESISTED_KEYS
+from jaxball.files.scenario.grounds import AnglesOfPlate
 from jaxball.files.scenario.own import Function
 from jaxball.files.scenario.table import REQUIRED, Key, Keys
 from jaxball.files.scenario.values import (
@@ -201,6 +202,8 @@ def _schema(kind: Kind) -> Schema:
             return _OWN
         case Text():
             return {"type": "string"}
+        case AnglesOfPlate():
+            return {"type": "array", "items": {"enum": list(kind.names)}, "uniqueItems": True, "minItems": 1}
     return {}
 
 

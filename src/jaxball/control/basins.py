@@ -14,7 +14,7 @@ from ..interface.arguments import whole_number
 from ..interface.names import leave_to
 from ..interface.printing import Printed
 from ..interface.status import BACK_WITHIN
-from ..numerics.arrays import Numbers, to_numpy
+from ..numerics.arrays import Numbers, positive_number, to_numpy
 from ..physics.body import System
 from ..physics.contact.law import Contact
 from ..physics.forces.force import AbstractWrench
@@ -127,6 +127,7 @@ def basin(
     plant, names = plant_of(feedback, system, limits, push, contact), feedback.nominal.state(0).directions
     grid, xi = _starts(starts, names)
     weights = weight_matrix("Q", Q, names)
+    positive_number("within", within)
     count = feedback.nominal.samples if samples is None else whole_number("samples", samples, 1)
     late = whole_number("delay", delay, 0)
     with in_threads(threads):

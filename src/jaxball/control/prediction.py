@@ -13,7 +13,7 @@ from .. import programs
 from ..interface.arguments import whole_number
 from ..interface.compat import is_traced
 from ..interface.status import PENALTY
-from ..numerics.arrays import Numbers, to_array
+from ..numerics.arrays import Numbers, positive_number
 from ..physics.observables import movement
 from ..physics.state import PlacedState, RotationState
 from .feedback import AbstractFeedback
@@ -123,8 +123,8 @@ def mpc(
 ) -> PredictiveControl:
     ahead = whole_number("horizon", horizon, 1)
     most = track.sampled.limits if limits is None else limits_of(track.sampled, limits)
-    mu = None if friction is None else _positive("friction", friction)
-    cost = _positive("penalty", penalty)
+    mu = None if friction is None else positive_number("friction", friction)
+    cost = positive_number("penalty", penalty)
     return predictive(track, ahead, most, mu, cost, inputs_with_limits(most))
 
 
@@ -149,13 +149,6 @@ def predictive(
     inputs = [sign + track.inputs[i] for i in limited for sign in ("", "-")]
     of_plane = ["normal force"] if mu is None else [f"friction[{j}]" for j in range(len(rows.L) - len(inputs))]
     return PredictiveControl(track.sampled, track.nominal, track, rows, cost, ahead, (*inputs, *of_plane))
-
-
-def _positive(name: str, scalar: Numbers) -> Float[Array, ""]:
-    value = to_array(scalar, name)
-    if value.ndim or not (is_traced(value) or float(value) > 0):
-        raise ValueError(f"Argument `{name}` must be a positive number, but it is {scalar}.")
-    return value
 
 
 def _limit_rows(track: Track, mu: Array | None, limited: tuple[int, ...]) -> Float[Array, "p q"]:

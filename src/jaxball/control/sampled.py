@@ -20,6 +20,8 @@ from ..numerics.vectors import apply
 from ..physics.body import Ball, System
 from ..physics.contact.body_on_plane import BodyOnPlane
 from ..physics.contact.law import Contact
+from ..physics.contact.modes import ContactState
+from ..physics.contact.released import ReleasedState
 from ..physics.forces.force import HarmonicForce, Push, Wrenches
 from ..physics.forces.resistance import Resistance
 from ..physics.hybrid import START, Accuracy
@@ -129,7 +131,7 @@ class SampledSystem(Printed):
         """Returns the body while its inputs are ``u``."""
         return hold_inputs(self.system, self.places, u) if self.places else self.system
 
-    def begin(self, system: System, t: Float[Array, ""], state: PlacedState) -> Any:
+    def begin(self, system: System, t: Float[Array, ""], state: PlacedState | ReleasedState) -> Any:
         """Returns what :meth:`advance` takes for a body in a state: with a law of contact, also its mode."""
         if self.contact is None:
             return state
@@ -172,12 +174,13 @@ class SampledSystem(Printed):
     ) -> tuple[Any, Int[Array, ""]]:
         """Advances a body with held inputs by a sample from ``t``: its state, as the solve leaves it, and its status.
 
-        With a law of contact, states are as :meth:`begin` returns them. Traceable; ``adjoint`` as for :meth:`flow`.
+        With a law of contact, states are as :meth:`begin` returns them; the first may also be a ``ReleasedState``.
+        Traceable; ``adjoint`` as for :meth:`flow`.
         """
         run = simulate(
             system,
             jnp.stack([t, t + self.sample]),
-            state if self.contact is None else state.released,
+            state.released if isinstance(state, ContactState) else state,
             contact=self.contact,
             rtol=self.rtol,
             atol=self.atol,

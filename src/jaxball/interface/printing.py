@@ -181,7 +181,7 @@ def _is_abstract(value: Any) -> bool:
 
 
 def _is_known(array: Any) -> bool:
-    if _is_abstract(array):
+    if _is_abstract(array) or not isinstance(array.dtype, np.dtype):  # a random key has no numbers
         return False
     return not isinstance(array, jax.Array) or (array.is_fully_addressable and not array.is_deleted())
 

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 
 class UserError(ValueError):
@@ -65,8 +66,10 @@ def duration(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"
 
 
-def nearest(name: str, known: Iterable[str], most: int = 1, cutoff: float = 0.6) -> list[str]:
+def nearest(name: Any, known: Iterable[str], most: int = 1, cutoff: float = 0.6) -> list[str]:
     """Finds up to ``most`` known names similar to ``name``, the most similar first, ignoring case."""
+    if not isinstance(name, str):  # which the error shows
+        return []
     import difflib  # here, because it is for mistakes alone
 
     lower = {candidate.lower(): candidate for candidate in known}
@@ -79,7 +82,7 @@ def any_of(names: Sequence[str]) -> str:
     return f"{', '.join(first)} or {last}" if first else last
 
 
-def did_you_mean(name: str, known: Iterable[str], otherwise: str = "", quote: str = '"', most: int = 1) -> str:
+def did_you_mean(name: Any, known: Iterable[str], otherwise: str = "", quote: str = '"', most: int = 1) -> str:
     """Returns ``; did you mean "circle"?`` where known names are similar, up to ``most``, else ``otherwise`` as a
     clause.
     """

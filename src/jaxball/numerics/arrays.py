@@ -137,6 +137,17 @@ def numbers(name: str, shape: tuple[int | str, ...] = ()) -> Callable[[Numbers],
     return convert
 
 
+def positive_number(name: str, x: Numbers) -> Float[Array, ""]:
+    """Converts an argument to a number.
+
+    **Raises:** ``ValueError`` for one that is not positive, unless it is traced, and for several.
+    """
+    value = to_array(x, name)
+    if value.ndim or not (is_traced(value) or float(value) > 0):
+        raise ValueError(f"Argument `{name}` must be a positive number, but it is {x}.")
+    return value
+
+
 def has_shape(given: tuple[int, ...], shape: tuple[int | str, ...]) -> bool:
     """Returns whether a shape fits the required one, which has a letter for each arbitrary length."""
     return len(given) == len(shape) and all(

@@ -75,6 +75,8 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
             yield from self.ground.conditions(self.planar)
         if self.resistance is not None:
             yield from self.resistance.conditions()
+        if self.force is not None:
+            yield from self.force.conditions("force")
 
     def start_conditions(self, t: Float[Array, ""], state: Any) -> Iterator[Condition | ExplainedCondition]:
         if any(group.free for group in self.mechanism_groups):

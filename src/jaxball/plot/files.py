@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..interface.output import OutputError, replacing
+from ..interface.wording import any_of
 from ..numerics.arrays import arrays_of
 
 if TYPE_CHECKING:
@@ -87,6 +88,10 @@ def save_figures(
     **Raises:** :class:`~jaxball.files.results.OutputError` where there is a figure of another run and ``replace`` is
     False; nothing is written then.
     """
+    if isinstance(formats, str) or not set(formats) <= set(METADATA):
+        raise ValueError(
+            f'Argument `formats` must be a list of {any_of(tuple(METADATA))}, such as ["png"], but it is {formats!r}.'
+        )
     # All of them are checked before any is written.
     paths = [[Path(folder) / f"{name}.{suffix}" for suffix in formats] for name, _ in drawings]
     if not replace:

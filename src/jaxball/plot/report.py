@@ -114,10 +114,12 @@ def draw(
 ) -> Figure | Axes:
     """Draws a run as :meth:`jaxball.Trajectory.plot` says."""
     if panel is not None:
-        if panel not in PANELS:
+        if not isinstance(panel, str) or panel not in PANELS:
             raise ValueError(
                 f"Argument `panel` must be one of {', '.join(PANELS)}, but it is {panel!r}{did_you_mean(panel, PANELS)}"
             )
+        if title:
+            raise ValueError("Argument `title` is for the page of panels; a panel alone has the title of its `ax`.")
         return PANELS[panel](trajectory, ax)
     if isinstance(trajectory.system, AbstractBody):
         return overview(trajectory, title)

@@ -353,6 +353,7 @@ def _from_zero(
 
 def _of_contact(trajectory: Trajectory) -> Trajectory:
     """Returns the run of a body that may slip and fly, with the states on both sides of its switches."""
+    require_one_of_body(trajectory)
     run = with_jumps(trajectory)
     if "height" not in run.history.over_time:
         raise ValueError(

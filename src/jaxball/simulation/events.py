@@ -335,6 +335,13 @@ class EndOfGround(AbstractEvent):
         return jnp.where(state.is_in(Mode.FLIGHT), 1.0, value) if isinstance(state, ContactState) else value
 
 
+def prefix_of_event(name: str) -> str:
+    """Returns the beginning of the names of an event's variables in a file; a slash would make a group of a netCDF
+    file.
+    """
+    return f"event_{name.replace('/', '_')}"
+
+
 def check_events(system: AbstractSystem, events: Mapping[str, AbstractEvent] | None) -> dict[str, AbstractEvent]:
     """Checks the events to look for, of the ``system`` that is solved, and returns them.
 
@@ -343,8 +350,17 @@ def check_events(system: AbstractSystem, events: Mapping[str, AbstractEvent] | N
     events = {} if events is None else events
     require("events", events, Mapping, 'a dictionary of events by name, such as {"lift": Detachment()}')
     for name, event in events.items():
+        if not isinstance(name, str):
+            raise TypeError(f"Argument `events` must have names as keys, but one is {name!r}.")
         remedy = "Event(function) is one" if inspect.isfunction(event) else ""
         require(f"events[{name!r}]", event, AbstractEvent, "an event, such as Detachment()", remedy)
+    by_prefix: dict[str, str] = {}
+    for name in events:
+        if (other := by_prefix.setdefault(prefix_of_event(name), name)) != name:
+            raise ValueError(
+                f"Argument `events` must have names that differ in files, where {other!r} and {name!r} are both "
+                f"{prefix_of_event(name)}; rename one of them."
+            )
     touching = [name for name, event in events.items() if isinstance(event, Detachment | Slip)]
     if touching and not isinstance(system.shown, AbstractRollingSystem):
         raise TypeError(

@@ -167,9 +167,7 @@ class TrajectoryMethods:
     def plot(self, panel: None = None, ax: None = None, *, title: str = "") -> "matplotlib.figure.Figure": ...
 
     @overload
-    def plot(
-        self, panel: Panel, ax: "matplotlib.axes.Axes | None" = None, *, title: str = ""
-    ) -> "matplotlib.axes.Axes": ...
+    def plot(self, panel: Panel, ax: "matplotlib.axes.Axes | None" = None) -> "matplotlib.axes.Axes": ...
 
     @leave_to("..plot.report:draw")
     def plot(

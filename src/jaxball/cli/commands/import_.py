@@ -16,6 +16,7 @@ from ..options import STDOUT, BadInputError, add_quiet, name_files, positive, sa
 if TYPE_CHECKING:
     from ...files.scenario.scenario import Scenario
 
+ROUNDING = 1e-9  # of a span, by which a whole number of steps may miss it
 DEFAULT_END, DEFAULT_STEP = 10.0, 0.1
 
 
@@ -96,8 +97,13 @@ def _with_times(scenario: "Scenario", end: float | None, step: float | None) -> 
     length = (last if end is None else end) - start
     if length <= 0:
         raise BadInputError(f"Argument `--end` must be later than the start of the file, {start:g}, but it is {end:g}.")
-    # Whole steps to the end that is nearest, at least one.
-    return dataclasses.replace(scenario, times=start + step * np.arange(max(round(length / step), 1) + 1))
+    count = max(round(length / step), 1)
+    if step <= 0 or abs(count * step - length) > ROUNDING * length:
+        raise BadInputError(
+            f"Argument `--step` must be positive and divide the span from {start:g} to {start + length:g}, but it is "
+            f"{step:g}."
+        )
+    return dataclasses.replace(scenario, times=start + step * np.arange(count + 1))
 
 
 def _problems(scenario: "Scenario") -> list[str]:

@@ -75,14 +75,13 @@ def _motions(options: argparse.Namespace, scenario: "Scenario") -> "Sequence[Ste
     rolling_state(scenario, "the stability of steady motions is")
     if not isinstance(system, AbstractBody):
         raise ValueError(
-            f"Steady motions are searched for only for a ball or a disk, but the scenario is of a {system.title}; use "
+            f"Steady motions are those of a ball or a disk, but the scenario is of a {system.title}; use "
             "jaxball periodic for a motion that repeats itself."
         )
     if options.initial:
         return (steady_motion(system, scenario.state, turning=options.turning or 0.0, t=t),)  # pyright: ignore
     if not isinstance(system, Ball):
-        searched = f"Steady motions are searched for only for a ball, but the scenario is of a {system.title}"
-        raise ValueError(f"{searched}; {ELSE}.")
+        raise ValueError(f"Steady motions of a {system.title} are not searched for, only those of a ball; {ELSE}.")
     _require_still(system)
     if options.rolling is not None:
         return (steady_rolling(system, *options.rolling, t=t),)

@@ -2,6 +2,7 @@
 
 import argparse
 import dataclasses
+import functools
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -104,6 +105,7 @@ def run(options: argparse.Namespace) -> int:
     axes = None if options.basin is None else chart_axes(options, "basin", "Omega[0]=-1:1:21")
     document = _with_feedback(options, scenario_document(options))
     set_up_jax()
+    _require_body(document)
     scenario = scenario_of(document, options.scenario)
     with compile_for(scenario):
         return _track(options, scenario, axes)
@@ -128,6 +130,14 @@ def _with_feedback(options: argparse.Namespace, document: dict[str, Any]) -> dic
         ends = {"start": instants[0], "end": instants[-1]} if isinstance(instants, list) and instants else times
         times = {name: ends[name] for name in ("start", "end") if name in ends} | {"step": options.sample}
     return document | {"feedback": feedback} | ({} if times is None else {"time": times})
+
+
+def _require_body(document: dict[str, Any]) -> None:
+    """Raises a :class:`~jaxball.ScenarioError` for a classical system, which has no inputs to hold its motion by."""
+    from ...files.scenario.classical import CLASSICAL
+
+    if (kind := document.get("kind")) in tuple(CLASSICAL):
+        raise ScenarioError(f'Key `kind` must be "ball" or "disk" for a motion to be held, but it is "{kind}".')
 
 
 def _track(options: argparse.Namespace, scenario: "Scenario", axes: tuple[ChartAxis, ChartAxis] | None) -> int:
@@ -329,9 +339,13 @@ def _draw(
     first, last = held[0].loops, _last(held[0])
     drawings: dict[str, Callable[[], Any]] = {
         "paths": lambda: plot.held_paths(first),
-        "inputs": lambda: plot.held_inputs({name: loop for name, loop in first.items() if name != WITHOUT}),
-        "gains": lambda: _track_of(feedback).plot(),
     }
+    with_feedback = {name: loop for name, loop in first.items() if name != WITHOUT}
+    inputs = last.plant.inputs
+    for k, name in enumerate(inputs):
+        number = f"_{k + 1}" if len(inputs) > 1 else ""
+        drawings[f"inputs{number}"] = functools.partial(plot.held_inputs, with_feedback, name)
+        drawings[f"gains{number}"] = functools.partial(_track_of(feedback).plot, name)
     for kind, basin in basins.items():
         drawings[BASINS[kind]] = basin.plot
     estimate = last.feedback.estimates(last.times, last.memory)

@@ -16,7 +16,7 @@ from ...interface.compat import is_traced
 from ...interface.names import leave_to
 from ...interface.printing import Printed
 from ...interface.status import Status
-from ...numerics.arrays import Numbers, numbers, to_array
+from ...numerics.arrays import Numbers, numbers, positive_number, to_array
 from ...physics.body import System
 from ...physics.contact.law import Contact
 from ...physics.grounds import AbstractSurface
@@ -209,7 +209,7 @@ class Environment(Printed):
         self.parameters = _distributions("parameters", parameters)
         require_numbers_of(self.sampled.system, self.parameters)
         self.penalty = numbers("penalty")(penalty)
-        self.friction = None if friction is None else numbers("friction")(friction)
+        self.friction = None if friction is None else positive_number("friction", friction)
         self.adjoint = adjoint
         self.samples, self.delay, self.shows_goal = whole_number("samples", samples, 1), _range(delay), shows_goal
 

@@ -18,7 +18,7 @@ from ...interface.arguments import require
 from ...interface.compat import is_traced
 from ...interface.printing import Printed
 from ...interface.wording import did_you_mean
-from ...numerics.arrays import Numbers, to_array
+from ...numerics.arrays import Numbers, positive_number, to_array
 from ...numerics.declare import number, number_or_none
 from ...numerics.vectors import dot, root
 from ...physics.body import System
@@ -277,6 +277,8 @@ class ReachPoint(AbstractGoal):
 
     def __check_init__(self):
         _require_distribution(self.drawn)
+        if self.within is not None:
+            positive_number("within", self.within)
 
     def draw(self, key, moment):
         point = self.point[: moment.place.size]

@@ -17,7 +17,7 @@ from ...interface.compat import is_traced
 from ...interface.names import leave_to
 from ...interface.printing import Printed
 from ...interface.wording import number_of
-from ...physics.state import PlacedState
+from ..slipping import Estimated
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -26,11 +26,14 @@ if TYPE_CHECKING:
 # Of a covariance scaled to a diagonal of 1, an eigenvalue below which a combination is known, but for rounding.
 KNOWN_EXACTLY = 1e-12
 
+# Of the terms that add up to a variance, the size below which their sum is rounding, in units of the last place.
+CANCELS = 500
+
 
 class Belief(NamedTuple):
     """An estimate: its errors are the local coordinates of the true state around ``state``, then those of biases."""
 
-    state: PlacedState
+    state: Estimated
     bias: Float[Array, " biases"]
     P: Float[Array, "n n"]
 
@@ -47,6 +50,21 @@ class Belief(NamedTuple):
 def symmetric(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
     """Returns the symmetric part, without the rounding of products."""
     return 0.5 * (P + P.T)
+
+
+def propagate(F: Float[Array, "m n"], P: Float[Array, "n n"]) -> Float[Array, "m m"]:
+    """Computes F P Fᵀ, the covariance of what depends on errors as F says.
+
+    Where variances cancel but for rounding, as those of a rate do that is the same however a slip began, it is 0.
+    """
+    moved, size = F @ P @ F.T, jnp.sum((jnp.abs(F) @ jnp.abs(P)) * jnp.abs(F), axis=1)
+    uncertain = jnp.diagonal(moved) > CANCELS * jnp.finfo(moved.dtype).eps * size
+    return jnp.where(uncertain[:, None] & uncertain[None], symmetric(moved), 0.0)
+
+
+def deviations_in(P: Float[Array, "*samples n n"]) -> Float[Array, "*samples n"]:
+    """Returns the standard deviations in covariances; a variance below 0 is rounding."""
+    return jnp.sqrt(jnp.maximum(jnp.diagonal(P, axis1=-2, axis2=-1), 0.0))
 
 
 def is_uncertain(P: Float[Array, "n n"]) -> Bool[Array, " n"]:
@@ -68,7 +86,7 @@ def inverse(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
 def _principal(P: Float[Array, "n n"]) -> tuple[Float[Array, " n"], Float[Array, "n n"], Float[Array, " n"]]:
     """Computes eigenvalues and vectors of a covariance scaled to a diagonal of 1, and the scales."""
     # Eigenvalues of coordinates with different units do not compare; scaled by their deviations they do.
-    size = jnp.sqrt(jnp.diagonal(P))
+    size = deviations_in(P)
     size = jnp.where(size > 0, size, 1.0)
     values, vectors = jnp.linalg.eigh(P / size[:, None] / size[None])
     return values, vectors, size
@@ -84,10 +102,10 @@ class Filtered(NamedTuple):
       something was.
     """
 
-    state: PlacedState
+    state: Estimated
     bias: Float[Array, "K biases"]
     P: Float[Array, "K n n"]
-    ahead: PlacedState
+    ahead: Estimated
     ahead_bias: Float[Array, "K biases"]
     ahead_P: Float[Array, "K n n"]
     F: Float[Array, "K_less_one n n"]
@@ -113,7 +131,7 @@ class Followed(NamedTuple):
     - ``nis``, ``read``: the normalised innovation squared, and how many numbers were read.
     """
 
-    state: PlacedState
+    state: Estimated
     bias: Float[Array, "K biases"]
     P: Float[Array, "K n n"]
     nis: Float[Array, " K"]
@@ -135,7 +153,7 @@ class AbstractEstimate(Printed):
     filtered: eqx.AbstractVar[Any]  # Filtered or Followed
 
     @property
-    def state(self) -> PlacedState:
+    def state(self) -> Estimated:
         """The estimated states, with the samples as leading axis."""
         return self.filtered.state
 
@@ -170,15 +188,16 @@ class AbstractEstimate(Printed):
     @property
     def deviations(self) -> dict[str, Float[Array, " K"]]:
         """The standard deviation of each error, by name."""
-        size = jnp.sqrt(jnp.diagonal(self.covariance, axis1=1, axis2=2))
+        size = deviations_in(self.covariance)
         return {name: size[:, k] for k, name in enumerate((*self.directions, *self.biases))}
 
-    def errors(self, truth: PlacedState) -> Float[Array, "K directions"]:
+    def errors(self, truth: Estimated) -> Float[Array, "K directions"]:
         """Computes the local coordinates of the true states around the estimated ones.
 
         **Arguments:**
 
-        - ``truth``: the states at the samples, of the same kind, as a simulation has them.
+        - ``truth``: the states at the samples, of the same kind, as a simulation has them; with a law of contact, as
+          ``truth`` of the filter returns them.
 
         **Raises:** ``TypeError`` for another kind of state, ``ValueError`` for another number of them.
         """
@@ -188,7 +207,7 @@ class AbstractEstimate(Printed):
         require_count("Argument `truth`", counts[0], counts[1], "sample")
         return jax.vmap(lambda estimated, true: estimated.difference(true))(self.state, truth)
 
-    def nees(self, truth: PlacedState) -> Float[Array, " K"]:
+    def nees(self, truth: Estimated) -> Float[Array, " K"]:
         """Computes the normalised estimation error squared ξᵀP⁻¹ξ: distributed as χ², with ``degrees`` degrees, if P is
         right.
 
@@ -211,7 +230,7 @@ class AbstractEstimate(Printed):
         return int(self.uncertain[jnp.sum(finite) - 1])
 
     @leave_to("...plot.control:estimate")
-    def plot(self, truth: PlacedState | None = None, confidence: float = 0.95) -> "matplotlib.figure.Figure":
+    def plot(self, truth: Estimated | None = None, confidence: float = 0.95) -> "matplotlib.figure.Figure":
         """Draws the errors over time, the biases of sensors, and in the last panels normalised squares.
 
         Bands show where errors, and around their estimates biases, lie with this probability if the filter is right;

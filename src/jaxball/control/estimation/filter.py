@@ -10,6 +10,7 @@ theory for state estimation in robotics* (2018), arXiv:1812.01537; Joseph's form
 innovations as in Bar-Shalom, Li & Kirubarajan, *Estimation with Applications to Tracking and Navigation* (2001).
 """
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -25,14 +26,21 @@ from ...interface.printing import Printed
 from ...interface.wording import did_you_mean
 from ...numerics.arrays import Numbers, default_dtype, to_array
 from ...physics.body import Ball, Disk, System
+from ...physics.contact.history import ContactHistory
+from ...physics.contact.law import Contact
+from ...physics.contact.modes import ContactState
+from ...physics.contact.released import ReleasedState
 from ...physics.sensors import AbstractSensor
 from ...physics.sensors.base import SAME_TIME, Measurement, measurement_of
 from ...physics.state import PlacedState
 from ...physics.system import require_one_state
 from ...simulation import DEFAULT_TOLERANCE
+from ...simulation.arguments import require_single
+from ...simulation.trajectory import Trajectory
 from ..sampled import SampledSystem, in_words, null_space, reachability_factor
+from ..slipping import Estimated, SlippingState, body_of, follow, moving, of_rolling, with_law
 from ..weights import by_name
-from .estimate import Belief, Estimate, Filtered, symmetric
+from .estimate import Belief, Estimate, Filtered, propagate, symmetric
 
 
 class Reading(NamedTuple):
@@ -58,6 +66,8 @@ class ErrorStateFilter(Printed):
     - ``process``: how much the motion differs from that of the simulation: the standard deviation of the change of
       local coordinates in a unit of time, by name, as in ``{"Omega": 0.05}``; by default 0.
     - ``biases``: the standard deviations of biases at the start, by the name of the sensor, in units of its reading.
+    - ``contact``: a :class:`~jaxball.Contact`, with which the robot may slip, fly and land; it always rolls without.
+      ``slip``, ``rise`` and ``height`` are then among the names of errors, and known to be 0 where it rolls.
     - ``rtol``, ``atol``: tolerances of the solve of a sample.
 
     Its fields are
@@ -102,6 +112,7 @@ class ErrorStateFilter(Printed):
         inputs: Sequence[str] = (),
         process: Mapping[str, Numbers] | None = None,
         biases: Mapping[str, Numbers] | None = None,
+        contact: Contact | None = None,
         rtol: Numbers = DEFAULT_TOLERANCE,
         atol: Numbers = DEFAULT_TOLERANCE,
     ) -> "ErrorStateFilter":
@@ -111,7 +122,7 @@ class ErrorStateFilter(Printed):
             sampled = SampledSystem.of(system, sample, inputs, rtol, atol)
         else:
             sampled = SampledSystem.without_inputs(system, sample, rtol, atol)
-        return cls.for_sampled_system(sampled, sensors, process, biases)
+        return cls.for_sampled_system(with_law(sampled, contact), sensors, process, biases)
 
     @classmethod
     def for_sampled_system(
@@ -121,18 +132,9 @@ class ErrorStateFilter(Printed):
         process: Mapping[str, Numbers] | None = None,
         biases: Mapping[str, Numbers] | None = None,
     ) -> "ErrorStateFilter":
-        """Builds the filter of a sampled system; arguments as for :meth:`of`.
-
-        **Raises:** also ``ValueError`` for one with a law of contact.
-        """
-        if sampled.contact is not None:
-            raise ValueError(
-                "Argument `sampled` must have no law of `contact`, because the errors of a filter are those of a body "
-                "that rolls, and a body that slips or flies has more of them than one that rolls; leave it out."
-            )
+        """Builds the filter of a sampled system; arguments as for :meth:`of`."""
         measurement = measurement_of(sensors, sampled.system)
-        directions = sampled.directions
-        rates = to_array(by_name("process", process or {}, directions), "process")
+        rates = to_array(by_name("process", process or {}, _directions(sampled)), "process")
         require_not_negative("process", rates)
         # A bias that wanders is estimated even if it is known at the start.
         spread = {name: 0.0 for name, sensor in sensors.items() if wanders(sensor)} | dict(biases or {})
@@ -150,7 +152,7 @@ class ErrorStateFilter(Printed):
     def __call__(
         self,
         readings: Mapping[str, Numbers],
-        start: PlacedState,
+        start: PlacedState | ReleasedState,
         spread: Mapping[str, Numbers],
         *,
         u: Numbers | None = None,
@@ -163,7 +165,8 @@ class ErrorStateFilter(Printed):
         - ``readings``: of each sensor at each sample, as :meth:`jaxball.Trajectory.measured` has them, shape (K, ...):
           NaN where nothing has arrived. A reading of a sensor with a ``delay`` arrives so much later, and is taken for
           what it was; the estimate at a sample then uses what arrives later as well.
-        - ``start``: the estimated state at the first sample.
+        - ``start``: the estimated state at the first sample; with a law of contact, a
+          :class:`~jaxball.physics.ReleasedState` slips or flies.
         - ``spread``: the standard deviations of its local coordinates, by name, as in ``{"attitude": 0.3, "z": 0.1}``;
           0 for the others, which are known.
         - ``u``: the inputs, each row from its sample to the next, shape (K − 1, m).
@@ -171,16 +174,17 @@ class ErrorStateFilter(Printed):
 
         **Raises:** ``TypeError`` and ``ValueError`` for readings, a start and inputs that do not fit the filter.
         """
-        require_one_state(self.sampled.system, start)
+        first = to_array(t0, "t0")
+        at = self._begin(first, start)
         require("spread", spread, Mapping, 'a dictionary of standard deviations by name, such as {"Omega": 0.1}')
         deviations = self.deviations(spread)
         read = self._align(readings)
-        count, first = len(read.y), to_array(t0, "t0")
-        filtered = _filter(self, read, start, deviations, self._inputs(u, count - 1), first)
-        return Estimate(self.times(first, count), start.directions, self.names_of_biases(start), filtered)
+        count = len(read.y)
+        filtered = _filter(self, read, at, deviations, self._inputs(u, count - 1), first)
+        return Estimate(self.times(first, count), at.directions, self.names_of_biases(at), filtered)
 
     def unobservable(
-        self, start: PlacedState, samples: int, *, u: Numbers | None = None, t0: Numbers = 0.0
+        self, start: PlacedState | ReleasedState, samples: int, *, u: Numbers | None = None, t0: Numbers = 0.0
     ) -> tuple[str, ...]:
         """Finds the combinations of errors at the start that no reading of the sensors tells, by name.
 
@@ -193,9 +197,10 @@ class ErrorStateFilter(Printed):
         - ``samples``: how many readings.
         - ``u``, ``t0``: as for the estimate itself.
         """
-        require_one_state(self.sampled.system, start)
-        names = (*start.directions, *self.names_of_biases(start))
-        F, H = _linearise(self, start, self._inputs(u, samples - 1), to_array(t0, "t0"))
+        first = to_array(t0, "t0")
+        at = self._begin(first, start)
+        names = (*at.directions, *self.names_of_biases(at))
+        F, H = _linearise(self, at, self._inputs(u, samples - 1), first)
         # The dual of reachability: the flow backwards, transposed.
         F, H = (np.swapaxes(np.asarray(x), 1, 2)[::-1] for x in (F, H))
         seen = reachability_factor(np.concatenate([np.eye(len(names))[None], F]), H)
@@ -206,9 +211,39 @@ class ErrorStateFilter(Printed):
 
         **Raises:** ``ValueError`` for unknown names and negative numbers.
         """
-        spreads = to_array(by_name("spread", spread, self.sampled.directions), "spread")
+        spreads = to_array(by_name("spread", spread, _directions(self.sampled)), "spread")
         require_not_negative("spread", spreads)
         return spreads
+
+    def truth(self, run: Trajectory) -> Estimated:
+        """Returns the states of a run as they are estimated, for ``errors``, ``nees`` and ``plot`` of an estimate.
+
+        Those of a body; with a law of contact, ``SlippingState`` with ``body``, ``slip``, ``rise`` and ``height``.
+
+        **Raises:** ``ValueError`` for a run without a law of contact, if the filter has one.
+        """
+        if self.sampled.contact is None:
+            return run.state
+        if not isinstance(run.history, ContactHistory):
+            raise ValueError(
+                "Argument `run` must be of a body with a law of contact, as the filter has one, but it has none; "
+                "simulate it with `contact`."
+            )
+        return _true_states(run.system.prepare(), jnp.asarray(run.times), run.history.states_of(run.system, run.state))
+
+    def _begin(self, t: Float[Array, ""], start: PlacedState | ReleasedState) -> Estimated:
+        """Returns the estimated state of a start.
+
+        **Raises:** ``TypeError`` and ``ValueError`` for one that does not fit the robot.
+        """
+        system = self.sampled.system
+        if self.sampled.contact is None:
+            require_one_state(system, start)
+        else:
+            require_single(self.sampled.as_solved(system), start)
+        if isinstance(start, ReleasedState):
+            return SlippingState.of(system.prepare(), t, start)
+        return of_rolling(self.sampled, start)
 
     def _inputs(self, u: Numbers | None, count: int) -> Float[Array, "samples inputs"]:
         """Returns the inputs of each sample but the last.
@@ -228,7 +263,7 @@ class ErrorStateFilter(Printed):
         """Returns the times of ``count`` samples from ``t0`` on."""
         return t0 + self.sampled.sample * jnp.arange(count, dtype=t0.dtype)
 
-    def start(self, state: PlacedState, deviations: Float[Array, " n"]) -> Belief:
+    def start(self, state: Estimated, deviations: Float[Array, " n"]) -> Belief:
         """Returns what is known before the first reading: biases of 0."""
         spread = [jnp.full((size,), self.spread_of_biases[name]) for name, size in self._bias_sizes(state).items()]
         whole = jnp.concatenate([deviations, *spread]).astype(deviations.dtype)
@@ -238,15 +273,14 @@ class ErrorStateFilter(Printed):
         self, t: Float[Array, ""], belief: Belief, u: Float[Array, " inputs"]
     ) -> tuple[Belief, Float[Array, "n n"]]:
         """Predicts a sample after ``t`` without a further reading; returns the derivative of the flow of errors."""
-        following = self.sampled.flow(t, belief.state, u)
-        A = self.sampled.linearise(t, belief.state, u, following).A
+        following, A = follow(self.sampled, t, belief.state, u)
         n, whole = len(A), belief.P.shape[0]
         # Biases do not change on their own, so that their part is the identity.
         F = jnp.eye(whole, dtype=A.dtype).at[:n, :n].set(A)
         rates = jnp.concatenate([self.process, self._walks(belief.state)])
         # The variance of a random walk grows in proportion to the time.
         added = jnp.diag(self.sampled.sample * rates**2)
-        return Belief(following, belief.bias, symmetric(F @ belief.P @ F.T + added)), F
+        return Belief(following, belief.bias, propagate(F, belief.P) + added), F
 
     def expect_readings(
         self, t: Float[Array, ""], belief: Belief, u: Float[Array, " inputs"]
@@ -254,10 +288,11 @@ class ErrorStateFilter(Printed):
         """Computes what the sensors should read, and its derivative by the errors of the estimate."""
         state, bias = belief.state, belief.bias
         system, of_bias = self.sampled.hold(u), self._of_bias(state)
+        solved, read = self.sampled.as_solved(system), moving(self.sampled, system, t, state)
 
         def of_error(error: Float[Array, " n"]) -> Float[Array, " m"]:
             xi, bias_change = error[: error.size - bias.size], error[error.size - bias.size :]
-            return self.measurement(system, t, state.retract(xi)) + of_bias @ (bias + bias_change)
+            return self.measurement(solved, t, read(state.retract(xi))) + of_bias @ (bias + bias_change)
 
         zero = jnp.zeros(belief.P.shape[0], belief.P.dtype)
         return of_error(zero), jax.jacfwd(of_error)(zero)
@@ -308,63 +343,70 @@ class ErrorStateFilter(Printed):
         # NaN would enter derivatives although it is not used.
         return Reading(jnp.where(jnp.isfinite(y), y, 0.0), jnp.isfinite(y))
 
-    def sizes(self, state: PlacedState) -> dict[str, int]:
+    def sizes(self, state: Estimated) -> dict[str, int]:
         """Counts the components that each sensor reads, in the order of the measurement."""
-        return self.measurement.sizes(self.sampled.system, state)
+        return self.measurement.sizes(self.sampled.system, body_of(state))
 
-    def _bias_sizes(self, state: PlacedState) -> dict[str, int]:
+    def _bias_sizes(self, state: Estimated) -> dict[str, int]:
         return {name: size for name, size in self.sizes(state).items() if name in self.spread_of_biases}
 
-    def _of_bias(self, state: PlacedState) -> Float[np.ndarray, "m biases"]:
+    def _of_bias(self, state: Estimated) -> Float[np.ndarray, "m biases"]:
         """Returns the matrix that takes biases to the readings that they are in."""
         sizes = self.sizes(state)
         mask = np.concatenate([np.full(size, name in self.spread_of_biases) for name, size in sizes.items()])
         return np.eye(len(mask))[:, mask]
 
-    def _noise(self, state: PlacedState) -> Float[Array, " m"]:
+    def _noise(self, state: Estimated) -> Float[Array, " m"]:
         """Returns the standard deviation of each component."""
         return self._each(state, lambda errors: errors.noise)
 
-    def _walks(self, state: PlacedState) -> Float[Array, " biases"]:
+    def _walks(self, state: Estimated) -> Float[Array, " biases"]:
         return self._each(state, lambda errors: errors.random_walk) @ self._of_bias(state)
 
-    def _each(self, state: PlacedState, number: Callable[[Any], Array]) -> Float[Array, " m"]:
+    def _each(self, state: Estimated, number: Callable[[Any], Array]) -> Float[Array, " m"]:
         sensors = self.measurement.sensors
         return jnp.concatenate(
             [jnp.full((size,), number(sensors[name].errors)) for name, size in self.sizes(state).items()]
         )
 
-    def names_of_biases(self, state: PlacedState) -> tuple[str, ...]:
+    def names_of_biases(self, state: Estimated) -> tuple[str, ...]:
         """Returns the estimated biases, by name."""
         sizes = self._bias_sizes(state)
         return tuple(f"{name}[{k}]" if size > 1 else name for name, size in sizes.items() for k in range(size))
 
 
+def _directions(sampled: SampledSystem) -> tuple[str, ...]:
+    """Returns the names of the errors of an estimated state."""
+    return of_rolling(sampled, sampled.system.upright_state()).directions
+
+
+@programs.filter_jit
+def _true_states(system: System, times: Array, states: ContactState) -> SlippingState:
+    return jax.vmap(functools.partial(SlippingState.in_mode, system))(times, states)
+
+
 @programs.filter_jit
 def _filter(
-    estimator: ErrorStateFilter, read: Reading, start: PlacedState, deviations: Array, u: Array, t0: Array
+    estimator: ErrorStateFilter, read: Reading, start: Estimated, deviations: Array, u: Array, t0: Array
 ) -> Filtered:
     """Filters all samples. The last input is held at the last one, after which there is none."""
     times, held = estimator.times(t0, read.y.shape[0]), _hold_last(u)
+    start = estimator.start(start, deviations)
 
-    def with_reading(ahead: Belief, t: Array, u: Array, reading: Reading) -> tuple[Belief, tuple]:
-        belief, *seen = estimator.update(t, ahead, u, reading)
-        return belief, (belief, ahead, *seen)
-
-    def step(belief: Belief, sample: tuple[Array, Array, Array, Reading]) -> tuple[Belief, tuple]:
-        t, before, now, reading = sample
+    def step(belief: Belief, sample: tuple[Array, Array, Array, Array, Reading]) -> tuple[Belief, tuple]:
+        k, t, before, now, reading = sample
         # Prediction is over the sample that ends at t, with the input held there; the reading is with the input after
-        # it.
-        ahead, F = estimator.predict(t - estimator.sampled.sample, belief, before)
-        belief, record = with_reading(ahead, t, now, reading)
-        return belief, (*record, F)
+        # it. The first sample has nothing to predict.
+        ahead, F = jax.lax.cond(
+            k > 0,
+            lambda: estimator.predict(t - estimator.sampled.sample, belief, before),
+            lambda: (belief, jnp.eye(len(belief.P), dtype=t.dtype)),
+        )
+        belief, innovation, S = estimator.update(t, ahead, now, reading)
+        return belief, (belief, ahead, innovation, S, F)
 
-    first, rest = (jax.tree.map(lambda x, part=part: x[part], read) for part in (0, np.s_[1:]))
-    # The first sample has nothing to predict.
-    belief, record = with_reading(estimator.start(start, deviations), times[0], held[0], first)
-    _, (*following, F) = jax.lax.scan(step, belief, (times[1:], held[:-1], held[1:], rest))
-    whole = jax.tree.map(lambda leaf, others: jnp.concatenate([leaf[None], others]), record, tuple(following))
-    now, ahead, innovation, S = whole
+    samples = jnp.arange(len(times)), times, jnp.concatenate([held[:1], held[:-1]]), held, read
+    _, (now, ahead, innovation, S, F) = jax.lax.scan(step, start, samples)
     return Filtered(
         state=now.state,
         bias=now.bias,
@@ -372,7 +414,7 @@ def _filter(
         ahead=ahead.state,
         ahead_bias=ahead.bias,
         ahead_P=ahead.P,
-        F=F,
+        F=F[1:],
         innovation=innovation,
         S=S,
         there=read.there,
@@ -380,7 +422,7 @@ def _filter(
 
 
 @programs.filter_jit
-def _linearise(estimator: ErrorStateFilter, start: PlacedState, u: Array, t0: Array) -> tuple[Array, Array]:
+def _linearise(estimator: ErrorStateFilter, start: Estimated, u: Array, t0: Array) -> tuple[Array, Array]:
     """Computes the derivatives of the flow of errors over each sample, and of each reading, along a motion."""
     times, held = estimator.times(t0, len(u) + 1), _hold_last(u)
     # The derivatives do not depend on the covariance.

@@ -288,8 +288,14 @@ def _read(
     **Raises:** ``ValueError`` for times and readings that do not fit each other or the errors of a sensor.
     """
     times = to_numpy(log.times, "log.times")
-    if times.ndim != 1 or times.size < 2 or not np.all(np.diff(times) > 0):
-        raise ValueError(f"Argument `log.times` must be two increasing times or more, but it is {times.tolist()}.")
+    if times.ndim != 1 or times.size < 2:
+        raise ValueError(f"Argument `log.times` must be two increasing times or more, but its shape is {times.shape}.")
+    if (back := np.flatnonzero(~(np.diff(times) > 0))).size:
+        k = int(back[0])
+        raise ValueError(
+            f"Argument `log.times` must be increasing, but times[{k}] is {times[k]:g}, and times[{k + 1}] is "
+            f"{times[k + 1]:g}."
+        )
     readings = {}
     for name, sensor in sensors.items():
         if name not in log.readings:

@@ -12,12 +12,14 @@ from jaxtyping import Array, Float, Int
 from ...interface.arguments import require
 from ...numerics.arrays import Numbers, default_dtype, select_tree
 from ...physics.body import System
+from ...physics.contact.law import Contact
 from ...physics.sensors import AbstractSensor
 from ...physics.sensors.base import with_errors
 from ..feedback import AbstractFeedback, NominalMotion
 from ..loop import plant_of, until_end
 from ..sampled import SampledSystem
-from .estimate import Belief, Followed, LoopEstimate
+from ..slipping import body_of, of_rolling, with_law
+from .estimate import Belief, Followed, LoopEstimate, deviations_in
 from .filter import ErrorStateFilter, Reading, align_late, samples_late
 
 
@@ -52,7 +54,7 @@ class Remembered(NamedTuple):
     @property
     def deviations(self) -> Float[Array, "samples n"]:
         """The standard deviations of the errors of ``xi``."""
-        return jnp.sqrt(jnp.diagonal(self.P, axis1=1, axis2=2))[:, : self.xi.shape[1]]
+        return deviations_in(self.P)[:, : self.xi.shape[1]]
 
 
 class OutputFeedback(AbstractFeedback):
@@ -68,6 +70,8 @@ class OutputFeedback(AbstractFeedback):
     - ``sensors``, ``process``, ``biases``: as for an :class:`ErrorStateFilter`; a ``delay`` is a whole number of
       samples.
     - ``spread``: the standard deviations at the start, around the start of the motion, as for a filter.
+    - ``contact``: a law with which the filter takes the robot for one that may slip, fly and land; it rolls without.
+      Slip and height are estimated then, but not recorded. Give the law to ``closed_loop``, too.
     - ``system``: the robot that is measured, where it is not the one that the regulator and the filter know; give
       the same one to :meth:`~jaxball.control.AbstractFeedback.closed_loop`.
     - ``key``: of the errors of the sensors, as for :meth:`jaxball.Trajectory.measured`.
@@ -118,12 +122,14 @@ class OutputFeedback(AbstractFeedback):
         spread: Mapping[str, Numbers],
         process: Mapping[str, Numbers] | None = None,
         biases: Mapping[str, Numbers] | None = None,
+        contact: Contact | None = None,
         system: System | None = None,
         key: Any = None,
     ) -> "OutputFeedback":
         """Builds the feedback of a regulator from sensors; its arguments stand above."""
         require("feedback", feedback, AbstractFeedback, "a feedback, such as tvlqr(...) makes")
-        estimator = ErrorStateFilter.for_sampled_system(feedback.sampled, sensors, process, biases)
+        known = with_law(feedback.sampled, contact)
+        estimator = ErrorStateFilter.for_sampled_system(known, sensors, process, biases)
         late = {name: samples_late(name, sensor, estimator.sampled) for name, sensor in sensors.items()}
         plant = plant_of(feedback, system, None)
         return cls.of_parts(feedback, estimator, plant, estimator.deviations(spread), late, key)
@@ -145,8 +151,9 @@ class OutputFeedback(AbstractFeedback):
         return cls(feedback.sampled, nominal, feedback, known, plant, spread, wrong, each)
 
     def begin(self) -> Remembered:
-        belief, late = self.known.start(self.nominal.state(0), self.spread), max(self.late)
-        none = (jnp.zeros((self.nominal.samples, *shape), belief.P.dtype) for shape in _shapes(belief))
+        start = of_rolling(self.known.sampled, self.nominal.state(0))
+        belief, late = self.known.start(start, self.spread), max(self.late)
+        none = (jnp.zeros((self.nominal.samples, *shape), belief.P.dtype) for shape in self._shapes(belief))
         xi, bias, P, nis = none
         y = jnp.full((late, len(self.late)), jnp.nan, belief.P.dtype)
         # Before the start, the inputs of the motion are all that can be assumed.
@@ -168,8 +175,10 @@ class OutputFeedback(AbstractFeedback):
         now = self.known.measurement(system, t, state) + wrong
         y = jnp.concatenate([memory.y, now[None]])
         (belief, oldest), seen = self._follow(k, memory, y)
-        added, inner = self.feedback(k, belief.state, memory.inner)
-        values = self.nominal.state(k).difference(belief.state), belief.bias, belief.P, *seen
+        body, nominal = body_of(belief.state), self.nominal.state(k)
+        added, inner = self.feedback(k, body, memory.inner)
+        recorded = _recorded(len(nominal.directions), belief)
+        values = nominal.difference(body), belief.bias, belief.P[recorded], *seen
         before = memory.xi, memory.bias, memory.P, memory.nis, memory.read
         late = max(self.late)
         # How much was read at a sample, and how well it fits, is known when the latest sensor has reported.
@@ -213,6 +222,11 @@ class OutputFeedback(AbstractFeedback):
     def _time(self, k: Int[Array, ""]) -> Float[Array, ""]:
         return self.nominal.times[0] + self.sampled.sample * k.astype(self.spread.dtype)
 
+    def _shapes(self, belief: Belief) -> tuple[tuple[int, ...], ...]:
+        """Returns the shapes of deviations, biases, covariances and normalised innovations."""
+        n, biases = len(self.nominal.state(0).directions), belief.bias.size
+        return (n,), (biases,), 2 * (n + biases,), ()
+
     def estimates(self, times: Float[Array, " T"], memory: Remembered) -> LoopEstimate:
         count, samples = len(times), min(len(times) - 1, self.nominal.samples)
         nominal = jax.tree.map(lambda leaf: leaf[:samples], self.nominal.states)
@@ -226,10 +240,10 @@ class OutputFeedback(AbstractFeedback):
         return LoopEstimate(times, first.directions, biases, followed)
 
 
-def _shapes(belief: Belief) -> tuple[tuple[int, ...], ...]:
-    """Returns the shapes of deviations, biases, covariances and normalised innovations."""
-    biases, whole = belief.bias.size, belief.P.shape
-    return (whole[0] - biases,), (biases,), whole, ()
+def _recorded(n: int, belief: Belief) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the places of a covariance that are recorded: those of the ``n`` errors of the body, and of biases."""
+    whole, biases = belief.P.shape[0], belief.bias.size
+    return np.ix_(*2 * [np.r_[:n, whole - biases : whole]])
 
 
 def _put(rows: Array, place: Int[Array, ""], row: Array) -> Array:

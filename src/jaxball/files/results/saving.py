@@ -14,6 +14,7 @@ from ...interface.status import Status
 from ...physics.contact.released import ReleasedState
 from ...physics.sensors import AbstractSensor
 from ...physics.state import ReducedState, RotationState
+from ...simulation.events import prefix_of_event
 from ...simulation.extremes import contact_extremes
 from ...simulation.trajectory import Trajectory, always_rolls
 from ...simulation.variables import Variable
@@ -32,7 +33,6 @@ from .variables import (
     history_attributes,
     history_values,
     labels,
-    prefix_of_event,
     sensor_values,
     switch_values,
     values,

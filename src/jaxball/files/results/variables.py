@@ -21,7 +21,7 @@ from ...physics.sensors import AbstractSensor
 from ...physics.state import AbstractBodyState, DiskState, ReducedState
 from ...physics.system import AbstractSystem
 from ...simulation.arguments import require_one_run
-from ...simulation.events import Occurrences
+from ...simulation.events import Occurrences, prefix_of_event
 from ...simulation.trajectory import Trajectory, always_rolls
 from ...simulation.variables import (
     CLASSICAL_STATE,
@@ -177,13 +177,6 @@ def event_values(events: Mapping[str, Occurrences]) -> dict[str, Variables]:
         if rows:
             saved[prefix_of_event(name)] = {f"{prefix_of_event(name)}_times": (variable, np.asarray(seen.times)[:rows])}
     return saved
-
-
-def prefix_of_event(name: str) -> str:
-    """Returns the beginning of the names of an event's variables in a file; a slash would make a group of a netCDF
-    file.
-    """
-    return f"event_{name.replace('/', '_')}"
 
 
 SIDES = ("before", "after")

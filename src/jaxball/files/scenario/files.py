@@ -10,6 +10,7 @@ import jax
 import numpy as np
 import tomli_w
 
+from ...interface.arguments import require
 from ...physics.body import System
 from ...physics.contact.law import Contact
 from ...physics.dynamics.parameters import PointMass
@@ -345,6 +346,7 @@ def write_scenario(scenario: Scenario) -> str:
     >>> bool((again.times == scenario.times).all())
     True
     """
+    require("scenario", scenario, Scenario, "a Scenario, such as that of a run that was loaded")
     # NumPy arrays are indexed without compiling anything.
     parts = scenario.system, scenario.state, scenario.contact, dict(scenario.sensors)
     system, state, contact, sensors = jax.tree.map(np.asarray, parts)

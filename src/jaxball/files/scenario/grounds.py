@@ -50,17 +50,15 @@ _PARTS: Parts = {
 GROUND = module_of(Ground, _PARTS)
 
 
-_ANGLES = ("about_e1", "about_e2")  # of a plate
-
-
 @dataclasses.dataclass(frozen=True)
-class _AnglesOfPlate:
+class AnglesOfPlate:
     """Names of angles of a plate, in their order."""
 
-    words: str = 'a list of "about_e1", "about_e2" or both, in this order'
+    names: tuple[str, ...] = ("about_e1", "about_e2")
+    words: str = 'one or both of the names "about_e1" and "about_e2" in a list, in this order'
 
     def read(self, value: Any, path: str) -> tuple[str, ...]:
-        if not isinstance(value, list) or not value or value != [name for name in _ANGLES if name in value]:
+        if not isinstance(value, list) or not value or value != [name for name in self.names if name in value]:
             raise key_error(path, self.words, describe(value))
         return tuple(value)
 
@@ -126,7 +124,7 @@ GROUNDS = Open(
             _PLATE,
             keys={
                 **_PLATE.keys,
-                "accelerated": Key(_AnglesOfPlate(), None, says="the angles whose θ̈ the law of [actuation] gives"),
+                "accelerated": Key(AnglesOfPlate(), None, says="the angles whose θ̈ the law of [actuation] gives"),
             },
             build=_read_plate,
             attributes={"accelerated": "driven"},

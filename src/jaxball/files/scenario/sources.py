@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from ...interface.arguments import require
 from ...interface.wording import did_you_mean
 from .errors import ScenarioError, describe, key_error
 from .logs import with_logs
@@ -127,8 +128,9 @@ def text_of(source: str | Path, what: str, error: type[ScenarioError], hint: str
 def document_of(text: str, what: str, error: type[ScenarioError]) -> dict[str, Any]:
     """Parses the TOML document of a text, which is ``what``.
 
-    **Raises:** ``error`` when it is not TOML.
+    **Raises:** ``error`` when it is not TOML, ``TypeError`` for what is no text.
     """
+    require("text", text, str, f"the text of a {what} file")
     try:
         return _parse(text)
     except (ValueError, RecursionError) as cause:

@@ -1,6 +1,7 @@
 """External loads on the body, in space axes: forces Fe(t) at the geometric centre, wrenches, and pushes for a time."""
 
 import abc
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -15,6 +16,7 @@ from ...numerics.declare import OF_FORCE, OF_TORQUE, POSITIVE, TIME, number
 from ...numerics.functions import HarmonicSeries, OfKinkedFunctionOfState, VectorOfTime
 from ...numerics.kinks import kinks_of_function, kinks_seen
 from ...numerics.vectors import apply
+from ..conditions import Condition, on_numbers
 
 
 class BodyMotion(NamedTuple):
@@ -87,6 +89,10 @@ class AbstractWrench(Printed):
     @abc.abstractmethod
     def wrench(self, t: Float[Array, ""], motion: BodyMotion) -> Wrench:
         """Computes the wrench at time ``t`` on a body with this motion."""
+
+    def conditions(self, name: str) -> Iterator[Condition]:
+        """Yields the conditions on its numbers; ``name`` is where it stands in the body."""
+        yield from on_numbers(self, f"{name}.")
 
     def kinks(self) -> Float[Array, " kinks"]:
         """Returns the times at which the force or the torque, or one of their derivatives, jumps."""
@@ -291,6 +297,10 @@ class Wrenches(AbstractWrench):
     """
 
     terms: tuple[AbstractWrench, ...]
+
+    def conditions(self, name: str) -> Iterator[Condition]:
+        for k, term in enumerate(self.terms):
+            yield from term.conditions(f"{name}.terms[{k}]")
 
     def wrench(self, t: Float[Array, ""], motion: BodyMotion) -> Wrench:
         each = [term.wrench(t, motion) for term in self.terms]
