@@ -13,6 +13,8 @@ import jaxball
 from jaxball import BallState, Circle, ConstantRate, Driven, FunctionRail, OnRail, PointMass, Pulse
 from jaxball.analysis.chaos import chart, lyapunov_spectrum, lyapunov_spectrum_of, poincare_map
 from jaxball.analysis.stability import permanent_rotations, steady_rolling
+from jaxball.control import tvlqr
+from jaxball.control.environments import Environment, ReachPoint
 from jaxball.physics.classical import FreeRigidBody, FunctionAxis, ParticleState, RigidBodyState, VakonomicState
 from jaxball.simulation.ensemble import simulate_ensemble
 from tests.support.sentences import refuses
@@ -24,6 +26,7 @@ BALL = jaxball.Ball(**SHELL)
 RAIL, PULSE = Circle(0.5), Pulse(0.0)
 TIMES = [0.0, 1.0]
 ZEROS = jnp.zeros(3)
+ROBOT = jaxball.Disk(mass=1.0, inertia=0.5, mechanisms=[jaxball.planar_pendulum(0.5, 0.6, drive=jaxball.Motor(0.0))])
 
 
 def on_rail(rail=RAIL):
@@ -40,6 +43,10 @@ def run(**changed):
 
 def run_driven(law):
     return run(system=driven(law), state=BallState(theta=[0.0, 0.0], thetadot=[0.0, 0.0]))
+
+
+def held():
+    return tvlqr(jaxball.simulate(ROBOT, TIMES), 1.0, 1.0, sample=0.5)
 
 
 def scenario():
@@ -180,6 +187,19 @@ CALLS = [
     (lambda: simulate_ensemble(BALL, TIMES, BallState(), reductions=["distance"]), "reductions"),
     (lambda: permanent_rotations(scenario()), "ball"),
     (lambda: steady_rolling(jaxball.Disk(mass=1.0, inertia=0.5), 0.1, 1.0), "ball"),
+    (lambda: jaxball.read_scenario({"kind": "ball"}), "text"),
+    (lambda: jaxball.write_scenario(run()), "scenario"),
+    (lambda: run(events={3: jaxball.Detachment()}), "events"),
+    (lambda: run(events=dict.fromkeys(["a/b", "a_b"], jaxball.Detachment())), "events"),
+    (lambda: run().plot(3), "panel"),
+    (lambda: run().plot("energies", title="mine"), "title"),
+    (lambda: run().save_figures("figures", formats="png"), "formats"),
+    (lambda: ReachPoint(1.0, within=-1.0), "within"),
+    (lambda: Environment(ROBOT, ReachPoint(1.0), sample=0.1, limits=1.0, friction=-1.0), "friction"),
+    (
+        lambda: tvlqr(jaxball.simulate(ROBOT, TIMES), 1.0, 1.0, sample=0.5).basin(np.zeros((1, 5)), within=-1.0),
+        "within",
+    ),
 ]
 
 

@@ -104,6 +104,7 @@ def test_files_go_to_standard_output(robot, capsys):
         (["export", "robot.toml", "--to", "mjcf", "--out", "a.txt"], "--out"),
         (["import", "robot.toml"], "jaxball simulate robot.toml"),
         (["import", "none.xml"], "none.xml"),
+        (["import", "robot.urdf", "--end", "12", "--step", "5"], "--step"),
         (["import", "robot.urdf", "--contact"], "--contact"),
         (["import", "robot.xml", "--shell", "a"], "--shell"),
         (["import", "robot.urdf", "--shell", "shel"], "--shell"),

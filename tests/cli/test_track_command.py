@@ -60,7 +60,7 @@ def test_disturbed_starts_are_held_and_saved(folder, capsys):
         (["disk.toml", "--sample", "0.3"], "time.step"),
         (["disk.toml", "--disturb", "y=1"], "--disturb"),
         (["disk.toml", "--set", "feedback.kind=feedforward"], "feedback.kind"),
-        (["heavy-top"], "feedback"),
+        (["heavy-top"], "kind"),
         (["bowling-ball"], "initial.velocity"),
     ],
 )

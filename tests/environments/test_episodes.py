@@ -191,6 +191,7 @@ def test_a_goal_that_is_reached_terminates_and_slipping_does_too():
     """At rest at its point the disk has reached it; a torque of 0.6 needs more friction than 0.01."""
     there = Environment(with_limits(), ReachPoint(0.0, within=0.1), sample=H, friction=0.01, penalty=5.0)
     episode, _ = there.reset(jax.random.key(0))
+    assert repr(episode).endswith("key=key<fry>[])")
     step = jaxball.jit(there.step)
     after = step(episode, jnp.zeros(1))
     assert (bool(after.terminated), int(after.info["status"]), float(after.reward)) == (True, 0, 0.0)

@@ -136,6 +136,7 @@ def test_a_start_that_is_known_needs_no_spread():
     ("change", "named"),
     [
         ({"log": Log([0.0], {})}, "log.times"),
+        ({"log": Log([0.0, 1.0, 1.0], {})}, "log.times"),
         ({"log": Log([0.0, 1.0], {})}, "log.readings"),
         ({"log": Log([0.0, 1.0], {"gyro": np.zeros((3, 3))})}, "log.readings['gyro']"),
         ({"log": Log([0.0, 1.0], {"gyro": np.zeros((2, 1))})}, "log.readings['gyro']"),

@@ -8,6 +8,8 @@ import pytest
 
 import jaxball
 from jaxball import Status
+from jaxball.control import Push
+from jaxball.physics.forces.force import Wrenches
 from tests.support.paper import paper_ball
 from tests.support.sentences import refuses, said
 
@@ -93,6 +95,15 @@ def test_a_point_mass_that_no_body_can_have():
     assert jaxball.simulate(ball, TIMES).status == Status.IMPOSSIBLE
     (problem,) = jaxball.problems(ball)
     said(problem, "masses[1].mass")
+
+
+@pytest.mark.thorough
+def test_a_push_that_would_end_before_it_begins():
+    pushes = (Push((0.1, 0.0, 0.0), start=0.5, duration=0.2), Push((0.1, 0.0, 0.0), start=0.5, duration=-0.2))
+    ball = jaxball.Ball(**SHELL, force=Wrenches(pushes))
+    assert jaxball.simulate(ball, TIMES).status == Status.IMPOSSIBLE
+    (problem,) = jaxball.problems(ball)
+    said(problem, "force.terms[1].duration")
 
 
 def test_nothing_is_wrong_with_the_papers_ball():

@@ -133,7 +133,7 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         slip = slip_velocity(self.body, t, state.released)
         # A slip that is rounding has no direction worth following, and where the body rolls it must stay exactly zero.
         stopped = self.slips_end & self.is_still(slide_of(self, slip, t, state), state)
-        slip = slip.at[:2].set(jnp.where(stopped, 0.0, slip[:2]))
+        slip = slip.at[:2].set(jnp.where(stopped, slip[:2] - jax.lax.stop_gradient(slip[:2]), slip[:2]))
         slip = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip)
         packed = dataclasses.replace(packed, V=jnp.where(state.is_in(Mode.FLIGHT), state.V, slip))
         return over.with_place(self.body, t, state, packed)

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ...numerics.arrays import select_tree
 from ...numerics.directions import diverging, unit
-from ...numerics.vectors import in_three
+from ...numerics.vectors import apply, in_three
 from ...programs.derivatives.differentiation import without_derivatives
 from ..dynamics.dry_friction import Turning, TurningMode, candidates, let_go, needs, release
 from ..dynamics.sticking import change_joint, loosen, overloads, with_directions
@@ -289,6 +289,13 @@ def decide(plane: "BodyOnPlane", done: Progress, event: Int[Array, ""]) -> Progr
         turns = moving.rests & ~choice.mode.rests & ~choice.flies
     choice = deciding.direct(choice, turns)
     state = dataclasses.replace(before, slips=choice.slips)
+    if plane.turns_aside and choice.mode is not None:
+        # What begins to roll forgets at once how it was turned aside, which is 0, but may have a derivative.
+        axes, sigma = plane.contact_axes(t, plane.on_ground(state)), choice.mode.sigma[:2]
+        omega = axes.over_ground(state.body.Omega)[:2]
+        aside = jnp.where(turns, omega - sigma * jnp.sum(sigma * omega), 0.0)
+        Omega = state.body.Omega - apply(axes.rows.T, jnp.append(aside, 0.0))
+        state = dataclasses.replace(state, body=state.body.with_Omega(Omega))
     if plane.contact is not None:
         state = _slipping_as_chosen(deciding, state, choice, event)
     begins = deciding.still & ~choice.sticks & ~choice.flies
@@ -317,7 +324,10 @@ def _slipping_as_chosen(deciding: Deciding, state: ContactState, choice: Choice,
     slip, responds = slip_velocity(plane.body, t, state.released), deciding.respond(choice)
     if responds.pivot is not None:
         responds = responds.with_pivoting(held=True, rate=-plane.over_ground(t, plane.on_ground(state))[2])
-    stopped = with_slip(plane.body, state.released, responds, slip, jnp.zeros_like(slip))
+    # Of one that begins at once, which is 0 but may have a derivative, what goes along its direction continues.
+    onward = jnp.where(choice.sticks, 0.0, choice.sigma[:2] * jnp.sum(choice.sigma[:2] * slip[:2]))
+    onward = jnp.append(onward, 0.0)
+    stopped = with_slip(plane.body, state.released, responds, slip, onward)
     stops = deciding.still & ~choice.flies & (choice.sticks | plane.slips_end)
     state = select_tree(stops, state.move(stopped), state)
     # Where the normal force falls to zero, a body leaves with no speed: what there is of it is rounding.

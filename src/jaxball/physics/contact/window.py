@@ -40,6 +40,7 @@ from .released import ReleasedState, Response, response
 DEGREE = 6  # of the polynomial through the directions of a slip that begins
 SHORTER_WINDOW = 0.4  # a window that is too long, when it is tried again
 RESOLVED = 2e-11  # the last coefficient of the polynomial in a window that is short enough
+SETTLED = 1e-3  # by which the tangents may still change in the last sweep, as they do where they run away
 SWEEPS = 10  # of collocation, each of which gains two digits, with one window
 MOST_SWEEPS = 4 * SWEEPS  # with four windows
 STIFF = 30  # times, in a window, that σ may return to its direction before steps are slower than another window
@@ -172,7 +173,9 @@ def beginning(what: Pulled, t: Float[Array, ""], state: Any, course: Course, lon
         # goes against σ, the sweeps have come to a direction in which no slip grows.
         done, converges = (
             sweeps % SWEEPS == 0,
-            (_size(_sum_weighted(highest, tangents)) <= RESOLVED) & jnp.all(along[1:] > 0),
+            (_size(_sum_weighted(highest, tangents)) <= RESOLVED)
+            & jnp.all(along[1:] > 0)
+            & jnp.all(jnp.abs(tangents - window.tangents) <= SETTLED),
         )
         # If the shortest window fails as well, its last polynomial is used all the same.
         again = done & ~converges & (sweeps < MOST_SWEEPS)
