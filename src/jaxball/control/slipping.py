@@ -100,7 +100,7 @@ def body_of(state: Estimated) -> PlacedState:
     return state.body if isinstance(state, SlippingState) else state
 
 
-def of_rolling(sampled: SampledSystem, state: PlacedState) -> Estimated:
+def of_rolling(sampled: SampledSystem, state: Any) -> Estimated:
     """Returns the estimated state of a body that rolls."""
     return state if sampled.contact is None else SlippingState.rolling(state)
 
@@ -114,7 +114,7 @@ def moving(sampled: SampledSystem, system: System, t: Float[Array, ""], state: E
     """Returns a function of estimated states near ``state``: what sensors read, with a law of contact in the mode that
     follows from that one.
     """
-    if sampled.contact is None:
+    if not isinstance(state, SlippingState):
         return lambda near: near
     prepared = system.prepare()
     in_mode = jax.lax.stop_gradient(sampled.begin(system, t, state.released(prepared, t)))
@@ -128,8 +128,8 @@ def follow(
     system = sampled.hold(u)
 
     def displaced(xi: Float[Array, " n"]) -> tuple[Float[Array, " n"], Any]:
-        start = state.retract(xi)
-        if sampled.contact is not None:
+        start: Any = state.retract(xi)
+        if isinstance(start, SlippingState):
             start = start.released(system.prepare(), t)
         end = sampled.flow(t, start, u, diffrax.ForwardMode())
         after = estimated(sampled, system, t + sampled.sample, end)

@@ -215,7 +215,7 @@ class ErrorStateFilter(Printed):
         require_not_negative("spread", spreads)
         return spreads
 
-    def truth(self, run: Trajectory) -> Estimated:
+    def truth(self, run: Trajectory[Any, Any]) -> Estimated:
         """Returns the states of a run as they are estimated, for ``errors``, ``nees`` and ``plot`` of an estimate.
 
         Those of a body; with a law of contact, ``SlippingState`` with ``body``, ``slip``, ``rise`` and ``height``.
@@ -391,7 +391,7 @@ def _filter(
 ) -> Filtered:
     """Filters all samples. The last input is held at the last one, after which there is none."""
     times, held = estimator.times(t0, read.y.shape[0]), _hold_last(u)
-    start = estimator.start(start, deviations)
+    begun = estimator.start(start, deviations)
 
     def step(belief: Belief, sample: tuple[Array, Array, Array, Array, Reading]) -> tuple[Belief, tuple]:
         k, t, before, now, reading = sample
@@ -406,7 +406,7 @@ def _filter(
         return belief, (belief, ahead, innovation, S, F)
 
     samples = jnp.arange(len(times)), times, jnp.concatenate([held[:1], held[:-1]]), held, read
-    _, (now, ahead, innovation, S, F) = jax.lax.scan(step, start, samples)
+    _, (now, ahead, innovation, S, F) = jax.lax.scan(step, begun, samples)
     return Filtered(
         state=now.state,
         bias=now.bias,

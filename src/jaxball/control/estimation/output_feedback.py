@@ -240,7 +240,7 @@ class OutputFeedback(AbstractFeedback):
         return LoopEstimate(times, first.directions, biases, followed)
 
 
-def _recorded(n: int, belief: Belief) -> tuple[np.ndarray, np.ndarray]:
+def _recorded(n: int, belief: Belief) -> tuple[np.ndarray, ...]:
     """Returns the places of a covariance that are recorded: those of the ``n`` errors of the body, and of biases."""
     whole, biases = belief.P.shape[0], belief.bias.size
     return np.ix_(*2 * [np.r_[:n, whole - biases : whole]])

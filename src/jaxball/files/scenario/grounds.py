@@ -100,7 +100,7 @@ _ANGLE = Nested(SCHEDULE.kind.read, _write_angle, SCHEDULE.kind.words, keys_of(S
 
 def write_targets(targets: Mapping[str, AbstractSchedule | None]) -> dict[str, Any]:
     """Returns the schedules that a law follows with the angles of a plate, as further keys of the table [ground]."""
-    paths = {name: f"ground.{name}" for name in _ANGLES}
+    paths = {name: f"ground.{name}" for name in AnglesOfPlate.names}
     followed = {name: (path, targets.get(path)) for name, path in paths.items()}
     return {name: SCHEDULE.kind.write(target, path) for name, (path, target) in followed.items() if target is not None}
 
