@@ -72,6 +72,23 @@ def test_no_other_file_is_written_over(source, tmp_path):
             source.check(tmp_path / "out")
 
 
+@pytest.mark.parametrize("name", ["report.md", "design.toml"])
+def test_a_report_of_ones_own_is_not_written_over(name, tmp_path):
+    """Unless an earlier run has left its copy of the problem, or the progress of the search."""
+    mine = Source("jaxball design problem.toml --out .", tmp_path / "problem.toml", PROBLEM)
+    (tmp_path / "problem.toml").write_text(PROBLEM)
+    (tmp_path / "disk.toml").write_text(builtin_text("disk"))
+    for folder in (tmp_path, tmp_path / "other"):
+        folder.mkdir(exist_ok=True)
+        (folder / name).write_text("mine")
+        with refuses(OutputError, name):
+            mine.check(folder)
+    (tmp_path / "progress.npz").touch()
+    mine.check(tmp_path)
+    mine.copy(tmp_path / "other")
+    mine.check(tmp_path / "other")
+
+
 def test_a_problem_in_its_own_folder_stays_as_it_is(tmp_path):
     (tmp_path / "disk.toml").write_text(builtin_text("disk"))
     (tmp_path / "problem.toml").write_text(PROBLEM)

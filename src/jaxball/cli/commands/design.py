@@ -57,6 +57,7 @@ def _control(options: argparse.Namespace, problem_file: Any, source: Any) -> int
 
     def save(solution: Any) -> None:
         nonlocal saved
+        source.copy(options.out)  # by which a folder is known to be that of a design
         write_design(solution, problem_file.title, problem_file.saves, options.out, problem_file.units)
         saved = True
 

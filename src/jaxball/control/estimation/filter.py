@@ -23,7 +23,7 @@ from ... import programs
 from ...interface.arguments import refusal, require
 from ...interface.compat import is_traced
 from ...interface.printing import Printed
-from ...interface.wording import did_you_mean
+from ...interface.wording import did_you_mean, number_of
 from ...numerics.arrays import Numbers, default_dtype, to_array
 from ...physics.body import Ball, Disk, System
 from ...physics.contact.history import ContactHistory
@@ -254,7 +254,7 @@ class ErrorStateFilter(Printed):
         inputs = jnp.zeros((count, 0), default_dtype()) if u is None else to_array(u, "u")
         if inputs.shape != (count, m):
             raise ValueError(
-                f"Argument `u` must have a row for each of the {count} samples and {m} columns, for "
+                f"Argument `u` must have a row for each of the {count} samples and {number_of(m, 'column')}, for "
                 f"{', '.join(self.sampled.inputs) or 'no inputs'}, but its shape is {inputs.shape}."
             )
         return inputs

@@ -34,11 +34,10 @@ from .optimal_control.solution import POINTS_OF_INTERVAL, Solution
 from .problem.problem import worst
 from .problem.requirements import Requirement
 from .problem.run import RAIL_SAMPLES, Run
-from .result import Source, provenance
+from .result import REPORT, Source, provenance
 from .search.design import SCENARIO, Design, warnings
 from .search.verify import FINER, as_built
 
-REPORT = "report.md"
 UNITS = "Objectives are dimensionless: lengths over r, times over √(r/g), forces over M g."
 # Anything less is rounding and is not drawn.
 SMALLEST_FRICTION = 1e-9

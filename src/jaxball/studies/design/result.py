@@ -22,9 +22,9 @@ from .files import CONTROL_TABLE, problem_of, read_control
 from .objectives import target_path
 from .problem.requirements import Requirement
 from .problem.space import DesignError
-from .search.design import SCENARIO
+from .search.design import PROGRESS, SCENARIO
 
-COPY = "problem.toml"
+COPY, REPORT = "problem.toml", "report.md"
 
 
 class Source(NamedTuple):
@@ -45,7 +45,7 @@ class Source(NamedTuple):
         return {**document, "scenario": scenario_document(document["scenario"], self.file.parent, DesignError)}
 
     def check(self, folder: Path) -> None:
-        """Refuses a folder that has another problem's copy, or any other file of that name.
+        """Refuses a folder that has another problem's copy, or files of its user that a design would replace.
 
         **Raises:** :class:`~jaxball.files.results.OutputError`.
         """
@@ -56,11 +56,21 @@ class Source(NamedTuple):
                 f'Argument `--out` must be a folder without another problem, but "{there}" is not the one being '
                 "read; choose another folder, or remove it."
             )
+        # A copy, or beside the file itself the progress of its search, shows that an earlier run wrote the others.
+        if self._is(there) and CONTROL_TABLE not in self.document:
+            there = folder / PROGRESS
+        for name in (SCENARIO, REPORT):
+            if (folder / name).exists() and not there.exists() and not (folder / PROGRESS).exists():
+                raise OutputError(
+                    "Argument `--out` must be a folder without files that a design would replace, but "
+                    f'"{folder / name}" is there; choose another folder, or remove it.'
+                )
 
     def copy(self, folder: Path) -> None:
         """Writes the copy: the text itself, or, where the scenario is in another file, the problem with it."""
         if self._is(folder / COPY):
             return
+        folder.mkdir(parents=True, exist_ok=True)
         document = tomllib.loads(self.text)
         # The user's own text with its comments, if it needs no other file.
         write_text(folder / COPY, self.text if isinstance(document["scenario"], dict) else tomli_w.dumps(self.document))
