@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from ...interface.arguments import require
 from ...interface.wording import did_you_mean
 from .errors import ScenarioError, describe, key_error
 from .logs import with_logs
@@ -130,7 +129,8 @@ def document_of(text: str, what: str, error: type[ScenarioError]) -> dict[str, A
 
     **Raises:** ``error`` when it is not TOML, ``TypeError`` for what is no text.
     """
-    require("text", text, str, f"the text of a {what} file")
+    if not isinstance(text, str):
+        raise TypeError(f"Argument `text` must be the text of a {what} file, but it is a {type(text).__name__}.")
     try:
         return _parse(text)
     except (ValueError, RecursionError) as cause:

@@ -90,7 +90,7 @@ class AbstractWrench(Printed):
     def wrench(self, t: Float[Array, ""], motion: BodyMotion) -> Wrench:
         """Computes the wrench at time ``t`` on a body with this motion."""
 
-    def conditions(self, name: str) -> Iterator[Condition]:
+    def conditions(self, name: str = "force") -> Iterator[Condition]:
         """Yields the conditions on its numbers; ``name`` is where it stands in the body."""
         yield from on_numbers(self, f"{name}.")
 
@@ -298,7 +298,7 @@ class Wrenches(AbstractWrench):
 
     terms: tuple[AbstractWrench, ...]
 
-    def conditions(self, name: str) -> Iterator[Condition]:
+    def conditions(self, name: str = "force") -> Iterator[Condition]:
         for k, term in enumerate(self.terms):
             yield from term.conditions(f"{name}.terms[{k}]")
 
