@@ -3,7 +3,7 @@
 Controllers, filters and environments advance a robot by it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import diffrax
@@ -232,29 +232,29 @@ class SampledSystem(Printed):
         inertia, offset = self.system.inertia, self.system.offset
         return jnp.all(inertia == inertia[0]) & jnp.all(offset == 0)
 
-    def linearise(
-        self, t: Float[Array, ""], state: PlacedState, u: Float[Array, " m"], following: PlacedState
-    ) -> Linear:
-        """Linearises the flow from ``state`` with inputs ``u``, in local coordinates there and around ``following``."""
-        return self._linearise(t, state, u, following, type(state).retract, type(state).difference)
-
     def linearise_deviation(
         self, t: Float[Array, ""], state: PlacedState, u: Float[Array, " m"], following: PlacedState
     ) -> Linear:
-        """Linearises the same flow in the coordinates of :meth:`deviation`."""
-        return self._linearise(t, state, u, following, self.displace, self.deviation)
-
-    def _linearise(self, t: Any, state: Any, u: Array, following: Any, displace: Any, deviation: Any) -> Linear:
+        """Linearises the flow from ``state`` with inputs ``u``, in the coordinates of :meth:`deviation` there and
+        around ``following``.
+        """
         n = len(state.directions)
 
         def flow_from(v: Float[Array, " n_plus_m"]) -> Float[Array, " n"]:
-            after = self.flow(t, displace(state, v[:n]), u + v[n:], diffrax.ForwardMode())
-            return deviation(following, after)
+            after = self.flow(t, self.displace(state, v[:n]), u + v[n:], diffrax.ForwardMode())
+            return self.deviation(following, after)
 
-        zero = jnp.zeros(n + u.size, u.dtype)
-        # One direction after the other: side by side, the program would take several times as long to compile.
-        c, columns = jax.lax.map(lambda v: jax.jvp(flow_from, (zero,), (v,)), jnp.eye(zero.size, dtype=u.dtype))
-        return Linear(columns[:n].T, columns[n:].T, c[0])
+        c, columns = columns_at_0(flow_from, n + u.size, u.dtype)
+        return Linear(columns[:, :n], columns[:, n:], c)
+
+
+def columns_at_0(function: Callable[[Array], Any], size: int, dtype: Any) -> Any:
+    """Computes what a function of ``size`` numbers gives at 0, and its derivative by them, which are the last axis."""
+    zero = jnp.zeros(size, dtype)
+    # One direction after the other: side by side, the program would take several times as long to compile.
+    values, columns = jax.lax.map(lambda v: jax.jvp(function, (zero,), (v,)), jnp.eye(size, dtype=dtype))
+    # The values are the same in every direction.
+    return jax.tree.map(lambda x: x[0], values), jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1), columns)
 
 
 def uncontrollable(linear: Linear, names: Sequence[str]) -> tuple[str, ...]:

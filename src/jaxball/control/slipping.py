@@ -21,7 +21,7 @@ from ..physics.contact.released import ReleasedState, rolling_contact, slip_velo
 from ..physics.state import PlacedState
 from ..physics.system import AbstractState
 from ..simulation.arguments import system_to_solve
-from .sampled import SampledSystem
+from .sampled import SampledSystem, columns_at_0
 
 
 class SlippingState(AbstractState):
@@ -135,10 +135,5 @@ def follow(
         after = estimated(sampled, system, t + sampled.sample, end)
         return jax.lax.stop_gradient(after).difference(after), after
 
-    def column(direction: Float[Array, " n"]) -> tuple[Float[Array, " n"], Any]:
-        _, moved, after = jax.jvp(displaced, (jnp.zeros_like(direction),), (direction,), has_aux=True)
-        return moved, after
-
-    # One direction after the other: side by side, the program would take several times as long to compile.
-    columns, ends = jax.lax.map(column, jnp.eye(len(state.directions), dtype=sampled.sample.dtype))
-    return jax.tree.map(lambda end: end[0], ends), columns.T
+    (_, after), (columns, _) = columns_at_0(displaced, len(state.directions), sampled.sample.dtype)
+    return after, columns

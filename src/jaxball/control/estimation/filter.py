@@ -393,19 +393,20 @@ def _filter(
     times, held = estimator.times(t0, read.y.shape[0]), _hold_last(u)
     begun = estimator.start(start, deviations)
 
-    def step(belief: Belief, sample: tuple[Array, Array, Array, Array, Reading]) -> tuple[Belief, tuple]:
-        k, t, before, now, reading = sample
+    def step(belief: Belief, sample: Any) -> tuple[Belief, tuple]:
+        k, since, t, before, now, reading = sample
         # Prediction is over the sample that ends at t, with the input held there; the reading is with the input after
-        # it. The first sample has nothing to predict.
+        # it. The first sample has nothing to predict; a batch predicts there from its own time, and drops that.
         ahead, F = jax.lax.cond(
             k > 0,
-            lambda: estimator.predict(t - estimator.sampled.sample, belief, before),
+            lambda: estimator.predict(since, belief, before),
             lambda: (belief, jnp.eye(len(belief.P), dtype=t.dtype)),
         )
         belief, innovation, S = estimator.update(t, ahead, now, reading)
         return belief, (belief, ahead, innovation, S, F)
 
-    samples = jnp.arange(len(times)), times, jnp.concatenate([held[:1], held[:-1]]), held, read
+    since, before = (jnp.concatenate([x[:1], x[:-1]]) for x in (times, held))
+    samples = jnp.arange(len(times)), since, times, before, held, read
     _, (now, ahead, innovation, S, F) = jax.lax.scan(step, begun, samples)
     return Filtered(
         state=now.state,

@@ -152,13 +152,16 @@ def rounding_of_force(
 ) -> Float[Array, ""]:
     """Estimates the rounding of N and |f|, with which a body still rolls where friction just holds it.
 
-    Nor does it leave a plane on which nothing presses it. It grows with the weight and with the rotation.
+    Nor does it leave a plane on which nothing presses it. It grows with the weight, with the rotation, and with a force
+    that pulls the body, which is no larger than the reaction and what it accelerates.
     """
-    R, Omega = jax.lax.stop_gradient((response.rolling.reaction, state.body.Omega))
+    rolling = response.rolling
+    R, Omegadot, Omega = jax.lax.stop_gradient((rolling.reaction, rolling.Omegadot, state.body.Omega))
     # The mass that a normal acceleration of the contact has to move, (D⁻¹)₃₃.
     m = jax.lax.stop_gradient(response.yielding.reaction[2, 2])
     g, r = jax.lax.stop_gradient((jnp.abs(plane.body.gravity), plane.body.radius))
-    scale, limits = root(jnp.sum(R**2)) + m * (g + r * jnp.sum(Omega**2)), jnp.finfo(R.dtype)
+    turning = jnp.sum(Omega**2) + 2 * root(jnp.sum(Omegadot**2))
+    scale, limits = root(jnp.sum(R**2)) + m * (g + r * turning), jnp.finfo(R.dtype)
     # Positive also where nothing acts at all, so that a guard of 0 there is not an event.
     return FORCES * float(limits.eps) * scale + float(limits.tiny) ** 0.5
 
