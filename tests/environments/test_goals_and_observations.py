@@ -134,9 +134,22 @@ def test_other_arguments_are_refused_in_sentences(no_type_checks, wrong, named):
         wrong()
 
 
-def test_a_path_of_a_ball_needs_both_coordinates(somewhere):
-    with refuses(ValueError, "across"):
-        FollowPath(jaxball.ConstantRate(0.0, rate=1.0)).misses((), moment_of(somewhere))
+AHEAD = jaxball.ConstantRate(0.0, rate=1.0)
+
+
+@pytest.mark.parametrize(
+    ("robot", "goal", "named"),
+    [
+        (robots.with_pendulum(MOTOR), ReachPoint((1.0, 2.0)), "point"),
+        (robots.with_pendulum(MOTOR), FollowPath(AHEAD, AHEAD), "across"),
+        (robots.ball_with_pendulum((MOTOR, MOTOR)), ReachPoint(1.0), "point"),
+        (robots.ball_with_pendulum((MOTOR, MOTOR)), FollowPath(AHEAD), "across"),
+    ],
+)
+def test_a_goal_has_as_many_coordinates_as_the_robot(robot, goal, named):
+    """A ball that was to reach 1.0 went to (1, 1), and a disk left the second coordinate out."""
+    with refuses(ValueError, named):
+        Environment(robot, goal, sample=0.1)
 
 
 @pytest.mark.parametrize(

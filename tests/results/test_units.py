@@ -160,6 +160,7 @@ def test_variables_and_values_of_a_design_have_units():
         ('[units]\nlength = "m"\nmass = "kg"\n', "units.time"),
         ('[units]\nlength = "m^2"\nmass = "kg"\ntime = "s"\n', "units.length"),
         ('[units]\nlength = 1.0\nmass = "kg"\ntime = "s"\n', "units.length"),
+        ('[units]\nlength = "m"\nmass = "s"\ntime = "kg"\n', "units.mass"),
     ],
 )
 def test_a_wrong_table_is_a_sentence(table, named):

@@ -196,6 +196,7 @@ class Environment(Printed):
             )
         sampled = _with_limits(SampledSystem.of(system, sample, inputs, rtol, atol), limits)
         self.sampled, self.contact = dataclasses.replace(sampled, contact=contact), contact
+        goal.require_fits(self.sampled.system)
         self.goal = goal
         self.observation = ObservedState() if observation is None else observation_of(observation)
         require("observation", self.observation, AbstractObservation, "an observation, or sensors by name")

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ...interface.arguments import require
+from ...interface.arguments import describe, require
 from ...interface.compat import is_traced
 from ...interface.printing import Printed
 from ...interface.wording import did_you_mean
@@ -235,8 +235,12 @@ class AbstractGoal(Printed):
     """What the robot is to do.
 
     A kind of goal implements ``misses``; ``draw``, if something of it is random; ``observe``, if a policy is to see it
-    in another form; and ``is_reached``, if an episode ends where it is. All are traced, for one robot.
+    in another form; and ``is_reached``, if an episode ends where it is. All are traced, for one robot. One that is not
+    for every body says so in ``require_fits``.
     """
+
+    def require_fits(self, system: System) -> None:
+        """Raises an error where it is no goal of this body; called when an environment is made."""
 
     def draw(self, key: Any, moment: Moment) -> Any:
         """Draws the target of an episode: a PyTree of arrays, of the same structure at each reset, at its
@@ -265,13 +269,13 @@ class ReachPoint(AbstractGoal):
 
     **Arguments:**
 
-    - ``point``: along e1 and e2, length, shape (2,); of a disk, a number.
+    - ``point``: along e1 and e2, length, shape (2,); of a disk, a number; the origin by default.
     - ``drawn``: the distribution of the point's coordinates, which are then drawn at each reset.
     - ``within``: if given, an episode ends where the robot is closer to the point, a length, and slower than this
       length in a unit of time.
     """
 
-    point: Float[Array, " d"] = eqx.field(converter=lambda x: _row("point", x), default=(0.0, 0.0))
+    point: Float[Array, " d"] | None = eqx.field(converter=lambda x: _row("point", x), default=None)
     drawn: AbstractDistribution | None = None
     within: Float[Array, ""] | None = eqx.field(converter=number_or_none(), default=None)
 
@@ -280,8 +284,16 @@ class ReachPoint(AbstractGoal):
         if self.within is not None:
             positive_number("within", self.within)
 
+    def require_fits(self, system: System) -> None:
+        """Raises ``ValueError`` for a point with another number of coordinates."""
+        if self.point is not None and self.point.size != (1 if system.planar else 2):
+            body, must = ("disk", "one number") if system.planar else ("ball", "two numbers, along e1 and e2,")
+            raise ValueError(
+                f"Argument `point` of ReachPoint must be {must} for a {body}, but its shape is {self.point.shape}."
+            )
+
     def draw(self, key, moment):
-        point = self.point[: moment.place.size]
+        point = jnp.zeros_like(moment.place) if self.point is None else self.point
         return point if self.drawn is None else self.drawn.draw(key, point)
 
     def misses(self, target, moment):
@@ -307,7 +319,7 @@ class FollowPath(AbstractGoal):
     **Arguments:**
 
     - ``along``: its first coordinate over time, a schedule such as :class:`~jaxball.Waypoints`.
-    - ``across``: its second coordinate; a disk needs none.
+    - ``across``: its second coordinate; of a disk, None.
     - ``preview``: how long ahead of the point a policy sees the path, times, shape (k,).
     """
 
@@ -320,6 +332,14 @@ class FollowPath(AbstractGoal):
         require("along", self.along, AbstractSchedule, must)
         require("across", self.across, (AbstractSchedule, type(None)), f"{must}, or None")
 
+    def require_fits(self, system: System) -> None:
+        """Raises ``ValueError`` for a path of another number of coordinates."""
+        if system.planar != (self.across is None):
+            body, must = ("disk", "None") if system.planar else ("ball", "a schedule")
+            raise ValueError(
+                f"Argument `across` of FollowPath must be {must} for a {body}, but it is {describe(self.across)}."
+            )
+
     def misses(self, target, moment):
         place, velocity = self._at(moment.t, moment)
         return jnp.concatenate([place - moment.place, velocity - moment.velocity])
@@ -331,10 +351,8 @@ class FollowPath(AbstractGoal):
         return jnp.ravel(moment.ahead(jnp.stack(rows)))
 
     def _at(self, t: Float[Array, ""], moment: Moment) -> tuple[Float[Array, " d"], Float[Array, " d"]]:
-        axes = [self.along, self.across][: moment.place.size]
-        if axes[-1] is None:
-            raise ValueError("Argument `across` of FollowPath must be a schedule for a ball, but it is None.")
-        place, velocity, _ = zip(*(axis.prepare().derivatives(t) for axis in axes if axis is not None), strict=True)
+        axes = [axis for axis in (self.along, self.across) if axis is not None]
+        place, velocity, _ = zip(*(axis.prepare().derivatives(t) for axis in axes), strict=True)
         return jnp.stack(place), jnp.stack(velocity)
 
 
@@ -365,7 +383,9 @@ class HoldSpeed(AbstractGoal):
         return jnp.concatenate([speed[None] - velocity[:1], -velocity[1:]])
 
 
-def _row(name: str, numbers: Numbers) -> Float[Array, " d"]:
+def _row(name: str, numbers: Numbers | None) -> Float[Array, " d"] | None:
+    if numbers is None:
+        return None
     array = jnp.atleast_1d(to_array(numbers, name))
     if array.ndim != 1 or array.size not in (1, 2):
         raise ValueError(f"Argument `{name}` must be a number or two, but its shape is {array.shape}.")

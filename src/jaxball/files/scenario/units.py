@@ -37,22 +37,33 @@ FACTOR = re.compile(r"(^|[*/])([^*/]+)")
 NAMES_OF_SI = {"force": "N", "torque": "N m", "energy": "J", "power": "W"}
 
 
+COMMON_UNITS = {
+    "length": ("m", "km", "dm", "cm", "mm", "um", "in", "ft"),
+    "mass": ("kg", "t", "g", "mg", "lb"),
+    "time": ("s", "ms", "us", "min", "h"),
+}
+
+
 @dataclass(frozen=True)
 class NameOfUnit:
-    """The name of one unit, without powers or numbers, such as ``"m"``."""
+    """The name of one unit, without powers or numbers, such as ``"m"``; any but a common one of another quantity."""
 
+    quantity: str
     words: str = 'the name of a unit, such as "m", "kg" or "s"'
 
     def read(self, value: Any, path: str) -> str:
         if not isinstance(value, str) or not re.fullmatch(r"[^\W\d_]+", value):
             raise key_error(path, self.words, describe(value))
+        for quantity, names in COMMON_UNITS.items():
+            if quantity != self.quantity and value in names:
+                raise key_error(path, f"a unit of {self.quantity}", f"{describe(value)}, which is one of {quantity}")
         return value
 
     def write(self, value: Any, path: str) -> str:
         return value
 
 
-UNITS = {name: Key(NameOfUnit(), says=f"the unit of {name}") for name in ("length", "mass", "time")}
+UNITS = {name: Key(NameOfUnit(name), says=f"the unit of {name}") for name in COMMON_UNITS}
 
 
 @dataclass(frozen=True)
