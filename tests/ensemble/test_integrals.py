@@ -8,7 +8,20 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from jaxball import Ball, BallState, Contact, Disk, DiskState, Event, Fixed, Ground, PointMass
+from jaxball import (
+    Ball,
+    BallState,
+    Belt,
+    ConstantRate,
+    Contact,
+    Disk,
+    DiskState,
+    Event,
+    Fixed,
+    Ground,
+    PointMass,
+    Turntable,
+)
 from jaxball.physics import ReleasedState
 from jaxball.simulation.ensemble import REDUCTIONS, Integral, Maximum, Minimum, simulate_ensemble
 
@@ -48,6 +61,24 @@ def test_a_disk_that_turns_back_on_a_slope():
     # The motion is a quadratic in time, which every step has to rounding: so must the distance.
     for tolerance in (1e-6, 1e-10):
         np.testing.assert_allclose(up_and_back(V, SLOPE, tolerance), distance_up_and_back(V, SLOPE), rtol=1e-13)
+
+
+def test_distances_on_a_belt_and_on_a_turntable():
+    """With Ω = 0 a belt of speed 2 carries a ball by 2 T; with Ω₂ = −2/r it stays where it is. A uniform ball on a
+    turntable goes along a circle, at the speed at which it was set down (S. Earnshaw, Dynamics, 1844).
+    """
+    uniform = functools.partial(Ball, mass=1.0, inertia=(0.4, 0.4, 0.4), gravity=G)
+    on_belt = uniform(ground=Ground(belt=Belt(ConstantRate(0.0, rate=2.0))))
+    on_table = uniform(ground=Ground(turntable=Turntable(ConstantRate(0.0, rate=1.5))))
+    found = [
+        reductions_of(system, [0.0, END], state, DISTANCE)["distance"]
+        for system, state in (
+            (on_belt, BallState()),
+            (on_belt, BallState(Omega=(0.0, -2.0, 0.0))),
+            (on_table, BallState(z=(0.8, 0.0))),
+        )
+    ]
+    np.testing.assert_allclose(found, [2.0 * END, 0.0, 1.5 * 0.8 * END], rtol=1e-9, atol=1e-13)
 
 
 @pytest.mark.thorough

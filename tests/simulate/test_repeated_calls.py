@@ -108,6 +108,11 @@ def test_dense_output_outside_the_run_is_nan(dense):
     np.testing.assert_array_equal(np.isnan(found.z[:, 0]), [True, False, False, True])
 
 
+def test_dense_output_at_times_of_any_shape(dense):
+    times = np.linspace(TIMES[0], TIMES[-1], 6)
+    np.testing.assert_array_equal(dense.at(times.reshape(2, 3)).q, np.reshape(dense.at(times).q, (2, 3, 4)))
+
+
 @pytest.mark.thorough
 def test_dense_output_must_be_asked_for():
     run = jaxball.simulate(paper_ball(), TIMES)

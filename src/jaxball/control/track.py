@@ -297,7 +297,8 @@ def tvlqr(
     - ``Qf``: the same at the end; by default the cost-to-go of the last sample's linearisation, repeated over another
       length of the motion, which for a motion that ends at rest holds it there.
     - ``cross``: weights of products of ξ and δu, shape (n, m); none if not given.
-    - ``sample``: h; 100 a unit of time by default.
+    - ``sample``: h; 100 a unit of time by default. Only whole samples are held: of a run to 4 sampled each 0.03, 133,
+      which end at 3.99.
     - ``inputs``: names of the inputs, such as ``"mechanisms[0].joints[0]"``; by default all that a schedule, a law or a
       motor moves.
     - ``rtol``, ``atol``: tolerances of the solve of a sample.

@@ -79,7 +79,10 @@ def unit_vector(a: Float[Array, "3"]) -> Float[Array, "3"]:
 def inverse(A: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
     """Computes A⁻¹ by cofactors; not finite where A is singular."""
     C = cofactors(A)
-    return C.T * (1.0 / dot(A[0], C[0]))  # nine divisions take as long as a hundred products
+    determinant = dot(A[0], C[0])
+    # 1/∞ would be 0, with which nothing is ever accelerated.
+    determinant = jnp.where(jnp.abs(determinant) < jnp.inf, determinant, jnp.nan)
+    return C.T * (1.0 / determinant)  # nine divisions take as long as a hundred products
 
 
 def cofactors(A: Float[Array, "3 3"]) -> Float[Array, "3 3"]:

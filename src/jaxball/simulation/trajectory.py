@@ -200,7 +200,7 @@ class Trajectory(Printed, TrajectoryMethods, Generic[AnySystem, AnyState]):
         return self
 
     def at(self, t: Numbers) -> AnyState:
-        """Returns the state at any time ``t`` of the run, a number or an array, from dense output.
+        """Returns the state at any time ``t`` of the run, a number or an array of any shape, from dense output.
 
         NaN before the start and after the time that the solve reached.
 
@@ -440,4 +440,6 @@ def _evaluate(interpolant, t, start, reached, status, parameters) -> Any:
         state = interpolant.packing.system.state_to_show(interpolant.packing.unpack_where(valid, inside, x))
         return with_unknown_derivatives(state, parameters)
 
-    return map_rows(one, t) if t.ndim else one(t)
+    if not t.ndim:
+        return one(t)
+    return jax.tree.map(lambda rows: rows.reshape(*t.shape, *rows.shape[1:]), map_rows(one, t.ravel()))

@@ -143,8 +143,7 @@ def angular_speed_squared(system: System, t: Float[Array, ""], state: State) -> 
 
 @takes_modes
 def speed(system: Any, t: Float[Array, ""], state: Any) -> Float[Array, ""]:
-    """Computes |ż|, how fast the geometric centre moves over the plane: where it rolls, r times the horizontal part of
-    ω.
+    """Computes |ż|, how fast the geometric centre moves along the plane, with what a belt or a turntable carries.
 
     On a surface |ċ|, how fast the geometric centre moves in space.
     """
@@ -152,8 +151,10 @@ def speed(system: Any, t: Float[Array, ""], state: Any) -> Float[Array, ""]:
         return root(jnp.sum((state.V if has_surface(system.shown) else state.V[:2]) ** 2))
     system, state = system.shown, system.state_to_show(state)
     under = footing(system, t, state)
-    if under.axes is not None:
-        return root(jnp.sum(velocity_of_centre(system, state, under) ** 2))
+    if under.axes is not None or under.velocity is not None:
+        velocity = velocity_of_centre(system, state, under)
+        return root(jnp.sum((velocity[:2] if under.axes is None else velocity) ** 2))
+    # By Γ alone, all that a ReducedState has.
     velocity = system.radius * cross(state.Omega, arm_of(system, state.Gamma))
     if system.shape is not None:  # only a sphere keeps its centre at one height
         velocity = velocity - jnp.sum(velocity * state.Gamma) * state.Gamma
