@@ -3,6 +3,7 @@
 The place is at (2, 0.5), and the ball may not pass e1 = 1.5: it ends at (1.5, 0.5), ½ away.
 """
 
+import dataclasses
 import functools
 import os
 import re
@@ -18,6 +19,7 @@ import jaxball
 from jaxball import cli
 from jaxball.studies import design
 from jaxball.studies.design.report import write_report
+from jaxball.studies.design.search.design import identify_search
 from jaxball.studies.design.search.optimise import Optimiser, load_progress
 from jaxball.studies.design.search.program import Shooting
 from jaxball.studies.design.search.verify import check_gradient
@@ -70,7 +72,7 @@ def problem():
 def folder(tmp_path_factory):
     """Where a design, its report and what was said on the way are."""
     path, found, lines = tmp_path_factory.mktemp("design"), problem(), []
-    done = found.problem.optimise(found.settings, path, identity=found.identity, say=lines.append)
+    done = found.problem.optimise(found.settings, path, say=lines.append)
     assert done.feasible
     write_report(done, found.title, path)
     (path / "lines.txt").write_text("\n".join(lines))
@@ -141,16 +143,54 @@ def test_a_search_that_was_stopped_goes_on_where_it_was(folder, tmp_path):
 
     found = problem()
     with pytest.raises(StoppedError):
-        found.problem.optimise(found.settings, tmp_path, identity=found.identity, say=say)
+        found.problem.optimise(found.settings, tmp_path, say=say)
     kept = jaxball.load_scenario(tmp_path / "design.toml")
     assert np.all(np.isfinite(kept.state.Omega))
-    before = load_progress(tmp_path / "progress.npz", found.identity).elapsed
-    done = found.problem.optimise(found.settings, tmp_path, identity=found.identity)
+    before = load_progress(tmp_path / "progress.npz", identify_search(found.problem, found.settings)).elapsed
+    done = found.problem.optimise(found.settings, tmp_path)
     assert done.progress.elapsed > before > 0
     whole = jaxball.load_scenario(folder / "design.toml")
     np.testing.assert_array_equal(done.numbers, np.asarray(whole.state.Omega)[:2])
     with refuses(design.DesignError):
-        found.problem.optimise(found.settings, tmp_path, identity="another")
+        found.problem.optimise(dataclasses.replace(found.settings, seed=1), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("ours", "other"),
+    [
+        ("mass = 1.0", "mass = 1.5"),
+        ("lower = -1.0", "lower = -0.9"),
+        ("Omega = [0.1,", "Omega = [0.2,"),
+        ("rtol = 1e-9", "rtol = 1e-8"),
+        ("stationary = 1e-7", "stationary = 1e-6"),
+    ],
+)
+def test_a_search_of_another_problem_is_another_one(ours, other):
+    """From Python, any problem was resumed from the progress of any other."""
+    found = [design.read_problem(text) for text in (PROBLEM, PROBLEM, PROBLEM.replace(ours, other))]
+    same, again, changed = (identify_search(each.problem, each.settings) for each in found)
+    assert same == again != changed
+
+
+@pytest.mark.parametrize(
+    ("wrong", "named"),
+    [
+        (lambda: design.Settings(starts=0), "starts"),
+        (lambda: design.Settings(polished=2.5), "polished"),
+        (lambda: design.Settings(tolerance=-1.0), "tolerance"),
+        (lambda: problem().problem.verify([0.1]), "y"),
+        (lambda: problem().problem.run([0.1, 0.2, 0.3]), "y"),
+    ],
+)
+def test_settings_and_unknowns_that_are_none(no_type_checks, wrong, named):
+    with refuses((TypeError, ValueError), named):
+        wrong()
+
+
+def test_a_search_is_saved_in_a_folder(no_type_checks, tmp_path):
+    (tmp_path / "file").write_text("")
+    with refuses(jaxball.files.results.OutputError, "folder"):
+        problem().problem.optimise(folder=str(tmp_path / "file"))
 
 
 @jax.custom_jvp

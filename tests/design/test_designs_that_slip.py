@@ -81,7 +81,7 @@ def test_where_it_ends_and_the_derivative_of_that():
 @pytest.mark.thorough
 def test_a_throw_is_found(tmp_path):
     found = problem()
-    done = found.problem.optimise(found.settings, tmp_path, identity=found.identity)
+    done = found.problem.optimise(found.settings, tmp_path)
     (v,) = done.numbers
     np.testing.assert_allclose(end(v, MU), 2.0, rtol=0, atol=1e-6)
     assert done.verified.apart < 1e-7

@@ -93,7 +93,7 @@ def _search(options: argparse.Namespace, problem_file: Any, source: Any) -> int:
     problem, settings = problem_file.problem, problem_file.settings
     with interrupt_message(describe_stop), working(options, "searching for a design") as line:
         say = _progress(options, line)
-        done = problem.optimise(settings, options.out, identity=problem_file.identity, say=say)
+        done = problem.optimise(settings, options.out, say=say)
         say(REPORTING)
         report = write_report(done, problem_file.title, options.out, source)
     values = dict(zip(problem.objectives, done.verified.finer.terms.tolist(), strict=True))

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
-import tomli_w
 
 from ...files.scenario import read_document
 from ...files.scenario.body import rolling_state
@@ -30,7 +29,7 @@ from .problem.requirements import (
     AbstractRunningObjective,
 )
 from .problem.space import DesignError, DesignSpace, Variable
-from .search.program import METHODS, Settings
+from .search.program import COUNTS, METHODS, MOST, Settings
 
 FORMAT = 1
 CONTROL_TABLE = "control"
@@ -60,10 +59,8 @@ _ROBUST = {
     **{name: Key(Numbers(rule=NOT_NEGATIVE), says=(Perturbations, name)) for name in ("masses", "offset")},
     "seed": Key(Integer(0, 10**6), 0, says=(Perturbations, "seed")),
 }
-_COUNTS, _FROM_ZERO = ("starts", "polished", "rounds", "evaluations", "intervals"), ("steps", "seed")
 _OF_SETTINGS: dict[str, Kind] = {
-    **dict.fromkeys(_COUNTS, Integer(1, 10**6)),
-    **dict.fromkeys(_FROM_ZERO, Integer(0, 10**6)),
+    **{name: Integer(least, MOST) for name, least in COUNTS.items()},
     "method": Choice(METHODS),
 }
 _SETTINGS = {
@@ -151,15 +148,11 @@ CONTROL_KEYS = {
 
 
 class ProblemFile(NamedTuple):
-    """The content of a problem file.
-
-    - ``identity``: everything that the result depends on, as text.
-    """
+    """The content of a problem file."""
 
     title: str
     problem: Problem
     settings: Settings
-    identity: str
 
 
 def load_problem(source: str | Path) -> ProblemFile:
@@ -199,8 +192,7 @@ def problem_of(document: dict[str, Any], folder: str | Path = ".") -> ProblemFil
         errors += later
     raise_first(errors)
     settings = Settings(**search)
-    identity = tomli_w.dumps({**document, "scenario": space.document}) + repr(settings)
-    return ProblemFile(table["title"], Problem(space, objectives, constraints, robust), settings, identity)
+    return ProblemFile(table["title"], Problem(space, objectives, constraints, robust), settings)
 
 
 def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlFile:

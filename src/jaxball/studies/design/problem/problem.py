@@ -14,8 +14,9 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .... import programs
+from ....interface.arguments import require_count
 from ....interface.names import leave_to
-from ....numerics.arrays import to_array
+from ....numerics.arrays import Numbers, to_array
 from ....physics.body import System
 from ....physics.state import BallState, DiskState
 from ....programs.batches import of_rows
@@ -339,11 +340,20 @@ class Problem:
 
     def run(self, y: Float[Array, " n"], adjoint: diffrax.AbstractAdjoint | None = None) -> Run:
         """Simulates the run of a design, by its unknowns."""
-        return self.pytree.run(y, adjoint)
+        return self.pytree.run(self.unknowns(y), adjoint)
 
     def evaluate_run(self, run: Run) -> Evaluation:
         """Evaluates all objectives and constraints of a run."""
         return self.pytree.evaluate_run(run)
+
+    def unknowns(self, y: Numbers) -> Float[Array, " n"]:
+        """Converts the unknowns of a design to an array.
+
+        **Raises:** ``ValueError`` unless there is one for each variable.
+        """
+        unknowns = to_array(y, "y")
+        require_count("Argument `y`", unknowns.shape, self.space.size, "variable")
+        return unknowns
 
     # What can be done with a problem is found there. These need modules built upon this one.
 
@@ -351,9 +361,8 @@ class Problem:
     def optimise(
         self,
         settings: "Settings | None" = None,
-        folder: Path | None = None,
+        folder: str | Path | None = None,
         *,
-        identity: str = "",
         say: Callable[[str], None] = lambda line: None,
     ) -> "Design":
         """Returns the best design that a search finds.
@@ -363,12 +372,12 @@ class Problem:
         - ``settings``: those of the search; the defaults if not given.
         - ``folder``: where the progress and the best design so far are saved, each time they change; a search that was
           stopped is resumed from there. Nothing is saved if not given.
-        - ``identity``: what the search depends on, so that it is not resumed for another problem.
         - ``say``: called with each line of progress, and with one at the beginning of each stage, which says what is
           waited for.
 
         **Raises:** :class:`DesignError` where the gradient is wrong, no start can be simulated, or ``folder`` has the
-        progress of another problem.
+        progress of another problem or of other settings; :class:`~jaxball.files.results.OutputError` where it is no
+        folder.
         """
         raise NotImplementedError
 

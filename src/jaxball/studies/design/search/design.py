@@ -1,6 +1,7 @@
 """Solves a problem: checks the gradient, searches for a design, saves, verifies, and tightens constraints if needed."""
 
 import dataclasses
+import secrets
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -9,9 +10,11 @@ import numpy as np
 import tomli_w
 from jaxtyping import Float
 
-from ....interface.output import write_text
+from ....interface.output import check_folder, write_text
 from ....interface.printing import repr_html
 from ....interface.wording import number_of
+from ....programs.identity.fingerprints import fingerprint
+from ....programs.identity.names import NoNameError
 from ....programs.program import compile_quickly
 from ..problem.problem import Evaluation, Problem
 from .optimise import Merit, Optimiser, Progress, load_progress, save_progress
@@ -87,20 +90,31 @@ class Design:
 def optimise(
     problem: Problem,
     settings: Settings | None = None,
-    folder: Path | None = None,
+    folder: str | Path | None = None,
     *,
-    identity: str = "",
     say: Callable[[str], None] = lambda line: None,
 ) -> Design:
     settings = Settings() if settings is None else settings
+    if folder is not None:
+        folder = Path(folder)
+        check_folder(folder)
     with compile_quickly(settings.evaluations_at_most <= FEW_EVALUATIONS):
-        return _run_search(problem, settings, folder, identity, say)
+        return _run_search(problem, settings, folder, say)
 
 
-def _run_search(
-    problem: Problem, settings: Settings, folder: Path | None, identity: str, say: Callable[[str], None]
-) -> Design:
-    began = time.perf_counter()
+def identify_search(problem: Problem, settings: Settings) -> str:
+    """Returns what a search depends on, in a few letters, so that it is not resumed for another problem.
+
+    Where a function of a user cannot be identified they are others each time, so that no search is resumed.
+    """
+    try:
+        return fingerprint(problem.pytree, problem.space.start, settings).digest
+    except NoNameError:
+        return secrets.token_hex()
+
+
+def _run_search(problem: Problem, settings: Settings, folder: Path | None, say: Callable[[str], None]) -> Design:
+    began, identity = time.perf_counter(), identify_search(problem, settings)
     program = Shooting(problem, settings.intervals)
     optimiser = Optimiser(program, settings)
     check, progress = None, None

@@ -24,7 +24,8 @@ from jaxtyping import Array, Bool, Float, Int
 from .... import programs
 from ....files.scenario.body import kind_of
 from ....files.scenario.initial import INITIAL
-from ....numerics.arrays import arrays_of
+from ....interface.arguments import whole_number
+from ....numerics.arrays import arrays_of, positive_number
 from ....physics.body import System
 from ....physics.state import BallState, DiskState
 from ....programs.batches import of_rows
@@ -33,6 +34,9 @@ from ..problem.run import Run, Solve, run_of
 from ..problem.space import Candidate, DesignError, DesignSpace, default_scale
 
 METHODS = ("bfgs", "gauss-newton")
+# The settings that count something, with the least of each; the others are positive numbers, or a method.
+COUNTS = dict.fromkeys(("starts", "polished", "rounds", "evaluations", "intervals"), 1) | {"steps": 0, "seed": 0}
+MOST = 10**6
 # Equalities must hold this many times more tightly, because a residual at a joint grows along the run.
 STRICTER = 1e3
 
@@ -60,7 +64,8 @@ class Settings:
     - ``intervals``: the number of pieces in which a run is simulated, whose joints are unknowns of the search (multiple
       shooting).
 
-    **Raises:** :class:`DesignError` for a method that is none of these.
+    **Raises:** :class:`DesignError` for a method that is none of these, ``TypeError`` and ``ValueError`` for counts that
+    are not whole, and for numbers that are not positive.
     """
 
     starts: int = 8
@@ -80,6 +85,10 @@ class Settings:
     def __post_init__(self):
         if self.method not in METHODS:
             raise DesignError(f"Argument `method` must be one of {', '.join(METHODS)}, but it is {self.method!r}.")
+        for name, least in COUNTS.items():
+            whole_number(name, getattr(self, name), least, MOST)
+        for name in vars(self).keys() - COUNTS.keys() - {"method"}:
+            positive_number(name, getattr(self, name))
 
     @property
     def evaluations_at_most(self) -> int:

@@ -60,7 +60,7 @@ class Verified(NamedTuple):
 @compile_quickly()
 def verify(problem: Problem, y: Float[np.ndarray, " n"]) -> Verified:
     other, solver = _other_solve(problem)
-    designed, finer, most = jax.tree.map(np.asarray, _compare(problem.pytree, other, jnp.asarray(y)))
+    designed, finer, most = jax.tree.map(np.asarray, _compare(problem.pytree, other, problem.unknowns(y)))
     return Verified(
         designed=designed,
         finer=finer,
@@ -126,7 +126,7 @@ def _finer(times: Float[jax.Array, " t"]) -> Float[jax.Array, " fine"]:
 @compile_quickly()
 def perturbed(problem: Problem, y: Float[np.ndarray, " n"], perturbations: Perturbations | None = None) -> Evaluation:
     problem = dataclasses.replace(problem, perturbations=perturbations or AS_BUILT)
-    return jax.tree.map(np.asarray, _each(problem.pytree, jnp.asarray(y)))
+    return jax.tree.map(np.asarray, _each(problem.pytree, problem.unknowns(y)))
 
 
 @programs.filter_jit
