@@ -3,6 +3,8 @@
 import io
 import os
 import shutil
+import subprocess
+import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
@@ -15,7 +17,7 @@ from jaxball.studies.sweep.files import is_running
 from jaxball.studies.sweep.run import WAITING
 from jaxball.studies.sweep.store import remedy_of
 from tests.support.sentences import refuses
-from tests.sweep.studies import files, pretend, study
+from tests.sweep.studies import files, pretend, study, study_text
 
 SETTINGS = "chunk = 1"  # so that both have much to write
 
@@ -54,6 +56,33 @@ def test_a_sweep_says_that_it_waits_for_another(tmp_path):
             assert not begun.is_set()
         assert waiting.result().finished
     assert stream.getvalue().startswith(WAITING)
+
+
+UNGUARDED = """
+import jax
+jax.config.update("jax_enable_x64", True)
+from jaxball.studies.sweep import load_study
+load_study("study.toml").run("s.zarr", workers=2)
+"""
+
+
+@pytest.mark.thorough
+def test_a_script_without_a_guard_is_told(tmp_path):
+    """Its workers import it, and waited for the store that it had locked, while it waited for them."""
+    (tmp_path / "study.toml").write_text(study_text(tmp_path, settings=SETTINGS))
+    (tmp_path / "script.py").write_text(UNGUARDED)
+    command = [sys.executable, "script.py"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=100)
+    assert done.returncode != 0
+    assert '__name__ == "__main__"' in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"), [({"workers": 0}, "workers"), ({"workers": 1.5}, "workers"), ({"shard": "1/2"}, "shard")]
+)
+def test_workers_and_shards_that_are_none(no_type_checks, tmp_path, arguments, named):
+    with refuses((TypeError, ValueError), named):
+        study(tmp_path).run(tmp_path / "s.zarr", engine=pretend, **arguments)
 
 
 def test_shards_do_not_wait_for_each_other(tmp_path):

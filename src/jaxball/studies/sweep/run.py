@@ -3,6 +3,7 @@
 import contextlib
 import io
 import math
+import multiprocessing
 import shutil
 import tempfile
 import time
@@ -17,7 +18,7 @@ from jaxtyping import Array
 from ... import programs
 from ...files.scenario.scenario import Scenario
 from ...files.scenario.solvers import SOLVERS
-from ...interface.arguments import require_flags
+from ...interface.arguments import describe, require_flags, whole_number
 from ...interface.interruption import on_interrupt, stop_requested
 from ...interface.wording import duration, number_of
 from ...numerics.arrays import arrays_of
@@ -251,16 +252,17 @@ def _threads(workers: int) -> int:
     return max(1, cores() // workers)
 
 
-def _require_workers(workers: int) -> None:
-    if workers < 1:
-        raise ValueError(f"Argument `workers` must be 1 or more, but it is {workers}.")
-
-
 def _check(workers: int, shard: tuple[int, int]) -> None:
-    _require_workers(workers)
-    part, parts = shard
-    if not 1 <= part <= parts:
-        raise ValueError(f"Argument `shard` must be (k, n) with k from 1 to n, but it is {shard}.")
+    # A worker that is still importing the script would wait for the store, and the script for the worker.
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        raise StudyError(
+            'A script that runs a sweep with several workers must do so under `if __name__ == "__main__":`, because '
+            "each worker imports the script."
+        )
+    whole_number("workers", workers, 1)
+    whole = isinstance(shard, tuple | list) and len(shard) == 2 and all(isinstance(part, int) for part in shard)
+    if not whole or not 1 <= shard[0] <= shard[1]:
+        raise ValueError(f"Argument `shard` must be (k, n) with k from 1 to n, but it is {describe(shard)}.")
     if not jax.config.read("jax_enable_x64"):
         raise StudyError(
             "A sweep needs float64, which is not enabled; call "
@@ -308,7 +310,7 @@ def estimate(
     study: Study, engine: Engine | None = None, *, measure: bool = False, workers: int | None = None
 ) -> Estimate:
     require_flags(measure=measure)
-    _require_workers(1 if workers is None else workers)
+    whole_number("workers", 1 if workers is None else workers, 1)
     template = study.template()
     outputs = outputs_of(study, template)
     numbers = sum(item.empty(study.chunk).nbytes for item in outputs.values()) * study.chunks

@@ -275,7 +275,7 @@ class Study:
 
         - ``out``: the store, a path that ends in ``.zarr``; the table is beside it and ends in ``.parquet``.
         - ``workers``: the number of processes. With one, it is this process, whose threads use every core; several
-          share the cores.
+          share the cores. A script that starts several does so under ``if __name__ == "__main__":``.
         - ``executor``: instead of workers, an executor in the style of ``concurrent.futures``, such as
           ``dask.distributed.Client(...).get_executor()``; its workers must see the folder of ``out``.
         - ``shard``: (k, n) computes the k-th of n parts, with k from 1. The last one to finish writes the table.
