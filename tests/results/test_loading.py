@@ -106,6 +106,18 @@ def test_a_run_of_a_scenario_saves_its_title_and_settings(tmp_path, suffix):
 
 
 @pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("scenario", "named"), [("ball", "scenario"), (read_scenario(DISK.replace("mass = 1.0", "mass = 3.0")), "mass")]
+)
+def test_a_run_is_not_saved_with_the_scenario_of_another_system(no_type_checks, tmp_path, scenario, named):
+    """What was read again was a run of that system, or none at all."""
+    run = read_scenario(DISK).simulate()
+    for other in (scenario, load_scenario("ball")):
+        with refuses((TypeError, ValueError), named if other is scenario else "scenario"):
+            jaxball.save(run, tmp_path / "run.npz", other)
+    assert not any(tmp_path.iterdir())
+
+
 def test_what_a_transformation_returns_has_no_scenario():
     run = read_scenario(DISK).simulate()
     assert run.scenario is not None

@@ -19,11 +19,14 @@ from ..files.scenario.errors import ScenarioError
 from ..files.scenario.files import write_scenario
 from ..files.scenario.paths import entries
 from ..files.scenario.scenario import Scenario
-from ..interface.output import replacing, write_text
+from ..interface.arguments import a
+from ..interface.output import OutputError, replacing, write_text
 from ..interface.printing import json_types
 from ..interface.status import Status
 from ..interface.wording import heading, number_of
 from ..numerics.arrays import arrays_of
+from ..physics.classical.lagrangian import AbstractLagrangianSystem
+from ..physics.system import AbstractSystem
 from ..plot.files import check_others, figures_in, plain_name, scenario_mark
 from ..simulation.trajectory import Trajectory
 from .input import STDIN
@@ -169,6 +172,17 @@ def check_figures(options: argparse.Namespace, scenario: Scenario) -> None:
         mark = scenario_mark(write_scenario(scenario))
         name = figure_name(options.scenario, scenario)
         check_others(figures_in(options.plot, name, suffixes(options.plot_format)), mark, "--force")
+
+
+def check_shown(system: AbstractSystem, what: str) -> None:
+    """Raises an :class:`~jaxball.files.results.OutputError` where ``what`` would be a view that only a user's function
+    can draw.
+    """
+    if isinstance(system, AbstractLagrangianSystem):
+        raise OutputError(
+            f"{what} must be of another system than {a(system.title)}, whose coordinates may mean anything; in Python, "
+            "`run.view(path, picture=...)` draws it by a function of yours."
+        )
 
 
 def suffixes(formats: list[str] | None) -> tuple[str, ...]:

@@ -84,10 +84,12 @@ def run(options: argparse.Namespace) -> int:
     check_animation(options)
     document = scenario_document(options, options.end)
     set_up_jax()
-    from ..files import check_figures
+    from ..files import check_figures, check_shown
 
     scenario = _scenario(options, _with_contact(document, options.contact))
     check_span(options, scenario)
+    if options.view is not None:
+        check_shown(scenario.system, "Argument `--view`")
     check_figures(options, scenario)
     # Now that the times are known.
     check_memory(options, scenario.times.size)

@@ -132,7 +132,9 @@ def _of_sweep(options: argparse.Namespace) -> int:
 def _check(options: argparse.Namespace, trajectory: "Trajectory[Any, Any]", what: str) -> None:
     from ...physics.body import AbstractBody
     from ...plot.record import finite_rows
+    from ..files import check_shown
 
+    check_shown(trajectory.system, "What is shown")
     if not finite_rows(trajectory).size:
         raise RunError(f"{what} has no finite state to show. {trajectory.message}")
     if options.friction is not None and not isinstance(trajectory.system, AbstractBody):

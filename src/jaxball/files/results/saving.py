@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 import jax
 import numpy as np
 
+from ...interface.arguments import a, require
 from ...interface.output import replacing
 from ...interface.status import Status
 from ...physics.contact.released import ReleasedState
@@ -187,7 +188,8 @@ def save(
     **Returns:** ``path``.
 
     **Raises:** :class:`OutputError` when the suffix is another one, the file cannot be written, or ``mcap`` is missing
-    for a ``.mcap``, ``ValueError`` for a batch of trajectories, and where the body lacks the part that a sensor is on.
+    for a ``.mcap``, ``ValueError`` for a batch of trajectories, for the scenario of another system, and where the body
+    lacks the part that a sensor is on.
 
     **Example:**
 
@@ -214,11 +216,27 @@ def _with_sensors(
     trajectory: Trajectory[Any, Any], scenario: Scenario | None, sensors: Sensors | None
 ) -> tuple[Scenario | None, Sensors]:
     """Returns the scenario with the given sensors, or its own where none are given, and these sensors."""
+    require("trajectory", trajectory, Trajectory, "a trajectory, as simulate(...) returns it")
+    require("scenario", scenario, (Scenario, type(None)), "a scenario, as load_scenario(...) returns it, or None")
+    if scenario is not None and scenario.feedback is None:  # else the inputs that acted are a part of the run's system
+        _require_system_of(trajectory, scenario)
     run_scenario = trajectory.scenario if scenario is None else scenario
     scenario_sensors = {} if run_scenario is None else run_scenario.sensors
     if sensors is None or sensors is scenario_sensors:
         return scenario, scenario_sensors
     return None if run_scenario is None else dataclasses.replace(run_scenario, sensors=sensors), sensors
+
+
+def _require_system_of(trajectory: Trajectory[Any, Any], scenario: Scenario) -> None:
+    """Raises a ``ValueError`` unless a scenario is of the system of a run, which is read from it again."""
+    other, system = scenario.system, trajectory.system
+    must, remedy = "Argument `scenario` must be that of the run", "make one of it, or leave it out"
+    if type(other) is not type(system):
+        raise ValueError(f"{must}, which is of {a(type(system).__name__)}, but it is of {a(type(other).__name__)}.")
+    numbers = dict(system.numbers())
+    for name, value in other.numbers():
+        if not np.array_equal(value, numbers.get(name, np.nan), equal_nan=True):
+            raise ValueError(f"{must}, but `{name}` is another one in it; {remedy}.")
 
 
 def _over_time(trajectory: Trajectory[Any, Any], sensors: Sensors) -> Variables:
