@@ -313,6 +313,7 @@ REFUSED = {
     "a ball joint": (SWING, f'<joint type="ball"/>{SWING}', "ball"),
     "armature": (DAMPED, 'armature="0.1"', "armature"),
     "a range": (DAMPED, 'range="-1 1"', "range"),
+    "no density": (ARM, '<geom density="-30" contype="0" conaffinity="0"/>', "density"),
     "a mesh": (ARM, '<geom type="mesh" contype="0" conaffinity="0"/>', "mesh"),
     "a hollow box": (ARM, '<geom type="box" shellinertia="true" contype="0" conaffinity="0"/>', "shellinertia"),
     "a box between points": (ARM, '<geom type="box" fromto="0 0 0 1 1 1" contype="0" conaffinity="0"/>', "fromto"),

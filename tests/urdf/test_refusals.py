@@ -65,6 +65,7 @@ REFUSALS = {
     "moments": (URDF.replace('iyy="0.002" izz="0.004"', 'iyy="0.002" izz="0.04"'), "yoke"),
     "no axis": (URDF.replace('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>'), "axle"),
     "number": (URDF.replace('radius="0.3"', 'radius="big"'), "radius"),
+    "no radius": (URDF.replace('radius="0.3"', 'radius="0"'), "radius"),
     "missing": (URDF.replace(' radius="0.3"', ""), "radius"),
     "damping": (URDF.replace('damping="0.05"', 'damping="-0.05"'), "damping"),
     "light link": (with_link("", body=""), "joints[0]"),
@@ -102,6 +103,12 @@ REFUSALS = {
 def test_what_is_no_such_robot_is_refused_with_a_sentence(text, named):
     with refuses(URDFError, named):
         read_urdf(text)
+
+
+@pytest.mark.parametrize("gravity", [-1.0, float("nan")])
+def test_gravity_that_is_none_is_refused(gravity):
+    with refuses(ValueError, "gravity"):
+        read_urdf(URDF, gravity=gravity)
 
 
 def test_a_shell_without_mass_is_refused():

@@ -140,8 +140,9 @@ def check_figures_folder(options: argparse.Namespace, folder: str, formats: str)
     """
     path, option = getattr(options, folder), formats.replace("_", "-")
     if path is None:
-        if getattr(options, formats) is not None:
-            raise OutputError(f"Argument `--{option}` is for figures; give --{folder} FOLDER with it.")
+        given = {option: getattr(options, formats) is not None, "svg-text": options.svg_text, "force": options.force}
+        for name in (name for name, there in given.items() if there):
+            raise OutputError(f"Argument `--{name}` is for figures; give --{folder} FOLDER with it.")
         return
     # A file's name in place of a folder's.
     if path.suffix in FIGURE_SUFFIXES and not path.exists():

@@ -326,7 +326,8 @@ def plant_of(
 def start_of(feedback: AbstractFeedback, start: PlacedState | Mapping[str, Numbers] | Numbers | None) -> PlacedState:
     """Returns the state at which a closed loop starts.
 
-    **Raises:** ``TypeError`` for another kind of state, ``ValueError`` for one, or for coordinates, of another size.
+    **Raises:** ``TypeError`` for another kind of state, ``ValueError`` for one, or for coordinates, of another size, and for
+    coordinates that are not finite.
     """
     first = feedback.nominal.state(0)
     if start is None:
@@ -343,6 +344,8 @@ def start_of(feedback: AbstractFeedback, start: PlacedState | Mapping[str, Numbe
             f"Argument `start` must be a state, or {len(names)} local coordinates, {', '.join(names)}, but its shape "
             f"is {xi.shape}."
         )
+    if not is_traced(xi) and not np.all(np.isfinite(xi)):
+        raise ValueError(f"Argument `start` must have finite numbers, but they are {np.asarray(xi)}.")
     return feedback.sampled.displace(first, xi)
 
 

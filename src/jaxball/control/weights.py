@@ -85,12 +85,14 @@ def by_name(name: str, given: Mapping[str, Any], names: Sequence[str], other: fl
 
     What is not named is ``other``.
 
-    **Raises:** ``TypeError`` for anything but a dictionary, ``ValueError`` for an unknown name.
+    **Raises:** ``TypeError`` for anything but a dictionary, ``ValueError`` for an unknown name and for NaN.
     """
     require(name, given, Mapping, 'a dictionary of numbers by name, such as {"z": 0.1}')
     values: list[Any] = [other] * len(names)
     for key, places in places_by_name(name, given, names).items():
         number = given[key] if is_traced(given[key]) else float(to_numpy(given[key], f"{name}[{key!r}]"))
+        if not is_traced(number) and np.isnan(number):
+            raise ValueError(f"Argument `{name}[{key!r}]` must be a number, but it is nan.")
         for place in places:
             values[place] = number
     return (jnp if any(map(is_traced, values)) else np).asarray(values)

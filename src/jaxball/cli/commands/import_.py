@@ -108,11 +108,17 @@ def _with_times(scenario: "Scenario", end: float | None, step: float | None) -> 
 
 def _problems(scenario: "Scenario") -> list[str]:
     """Says why a scenario cannot be simulated as it is; its file is written all the same, to be mended."""
+    from ...files.scenario.files import read_scenario, write_scenario
     from ...physics.contact.released import ReleasedState
     from ...physics.validity import find_problems
 
     state = scenario.state.body if isinstance(scenario.state, ReleasedState) else scenario.state
     sentences = [problem.sentence("Key") for problem in find_problems(scenario.system, state, scenario.times[:1])]
+    if not sentences:  # then of what a file is asked besides, such as a height above the ground
+        try:
+            read_scenario(write_scenario(scenario))
+        except ScenarioError as error:
+            sentences = str(error).splitlines()
     return [f"This must be mended before it can be simulated: {sentence}" for sentence in sentences]
 
 

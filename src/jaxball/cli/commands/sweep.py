@@ -13,6 +13,8 @@ from ..input import STUDY, gather_problems, text_and_document
 from ..jax_setup import set_up_jax
 from ..options import FAILED_SOLVE, OUT_MISSING, BadInputError, add_formats, add_replacing, count, working
 
+OF_FIGURES = ("result", "against", "label", "format", "svg_text", "force")
+OF_RUNS = ("workers", "shard", "device", "dry_run", "measure")
 NEEDED = ("zarr", "google_crc32c", "pandas", "pyarrow", "scipy", "filelock", "psutil")
 
 
@@ -55,16 +57,16 @@ def run(options: argparse.Namespace) -> int:
     if options.study == "status":
         if options.store is None:
             parser.error("the following argument is required after status: STORE")
+        _refuse(parser, options, ("out", *OF_FIGURES, *OF_RUNS), "has no meaning for jaxball sweep status")
         set_up_jax()
         from ...studies import sweep
 
         print(sweep.open_store(options.store).describe())
         return 0
     if options.study == "plot":
+        _refuse(parser, options, OF_RUNS, "has no meaning for jaxball sweep plot")
         return _plot(parser, options)
-    for name in ("result", "against", "label", "format", "svg_text", "force"):
-        if getattr(options, name):
-            parser.error(f"argument --{name.replace('_', '-')} is for jaxball sweep plot")
+    _refuse(parser, options, OF_FIGURES, "is for jaxball sweep plot")
     if options.measure and not options.dry_run:
         parser.error("argument --measure is for --dry-run")
     if options.store is not None:
@@ -76,6 +78,13 @@ def run(options: argparse.Namespace) -> int:
     text, _ = text_and_document(options.study, "study", STUDY)
     set_up_jax(options.device)
     return _sweep(options, text)
+
+
+def _refuse(parser: argparse.ArgumentParser, options: argparse.Namespace, names: tuple[str, ...], why: str) -> None:
+    """Ends the command where one of these options is given."""
+    for name in names:
+        if getattr(options, name) != parser.get_default(name):
+            parser.error(f"argument --{name.replace('_', '-')} {why}")
 
 
 def _sweep(options: argparse.Namespace, text: str) -> int:

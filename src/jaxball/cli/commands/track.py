@@ -379,6 +379,8 @@ def _deviation(text: str) -> dict[str, float]:
     deviation = {}
     for part in text.split(","):
         name, equals, value = part.rpartition("=")
+        if name.strip() in deviation:
+            raise argparse.ArgumentTypeError(f"it must have each name once, but {name.strip()} is in it twice")
         try:
             deviation[name.strip()] = float(value)
         except ValueError:

@@ -328,6 +328,8 @@ def _part(geom: ET.Element, angles: Angles) -> Inertial | None:
     density, kind = number(geom, "density", DENSITY), geom.get("type", "sphere")
     if geom.get("mass") is None and density == 0:
         return None
+    if density < 0:
+        raise MJCFError(f"Attribute `density` of {label(geom)} must not be negative, but it is {density:g}.")
     solid = SOLIDS.get(kind)
     if solid is None or geom.get("mesh") is not None:
         raise MJCFError(

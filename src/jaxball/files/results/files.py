@@ -3,6 +3,7 @@
 import contextlib
 import importlib.util
 import math
+import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -192,7 +193,9 @@ def _attribute_of_netcdf(value: Any) -> Any:
 def _of_npz(path: Path, arrays: bool) -> Mapping[str, Any]:
     import numpy as np
 
-    # Opened here, because NumPy leaves open what is no archive. A pickle in a file would be a program that runs.
+    if not zipfile.is_zipfile(path):  # of which NumPy would say that a pickle can be loaded unsafely
+        raise no_run(path, "it is no archive of arrays")
+    # A pickle in a file would be a program that runs.
     with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
         _require_held(path, sum(info.file_size for info in data.zip.infolist()))
         _require_held(path, sum(_read_claim(data, name) for name in data.files))

@@ -73,7 +73,8 @@ def read_urdf(
     - ``times``: the save times, increasing, in s; 0 to 10 by 0.1 if not given.
     - ``gravity``: in m/s², which URDF does not state.
 
-    **Raises:** :class:`URDFError` for anything else, with the name of the element.
+    **Raises:** :class:`URDFError` for anything else, with the name of the element; ``ValueError`` for a ``gravity`` that
+    is negative or not finite.
 
     **Example:**
 
@@ -87,6 +88,8 @@ def read_urdf(
     """
     robot = parse(source)
     unread = check_names(robot)
+    if not 0 <= gravity < np.inf:
+        raise ValueError(f"Argument `gravity` must be a number that is not negative, but it is {gravity:g}.")
     tree = read_tree(robot)
     shapes = {name: shapes_of(link) for name, link in tree.links.items()}
     rolls = _shell(tree, shapes, shell)
@@ -131,7 +134,13 @@ def _shell(tree: Tree, shapes: dict[str, list[Shape]], asked: str | None) -> She
             raise URDFError(f"There must be one sphere, the shell, but {len(entries)} are in {which}; {out}.")
         if entries:
             ((name, shape),) = entries
-            return Shell(name, number(shape.element, "radius", tree.links[name]), shape.frame)
+            radius = number(shape.element, "radius", tree.links[name])
+            if not 0 < radius < np.inf:
+                raise URDFError(
+                    f"Attribute `radius` of the sphere in {label(tree.links[name])} must be positive, but it is "
+                    f"{radius:g}."
+                )
+            return Shell(name, radius, shape.frame)
     who = f"Element {label(tree.links[asked])} must have" if asked else "There must be a link with"
     raise URDFError(
         f'{who} a sphere, which rolls, but there is none; give the <collision> of the shell a <sphere radius="…"/>.'

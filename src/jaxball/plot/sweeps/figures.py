@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex, to_rgba
+from matplotlib.mathtext import MathTextParser
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path as Outline
 
@@ -60,6 +61,7 @@ from .rows import (
 if TYPE_CHECKING:
     import xarray
 
+_formulas = MathTextParser("path")
 SLICE_SIZE, MAP, FAN = (5.2, 3.6), (5.4, 4.2), (5.6, 4.0)  # inches
 MOST_DRAWN, MOST_DOTS = 20_000, 20_000  # rows of a slice, and dots of a map
 MOST_DOTTED = 60  # points of a curve with a dot at each
@@ -358,9 +360,10 @@ def sweep_figures(
         parse_result(data, name)
     for path in against:
         rows.axis_of(path)
-    for name in labels or {}:
+    for name, label in (labels or {}).items():
         if name not in rows.paths:
             parse_result(data, name)
+        _require_readable(name, label)
     rows.data.drop_vars([name for name in data.variables if "save" in data[name].dims]).load()  # once for all figures
     numbers = list(against) or (rows.varying() or list(rows.paths))[:MOST_NUMBERS_DRAWN]
     pairs = list(itertools.combinations(numbers, 2))
@@ -374,6 +377,15 @@ def sweep_figures(
         repr([data.attrs.get("scenario", ""), *(list_attribute(data, name) for name in ("shape", "paths"))])
     )
     return save_figures(drawings, folder, mark, formats, svg_text=svg_text, replace=replace)
+
+
+def _require_readable(name: str, label: str) -> None:
+    """Raises a :class:`PictureError` for a label with a formula that matplotlib does not read."""
+    try:
+        _formulas.parse(label)
+    except ValueError as error:
+        reason = str(error).strip().splitlines()[-1].partition(": ")[2]
+        raise PictureError(f"Label of `{name}` must be text, with formulas between $ and $, but {reason}.") from None
 
 
 def _drawings(

@@ -180,6 +180,11 @@ def problem_of(document: dict[str, Any], folder: str | Path = ".") -> ProblemFil
     **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, when a key of it or of its scenario is misspelt,
     missing or wrong.
     """
+    if CONTROL_TABLE in document:
+        raise DesignError(
+            f"Key `{CONTROL_TABLE}` must be left out here, because it makes the file a problem of optimal control; "
+            "`jaxball design` solves that, and in Python it is made with `optimal_control.Rolling`."
+        )
     (table, space, search, robust), errors = try_readers(
         lambda: read_table(document, "", SEARCH_KEYS),
         lambda: _space(document, Path(folder)) if {"scenario", "variables"} <= document.keys() else None,

@@ -282,6 +282,8 @@ def load_progress(path: Path, identity: str) -> Progress:
     **Raises:** :class:`DesignError` where it belongs to another problem, or is not such a file.
     """
     try:
+        if not zipfile.is_zipfile(path):
+            raise zipfile.BadZipFile("it is no archive of arrays")
         # Opened here, because NumPy leaves a file that is cut open.
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             entries = dict(file)
