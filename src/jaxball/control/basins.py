@@ -155,7 +155,7 @@ def _starts(
                 f"but its shape is {xi.shape}."
             )
         return None, xi
-    grid = grid_of(values)
+    grid = grid_of(values, "starts")
     for name in grid.names:
         if name not in names:
             raise ValueError(f"Argument `starts` must name two of {', '.join(names)}, but it names {name!r}.")

@@ -326,8 +326,8 @@ def plant_of(
 def start_of(feedback: AbstractFeedback, start: PlacedState | Mapping[str, Numbers] | Numbers | None) -> PlacedState:
     """Returns the state at which a closed loop starts.
 
-    **Raises:** ``TypeError`` for another kind of state, ``ValueError`` for one, or for coordinates, of another size, and for
-    coordinates that are not finite.
+    **Raises:** ``TypeError`` for another kind of state, ``ValueError`` for one, or for coordinates, of another size,
+    and for coordinates that are not finite.
     """
     first = feedback.nominal.state(0)
     if start is None:

@@ -220,7 +220,7 @@ class Track(AbstractFeedback):
 
         **Arguments:**
 
-        - ``horizon``: the number of samples ahead.
+        - ``horizon``: the number of samples ahead; at most those of the motion.
         - ``limits``: the largest magnitude of each input: a number for all, a row, or numbers by name; by default those
           of the motors.
         - ``friction``: the coefficient μ of |f| ≤ μ N; if not given, only N ≥ 0 is required.

@@ -23,7 +23,7 @@ from .record import finite_rows
 from .style import (
     SMALL_FONT,
     label_axes,
-    label_with,
+    label_of_run,
     legend_above,
     linestyle,
     plane_axes,
@@ -304,9 +304,7 @@ def over_run(
         times, *broken = with_breaks(modes, times, *(curve.values for curve in series))
         series = [curve._replace(values=values) for curve, values in zip(series, broken, strict=True)]
     ax = over_time(run, times, series, name, ax, most, modes, size)
-    if run.scenario is not None and run.scenario.units is not None:
-        units = run.scenario.units
-        label_axes(ax, label_with("$t$", units.of("time")), label_with(name, units.of(dimension)))
+    label_axes(ax, label_of_run(run, "$t$", "time"), label_of_run(run, name, dimension))
     return ax
 
 

@@ -29,6 +29,7 @@ from .style import (
     WIDE_FIGURE,
     cube,
     label_axes,
+    label_of_run,
     legend_above,
     mark_ends,
     mass_line,
@@ -217,7 +218,8 @@ def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
         ax.margins(x=0)
         up_to_ticks(ax)
         falls = _downhill(trajectory.system)  # a disk rolls along e1
-        label_axes(ax, "$t$", "$z$" + ("" if falls is None else " (downhill)" if falls[0] > 0 else " (uphill)"))
+        way = "" if falls is None else ", downhill" if falls[0] > 0 else ", uphill"
+        label_axes(ax, label_of_run(trajectory, "$t$", "time"), label_of_run(trajectory, f"$z${way}", "length"))
         legend_above(ax)
         return ax
     ax = plane_axes(ax, (WIDE_FIGURE[0], 4.2), trajectory)
@@ -226,7 +228,7 @@ def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.08)
     _draw_downhill(ax, trajectory.system, z[:, :2])
-    label_axes(ax, "$z_1$", "$z_2$")
+    label_axes(ax, *(label_of_run(trajectory, f"$z_{k}$", "length") for k in (1, 2)))
     legend_above(ax, 3)
     return ax
 

@@ -303,6 +303,15 @@ def label_with(words: str, unit: str) -> str:
     return words if unit in ("", "1") else f"{words} ({re.sub(_POWER, _SUPERSCRIPT, unit)})"
 
 
+def label_of_run(run: Trajectory[Any, Any], words: str, dimension: str) -> str:
+    """Returns the label of an axis, with a unit where the scenario of the run states them.
+
+    ``dimension`` is that of the axis, in words such as ``"length/time"``.
+    """
+    units = None if run.scenario is None else run.scenario.units
+    return words if units is None else label_with(words, units.of(dimension))
+
+
 def label_axes(ax: Axes, *labels: str) -> None:
     """Labels the axes of ``ax`` in the order x, y, z."""
     in_space: dict[str, Any] = {"labelpad": -3, "rotation": 0} if isinstance(ax, Axes3D) else {}

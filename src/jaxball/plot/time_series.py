@@ -21,7 +21,17 @@ from ..simulation.trajectory import Trajectory, always_rolls
 from .over_time import Series, components, over_run, over_time, share_bands, sizes_of, without_rounding
 from .palette import COMPONENTS, DASHED, DOTTED, INK, TAKEN
 from .record import finite_rows, record, require_one, require_one_of_body, with_jumps
-from .style import label_with, legend_above, linestyle, plane_axes, stacked_panels, up_to_ticks, write
+from .style import (
+    label_axes,
+    label_of_run,
+    label_with,
+    legend_above,
+    linestyle,
+    plane_axes,
+    stacked_panels,
+    up_to_ticks,
+    write,
+)
 
 if TYPE_CHECKING:
     from ..simulation.extremes import ContactExtremes
@@ -131,6 +141,7 @@ def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     on_plane = np.isfinite(ratio)
     drawn = np.where(on_plane, ratio, np.nan)
     ax = over_time(trajectory, times, [Series(drawn, "", COMPONENTS[0])], r"$|\,\mathbf{f}\,|/N$", ax)
+    label_axes(ax, label_of_run(trajectory, "$t$", "time"))
     up_to_ticks(ax, low=0.0)
     if not np.all(on_plane):
         sentence = rf"not drawn where $N \leq 0$, first {_moment(float(times[~on_plane][0]), times)[1]}"

@@ -84,21 +84,21 @@ class Grid(NamedTuple):
         )
 
 
-def grid_of(parameters: Mapping[str, Numbers]) -> Grid:
-    """Builds the grid of two named parameters, each with a row of values.
+def grid_of(parameters: Mapping[str, Numbers], argument: str = "parameters") -> Grid:
+    """Builds the grid of two named parameters, each with a row of values; ``argument`` is what messages call them.
 
     **Raises:** ``TypeError`` and ``ValueError`` for other parameters.
     """
-    require("parameters", parameters, Mapping, "a dictionary of two parameters, each with its values")
+    require(argument, parameters, Mapping, "a dictionary of two parameters, each with its values")
     if len(parameters) != 2:
         raise ValueError(
-            f"Argument `parameters` must name two parameters, but it names {len(parameters)}: {list(parameters)}."
+            f"Argument `{argument}` must name two parameters, but it names {len(parameters)}: {list(parameters)}."
         )
-    values = [to_numpy(value, f"parameters[{name!r}]") for name, value in parameters.items()]
+    values = [to_numpy(value, f"{argument}[{name!r}]") for name, value in parameters.items()]
     for name, value in zip(parameters, values, strict=True):
         if value.ndim != 1 or value.size == 0:
             raise ValueError(
-                f"Argument `parameters` must give each parameter a row of values, but `{name}` has the shape "
+                f"Argument `{argument}` must give each parameter a row of values, but `{name}` has the shape "
                 f"{value.shape}."
             )
     return Grid(tuple(parameters), tuple(values))

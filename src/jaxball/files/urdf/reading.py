@@ -73,8 +73,8 @@ def read_urdf(
     - ``times``: the save times, increasing, in s; 0 to 10 by 0.1 if not given.
     - ``gravity``: in m/s², which URDF does not state.
 
-    **Raises:** :class:`URDFError` for anything else, with the name of the element; ``ValueError`` for a ``gravity`` that
-    is negative or not finite.
+    **Raises:** :class:`URDFError` for anything else, with the name of the element; ``ValueError`` for a ``gravity``
+    that is negative or not finite.
 
     **Example:**
 

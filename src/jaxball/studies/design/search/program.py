@@ -64,8 +64,8 @@ class Settings:
     - ``intervals``: the number of pieces in which a run is simulated, whose joints are unknowns of the search (multiple
       shooting).
 
-    **Raises:** :class:`DesignError` for a method that is none of these, ``TypeError`` and ``ValueError`` for counts that
-    are not whole, and for numbers that are not positive.
+    **Raises:** :class:`DesignError` for a method that is none of these, ``TypeError`` and ``ValueError`` for counts
+    that are not whole, and for numbers that are not positive.
     """
 
     starts: int = 8
