@@ -67,3 +67,36 @@ def test_the_free_memory_is_less_than_what_the_machine_has():
     assert free > 0
     if sys.platform == "linux":
         assert free <= os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["sweep", "status", "s.zarr", "--workers", "2"], "--workers"),
+        (["sweep", "plot", "s.zarr", "--out", "figures", "--dry-run"], "--dry-run"),
+        (["sweep", "study.toml", "--out", "s.zarr", "--result", "z"], "--result"),
+        (["track", "disk", "--disturb", "phi=0.1,phi=0.2"], "--disturb"),
+    ],
+)
+def test_options_that_would_do_nothing_are_refused_as_mistyped(capsys, arguments, named):
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 2
+    assert named in capsys.readouterr().err.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["simulate", "disk", "--svg-text"], "--svg-text"),
+        (["simulate", "chaplygin-sleigh", "--view", "run.html"], "--view"),
+        (["track", "disk", "--disturb", "phi=nan"], "phi"),
+        (["track", "disk", "--sample", "0.03"], "--sample"),
+        (["export", "ball", "--to", "mjcf", "--any-units", "--out", "ball.xml", "--extent", "3"], "extent"),
+    ],
+)
+def test_options_that_would_do_nothing_are_refused(capsys, tmp_path, monkeypatch, arguments, named):
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    said(capsys.readouterr().err, named)
+    assert not any(tmp_path.iterdir())

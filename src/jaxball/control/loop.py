@@ -238,7 +238,7 @@ def closed_loop(
     plant = plant_of(feedback, system, limits, push, contact)
     first = start_of(feedback, start)
     count = feedback.nominal.samples if samples is None else whole_number("samples", samples, 1)
-    late = whole_number("delay", delay, 0)
+    late = whole_number("delay", delay, 0, count - 1)  # else feedback would never act
     return _run_loop(feedback, plant, first, count, late, adjoint)
 
 

@@ -106,7 +106,12 @@ def run(options: argparse.Namespace) -> int:
     document = _with_feedback(options, scenario_document(options))
     set_up_jax()
     _require_body(document)
-    scenario = scenario_of(document, options.scenario)
+    try:
+        scenario = scenario_of(document, options.scenario)
+    except ScenarioError as error:
+        if options.sample is None:
+            raise
+        raise ScenarioError(str(error).replace("Key `time.step`", "Argument `--sample`")) from None
     with compile_for(scenario):
         return _track(options, scenario, axes)
 

@@ -105,6 +105,8 @@ def write_ground(
     ``extent``.
     """
     r, ground = float(system.radius), system.ground
+    if extent is not None and (isinstance(ground, SphereOutside) or not isinstance(ground, AbstractSurface)):
+        raise MJCFError("Argument `extent` must be left out for a ground that is written without a height field.")
     if isinstance(ground, SphereOutside):
         R = float(ground.radius)
         add(world, "geom", name="ground", type="sphere", size=R, pos=(0.0, 0.0, -R), **friction)
