@@ -40,7 +40,7 @@ def last_line(capsys, typed):
         ("view run.nc", "jaxball view run.nc --out FILE"),
         ("view study.zarr --rows 3,17", "jaxball view study.zarr --rows 3,17 --out FILE"),
         ("sweep study.toml", "jaxball sweep study.toml --out STORE"),
-        ("sweep plot s.zarr", "jaxball sweep plot s.zarr --out STORE"),
+        ("sweep plot s.zarr", "jaxball sweep plot s.zarr --out FOLDER"),
     ],
 )
 def test_what_is_mistyped_is_named(capsys, typed, named):

@@ -18,7 +18,7 @@ from jaxtyping import Array
 from ... import programs
 from ...files.scenario.scenario import Scenario
 from ...files.scenario.solvers import SOLVERS
-from ...interface.arguments import describe, require_flags, whole_number
+from ...interface.arguments import require_flags, whole_number
 from ...interface.interruption import on_interrupt, stop_requested
 from ...interface.wording import duration, number_of
 from ...numerics.arrays import arrays_of
@@ -262,7 +262,7 @@ def _check(workers: int, shard: tuple[int, int]) -> None:
     whole_number("workers", workers, 1)
     whole = isinstance(shard, tuple | list) and len(shard) == 2 and all(isinstance(part, int) for part in shard)
     if not whole or not 1 <= shard[0] <= shard[1]:
-        raise ValueError(f"Argument `shard` must be (k, n) with k from 1 to n, but it is {describe(shard)}.")
+        raise ValueError(f"Argument `shard` must be (k, n) with k from 1 to n, but it is {shard!r}.")
     if not jax.config.read("jax_enable_x64"):
         raise StudyError(
             "A sweep needs float64, which is not enabled; call "

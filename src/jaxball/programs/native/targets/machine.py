@@ -200,17 +200,21 @@ def _in_proportion(llvm: Any, text: str) -> Iterator[None]:
     CodeGenPrepare takes a time quadratic in a block's length (60 s, against 4 s for the rest, for an event of an Adams
     method), and made none of the programs faster. So do the scheduler's lists of accesses to the same memory (50 s
     of 80 s for a chart of Floquet multipliers), and a second scheduler after registers are allocated: a fifth to a
-    half of the time for all, and Gauss's method and Radau's ran 1 to 3% slower without it, Dopri8 as fast.
+    half of the time for all, and Gauss's method and Radau's ran 1 to 3% slower without it, Dopri8 as fast. So does the
+    combination of nodes that join more than some tens of stores: 23 of 26 s for the gradient of a run's contact
+    extremes, whose code was as long with it.
     """
     llvm.set_option("", "-disable-cgp=true")
     llvm.set_option("", "-disable-post-ra=true")
     llvm.set_option("", f"-dag-maps-huge-region={200 if len(text) > LONG_PROGRAM else 1000}")
+    llvm.set_option("", "-combiner-tokenfactor-inline-limit=16")
     try:
         yield
     finally:
         llvm.set_option("", "-disable-cgp=false")
         llvm.set_option("", "-disable-post-ra=false")
         llvm.set_option("", "-dag-maps-huge-region=1000")
+        llvm.set_option("", "-combiner-tokenfactor-inline-limit=2048")
 
 
 @functools.cache
