@@ -104,7 +104,29 @@ def event() -> tuple[Callable, Any]:
     return run, jnp.asarray([0.1, 0.2, 0.3])
 
 
-CASES = {"ball": ball, "contact disk": contact_disk, "contact ball": contact_ball, "field": field, "event": event}
+def extremes() -> tuple[Callable, Any]:
+    """How much friction a disk with a driven pendulum needs, at most."""
+    import jax.numpy as jnp
+
+    import jaxball
+
+    def run(mass):
+        pendulum = jaxball.planar_pendulum(mass, 0.4, drive=jaxball.Motor(0.1) + jaxball.Damper(0.02))
+        body = jaxball.Disk(mass=1.0, inertia=0.5, gravity=2.0, mechanisms=[pendulum])
+        start = jaxball.DiskState(theta=[0.2], thetadot=[0.0])
+        return jaxball.contact_extremes(jaxball.simulate(body, (0.0, 2.0), start, dense=True)).friction_needed
+
+    return run, jnp.asarray(0.3)
+
+
+CASES = {
+    "ball": ball,
+    "contact disk": contact_disk,
+    "contact ball": contact_ball,
+    "field": field,
+    "event": event,
+    "extremes": extremes,
+}
 KINDS = "run", "gradient"
 
 

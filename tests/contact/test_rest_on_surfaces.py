@@ -21,6 +21,7 @@ from jaxball import (
     FollowSchedules,
     FunctionSchedule,
     Resistance,
+    Sinusoids,
     simulate,
 )
 from jaxball.physics import Cylinder, Mode, ReleasedState, SwitchCause, TiltingPlane
@@ -168,3 +169,14 @@ def test_exact_resistance_on_a_plate_that_a_law_drives():
     assert int(one.switches.count) == int(other.switches.count) == 1
     np.testing.assert_allclose(one.switches.times[0], other.switches.times[0], rtol=CLOSE)
     np.testing.assert_allclose(one.state.z, other.state.z, atol=CLOSE)
+
+
+def test_what_is_seen_of_a_ball_at_rest_on_a_rocking_plate():
+    """It turns with the plate. Its rate over the plate is rounding, whose direction says nothing."""
+    rocking = [Sinusoids(0.0, amplitude=[0.05], frequency=[frequency]) for frequency in (2.0, 3.0)]
+    times = np.array([0.0, 0.199, 0.2, 0.201])
+    run = simulate(ball(TiltingPlane(*rocking)), times, BallState(), **FINE)
+    np.testing.assert_array_equal(run.history.rests, [False, True, True, True])
+    # By differences over 0.002, whose error is a sixth of the square of half of it times the third derivative, 2.
+    wanted = np.diff(np.asarray(run.state.Omega)[[1, 3]], axis=0)[0] / 0.002
+    np.testing.assert_allclose(run.observables.angular_acceleration_body[2], wanted, rtol=0, atol=1e-6)

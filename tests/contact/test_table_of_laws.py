@@ -147,7 +147,7 @@ ROWS = {
     ),
     "an `ErrorStateFilter`": lambda x, path: x.estimate.covariance,
     "an `Environment`": lambda x, path: (
-        Environment(x.system, ReachPoint(1.0), sample=0.1, **x.law)
+        Environment(x.system, ReachPoint(), sample=0.1, **x.law)
         .rollout(jax.random.key(0), lambda seen: jnp.zeros(1), 2)
         .reward
     ),

@@ -104,3 +104,22 @@ def test_what_has_no_losses_is_refused():
     top = classical.FreeRigidBody(inertia=(1.0, 2.0, 3.0))
     with pytest.raises(TypeError, match="of a Ball or a Disk, whose laws are known one by one, but it is of a Free"):
         simulate(top, [0.0, 1.0], classical.RigidBodyState(), dense=True).energy_losses()
+
+
+@pytest.mark.long
+def test_a_turntable_gives_back_what_is_not_lost():
+    """A ball that spins at w on the axis of a table that turns at W: friction −c (w − W) loses c (w − W)², and the
+    table does the work −c (w − W) W.
+    """
+    table, c, w, W = jaxball.Turntable(jaxball.ConstantRate(0.0, rate=2.0)), 0.05, 0.3, 2.0
+    spun = ball(ground=jaxball.Ground(turntable=table), resistance=Resistance(spinning=c))
+    run = simulate(spun, jnp.linspace(0.0, 1.0, 3), BallState(Omega=(0.0, 0.0, w)), **TIGHT)
+    apart = (w - W) * np.exp(-np.asarray(run.times) * c / SOLID)
+    np.testing.assert_allclose(run.observables.dissipation, c * apart**2, rtol=1e-9)
+    np.testing.assert_allclose(run.observables.power, -c * apart * (W + apart), rtol=1e-9)
+    lost = SOLID / 2 * (apart[0] ** 2 - apart**2)
+    np.testing.assert_allclose(run.energy_losses().viscous, lost, rtol=1e-8, atol=1e-12)
+    resting = ball(ground=jaxball.Ground(turntable=table), resistance=Resistance(dry=0.1, dry_spinning=0.1, exact=True))
+    run = simulate(resting, jnp.linspace(0.0, 1.0, 3), BallState(Omega=(0.0, 0.0, W)), **TIGHT)
+    np.testing.assert_array_equal(run.observables.dissipation, 0.0)
+    np.testing.assert_array_equal(run.energy_losses().dry, 0.0)

@@ -445,7 +445,8 @@ class Disk(AbstractBody):
     - ``offset``: χ_0, from the geometric centre to the shell's centre of mass, in the plane of E1 and E3, length, shape
       (3,). The rails and the free motions of the masses are in this plane as well.
     - ``mass``, ``radius``, ``gravity``, ``force``, ``masses``, ``law``, ``mechanisms``, ``ground``, ``resistance`` and
-      ``own_states``: as for a :class:`Ball`; no turntable, and a surface must be symmetric about e1 and e3.
+      ``own_states``: as for a :class:`Ball`; no turntable, and a surface must be symmetric about
+      the plane of e1 and e3.
 
     **Raises:** as for :class:`Ball`.
 

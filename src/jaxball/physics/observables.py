@@ -31,6 +31,7 @@ from .dynamics.load import (
     kinetic_energy,
     load,
     potential_energy,
+    power_of_turning_ground,
 )
 from .dynamics.locked import ContactForce, contact_momentum, linear_momentum, reaction_in_body
 from .dynamics.moments import (
@@ -248,12 +249,14 @@ def compute_observables(system: AbstractBody, t: Float[Array, ""], motion: Movem
     Pi = add(contact_momentum(body_moments, r, Omega, arm, square), moved)
     up = system.up
     lost = dissipation(acting, motion.dry, Lambda, velocity, omega)
+    supplied = power_of_turning_ground(system, acting, motion.dry, Lambda)
+    lost = add(lost, supplied)
     if slip is not None:
         lost = lost - dot(motion.R, slip.velocity)
     power = actuation_power(m, with_shell, a, weight) - lost
     if acting.applied is not None:
         power = power + external_power(acting.applied, Lambda, velocity, omega)
-    power = add(power, convert(lambda w: dot(motion.R, w), under.velocity))
+    power = add(power, supplied, convert(lambda w: dot(motion.R, w), under.velocity))
     # Energy is relative to the axes that move with the plane, in which −m Ẍ acts on each mass.
     if isinstance(system.ground, Ground) and system.ground.motion is not None:
         carried = convert(lambda drift: body_moments.M * drift, drift)

@@ -54,7 +54,7 @@ def point_of_run(
     if solved is system:
         raise TypeError(
             f"Argument `system` must be a body, a LagrangianSystem, or smooth, but a {type(system).__name__} has "
-            "guards or time events, and a state that says in which mode it is, from which there is no small deviation; "
+            "guards or time events, between whose modes there is no small deviation; "
             "derivatives of a run of jaxball.simulate go through its events."
         )
     require_single(solved, state)

@@ -192,8 +192,8 @@ class Event(AbstractEvent):
 class Detachment(AbstractEvent):
     """The normal force N falls to zero, and the ball would leave the plane. Ends the run.
 
-    With a law of contact it does leave it then. The function of the event is −1 in flight: a run that begins in flight
-    has happened to leave the plane at its start, and a bounce is no such event.
+    With a law of contact it does leave it then. The function of the event is −1 in flight: in a run that begins there
+    it happens at the start. A bounce does not count.
 
     **Arguments:**
 

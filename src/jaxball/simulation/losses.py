@@ -12,7 +12,7 @@ from .. import programs
 from ..interface.arguments import require
 from ..interface.printing import Printed
 from ..interface.status import Status
-from ..numerics.vectors import apply, dot
+from ..numerics.vectors import dot
 from ..physics.body import AbstractBody, AbstractBodyWithModes
 from ..physics.contact.body_on_plane import has_contact
 from ..physics.contact.slide import spinning_loss
@@ -129,7 +129,7 @@ def _powers(packing: Packing, t: Float[Array, ""], x: Float[Array, " size"]) -> 
     seen, shown = compute_observables(body, t, motion), system.state_to_show(state)
     dry, slip = jnp.zeros_like(t), jnp.zeros_like(t)
     if motion.dry is not None:
-        dry = -dot(apply(motion.state.Lambda, motion.dry), seen.angular_velocity_space)
+        dry = -dot(motion.dry, motion.acting.resisted)  # relative to the matter of the ground, which may turn
     if motion.slip is not None:
         slip = -dot(motion.R, motion.slip.velocity)
     if has_contact(system) and system.pivot is not None:

@@ -22,7 +22,7 @@ from ..numerics.kinks import just_before
 from ..physics.body import AbstractBody, System
 from ..physics.conditions import Problem
 from ..physics.contact.body_on_plane import BodyOnPlane
-from ..physics.contact.history import ContactHistory
+from ..physics.contact.history import ContactHistory, HeldHistory
 from ..physics.hybrid import NO_HISTORY, AbstractHistory, Switches
 from ..physics.observables import Observables, compute_observables, movement
 from ..physics.packing import Packing
@@ -153,10 +153,11 @@ class Trajectory(Printed, TrajectoryMethods, Generic[AnySystem, AnyState]):
 
     def _as_solved(self, system: Any) -> tuple[Any, Any]:
         """Returns the system that was solved, and its states: with a law of contact, this shows a part of them."""
-        contact = self.contact
-        if contact is None:
+        held = self.history.of_body
+        if not isinstance(held, HeldHistory):
             return system, self.state
-        return BodyOnPlane(system, contact.law), contact.states_of(system, self.state)
+        law = held.law if isinstance(held, ContactHistory) else None
+        return BodyOnPlane(system, law), held.states_of(system, self.state)
 
     @property
     def ok(self) -> bool:

@@ -185,6 +185,8 @@ class Environment(Printed):
         adjoint: diffrax.AbstractAdjoint | None = None,
     ):
         require("goal", goal, AbstractGoal, "a goal, such as ReachPoint(...)")
+        if getattr(system, "shape", None) is not None:
+            raise refusal("system", "a ball or a disk for an environment", system)
         ground = getattr(system, "ground", None)
         if not isinstance(ground, AbstractSurface):
             require_plane(ground, "an environment")

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...interface.arguments import describe, require, require_flags
+from ...interface.arguments import a, describe, require, require_flags
 from ...numerics.arrays import to_array
 from ...physics.body import System
 from ...physics.contact.released import ReleasedState, release
@@ -239,9 +239,9 @@ def to_mjcf(
     """
     scenario = _scenario_of(robot)
     system = scenario.system
-    if not isinstance(system, System):
+    if not isinstance(system, System) or system.shape is not None:
         raise MJCFError(
-            f"Key `kind` must be a ball or a disk to be written as MJCF, but the system is a {type(system).__name__}."
+            f"Key `kind` must be a ball or a disk to be written as MJCF, but the system is {a(type(system).__name__)}."
         )
     require_flags(any_units=any_units)
     _check(system)

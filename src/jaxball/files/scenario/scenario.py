@@ -38,7 +38,8 @@ class Scenario:
     - ``state``: the state at ``times[0]``; a :class:`~jaxball.physics.ReleasedState` only with ``contact``.
     - ``times``: the save times, increasing, in the units of the system.
     - ``solver``: the name of a solver: "dopri5", "dopri8", "tsit5", "kvaerno3" and "kvaerno5" of diffrax, and
-      "radau5", "radau9", "radau13", "ndf", "gauss16", "trapezoidal" and "tr-bdf2" of :mod:`jaxball.simulation.solvers`.
+      "radau5", "radau9", "radau13", "ndf", "adams", "gauss16", "trapezoidal" and "tr-bdf2" of
+      :mod:`jaxball.simulation.solvers`.
     - ``rtol``, ``atol``, ``max_steps``, ``max_step``, ``step_to_times``, ``dae``, ``project``: as in
       :func:`jaxball.simulate`.
     - ``contact``: the :class:`~jaxball.Contact`, the law by which a ball or a disk may slip, fly and bounce; None for

@@ -155,6 +155,19 @@ class HeldHistory(AbstractHistory):
     def at_rows(self, rows: slice) -> Any:
         return dataclasses.replace(self, **{name: array[rows] for name, array in self.over_time.items()})
 
+    def states_of(self, system: AbstractBody, states: Any) -> ContactState:
+        """Returns the states that were solved for, where the body itself had the ``states``: with what was held."""
+        return self._with_held(ContactState(states))
+
+    def _with_held(self, solved: ContactState) -> ContactState:
+        """Returns the states with what was held then, which the rates, 0 but for rounding, do not tell everywhere."""
+        solved = dataclasses.replace(solved, slips=self.directions, stop_loss=self.stop_loss)
+        if self.rests is None or self.rolling is None:
+            return solved
+        rolls = jnp.where(self.rests, 0.0, 1.0).astype(self.rolling.dtype)
+        ever = jnp.full_like(rolls, jnp.finfo(rolls.dtype).max)
+        return dataclasses.replace(solved, rolls=rolls, spin=self.spin, rolling=Beginning.along(ever, self.rolling))
+
     @property
     def over_time(self) -> dict[str, Array]:
         names = ("rests", "spin", "rolling", "directions", "stops", "stop_loss")
@@ -275,13 +288,7 @@ class ContactHistory(HeldHistory):
         mode = jnp.where(self.mode == int(Mode.REST), int(Mode.ROLLING), self.mode).astype(self.height.dtype)
         begun, near = Beginning.along(ever, self.sigma), over.near_to(system, states.z, self.height)
         losses = self.friction_loss, self.impact_loss
-        solved = ContactState(
-            states, self.V, self.height, *losses, mode, begun, near, slips=self.directions, stop_loss=self.stop_loss
-        )
-        if self.rests is None or self.rolling is None:
-            return solved
-        rolls = jnp.where(self.rests, 0.0, 1.0).astype(mode.dtype)
-        return dataclasses.replace(solved, rolls=rolls, spin=self.spin, rolling=Beginning.along(ever, self.rolling))
+        return self._with_held(ContactState(states, self.V, self.height, *losses, mode, begun, near))
 
 
 def history_of(plane: "BodyOnPlane", times: Float[Array, " T"], states: ContactState, record: Record) -> HeldHistory:

@@ -221,14 +221,30 @@ def dissipation(
     velocity: Float[Array, "3"],
     omega: Float[Array, "3"],
 ) -> Float[Array, ""]:
-    """Computes the rate at which resistance dissipates energy: −T·ω − F_m·ż, without the external force.
+    """Computes the power that resistance takes from the body: −T·ω − F_m·ż, without the external force.
 
-    ``dry`` is the torque of dry friction in body axes, and ``velocity`` ż.
+    A ground that turns gives back a part, :func:`power_of_turning_ground`. ``dry`` is the torque of dry friction in
+    body axes, and ``velocity`` ż.
     """
     turned = (convert(lambda torque: -dot(apply(Lambda, torque), omega), torque) for torque in (acting.torque, dry))
     moved = convert(lambda force: -dot(apply(Lambda, force), velocity), acting.force)
     supplied = None if acting.applied is None else external_power(acting.applied, Lambda, velocity, omega)
     return add(jnp.zeros_like(acting.g), *turned, moved, supplied)
+
+
+def power_of_turning_ground(
+    system: BodyParameters, acting: Load, dry: Float[Array, "3"] | None, Lambda: Float[Array, "3 3"]
+) -> Float[Array, ""] | None:
+    """Computes T·ω_g, the power of a ground whose matter turns at ω_g by the torque of its resistance; None otherwise.
+
+    What is dissipated there is −T·(ω − ω_g). ``dry`` is the torque of dry friction in body axes.
+    """
+    resistance = system.resistance
+    smooth = None if resistance is None else resistance.contact_torque(acting.resisted, acting.Gamma)
+    torque = add(smooth, dry)
+    if acting.footing.spin is None or torque is None:
+        return None
+    return dot(apply(Lambda, torque), acting.footing.spin)
 
 
 def external_power(
