@@ -382,6 +382,9 @@ def test_labels_and_formats_are_those_that_are_given(command, tmp_path, capsys):
     assert ">turned (rad)<" in text
     assert command(*chosen[:-3], "--label", "mass=M") == 2
     said(capsys.readouterr().err, "mass")
+    assert command(*chosen[:-3], "--force", "--label", "body.mass=for 5 $") == 0
+    assert command(*chosen[:-3], "--force", "--label", r"body.mass=$\frac$") == 2
+    said(capsys.readouterr().err, "body.mass")
 
 
 def test_names_of_files_have_no_brackets():
