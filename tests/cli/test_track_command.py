@@ -57,7 +57,7 @@ def test_disturbed_starts_are_held_and_saved(folder, capsys):
     ("arguments", "named"),
     [
         (["disk.toml", "--Q", "pih=1"], "feedback.Q"),
-        (["disk.toml", "--sample", "0.3"], "time.step"),
+        (["disk.toml", "--sample", "0.3"], "--sample"),
         (["disk.toml", "--disturb", "y=1"], "--disturb"),
         (["disk.toml", "--set", "feedback.kind=feedforward"], "feedback.kind"),
         (["heavy-top"], "kind"),
