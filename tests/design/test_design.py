@@ -187,6 +187,11 @@ def test_settings_and_unknowns_that_are_none(no_type_checks, wrong, named):
         wrong()
 
 
+def test_a_problem_of_optimal_control_is_none_of_a_search():
+    with refuses(design.DesignError, "control"):
+        design.read_problem(PROBLEM + "[control]\n")
+
+
 def test_a_search_is_saved_in_a_folder(no_type_checks, tmp_path):
     (tmp_path / "file").write_text("")
     with refuses(jaxball.files.results.OutputError, "folder"):

@@ -11,6 +11,7 @@ from jaxball import (
     Belt,
     Bowl,
     ConstantRate,
+    ConvexBody,
     Disk,
     DiskState,
     Ground,
@@ -20,7 +21,16 @@ from jaxball import (
     observe,
 )
 from jaxball.files.mjcf import MJCFError, to_mjcf
-from jaxball.physics import MovingFrame, Paraboloid, ReleasedState, SignedDistance, SphereOutside, TiltingPlane, Turn
+from jaxball.physics import (
+    Ellipsoid,
+    MovingFrame,
+    Paraboloid,
+    ReleasedState,
+    SignedDistance,
+    SphereOutside,
+    TiltingPlane,
+    Turn,
+)
 from tests.support.sentences import refuses
 
 TIMES = np.array([0.0, 1.0])
@@ -135,3 +145,9 @@ def test_an_extent_beyond_the_end_of_the_ground():
 def test_an_extent_that_is_none(extent):
     with refuses(MJCFError, "extent"):
         to_mjcf(Scenario("on waves", ball(HeightField(waves, WAVE)), BallState(), TIMES), extent=extent)
+
+
+def test_a_convex_body_is_not_written_as_a_sphere():
+    egg = ConvexBody(mass=1.0, inertia=(0.4, 0.4, 0.3), shape=Ellipsoid((1.0, 1.0, 1.3)))
+    with refuses(MJCFError, "kind"):
+        to_mjcf(Scenario("an egg", egg, BallState(), TIMES))

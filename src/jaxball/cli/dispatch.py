@@ -124,7 +124,6 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         if message == OUT_MISSING:
             (metavar,) = [action.metavar for action in self._actions if "--out" in action.option_strings]
-            metavar = "FOLDER" if self.typed[:1] == ["plot"] else metavar  # of jaxball sweep
             message += f", as in {self.prog} {shlex.join(self.typed)} --out {metavar}"
         super().error(message)
 

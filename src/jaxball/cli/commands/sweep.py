@@ -125,7 +125,7 @@ def _plot(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
     if options.store is None:
         parser.error("the following argument is required after plot: STORE")
     if options.out is None:
-        parser.error(OUT_MISSING)
+        parser.error(f"{OUT_MISSING}, as in {parser.prog} plot {options.store} --out FOLDER")
     require_packages(("zarr", "google_crc32c"))
     check_folder(options.out, "--out")
     set_up_jax()

@@ -239,12 +239,11 @@ def power_of_turning_ground(
 
     What is dissipated there is −T·(ω − ω_g). ``dry`` is the torque of dry friction in body axes.
     """
-    resistance = system.resistance
-    smooth = None if resistance is None else resistance.contact_torque(acting.resisted, acting.Gamma)
-    torque = add(smooth, dry)
-    if acting.footing.spin is None or torque is None:
+    spin, resistance = acting.footing.spin, system.resistance
+    if spin is None:
         return None
-    return dot(apply(Lambda, torque), acting.footing.spin)
+    smooth = None if resistance is None else resistance.contact_torque(acting.resisted, acting.Gamma)
+    return convert(lambda torque: dot(apply(Lambda, torque), spin), add(smooth, dry))
 
 
 def external_power(
