@@ -378,3 +378,10 @@ def test_operations_are_lowered_without_the_lines_that_they_are_from():
             assert __file__ not in text()
     finally:
         jax.config.update("jax_traceback_in_locations_limit", before)
+
+
+def test_only_arrays_of_known_numbers_have_their_type():
+    traced = []
+    jax.jit(lambda x: traced.append(type(x)))(1.0)
+    assert compat.is_array_type(type(jnp.ones(2)))
+    assert not any(map(compat.is_array_type, (type(jax.random.key(0)), np.ndarray, float, *traced)))

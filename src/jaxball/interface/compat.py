@@ -21,6 +21,11 @@ except ImportError:  # in a version that has it elsewhere
     _put = None
 
 try:
+    from jaxlib._jax import ArrayImpl as _Array
+except ImportError:  # in a version that has it elsewhere
+    _Array = None
+
+try:
     from jax._src.config import trace_context
 except ImportError:  # in a version that has it elsewhere
 
@@ -71,6 +76,7 @@ __all__ = [
     "evaluate",
     "function_of",
     "inner_program",
+    "is_array_type",
     "is_for_export",
     "is_for_one_device",
     "is_traced",
@@ -106,6 +112,13 @@ def is_traced(x: Any) -> bool:
 def is_tracer_type(of: type) -> bool:
     """Returns whether ``of`` is the type of a traced value."""
     return issubclass(of, Tracer)
+
+
+def is_array_type(of: type) -> bool:
+    """Returns whether ``of`` is the type of JAX's arrays of known numbers, which neither random keys nor traced values
+    have; False as well where this version of JAX does not tell.
+    """
+    return of is _Array
 
 
 def unvmap_any(x: Any) -> Any:

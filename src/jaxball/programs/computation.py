@@ -53,16 +53,11 @@ def call_with(
 def take_arrays(leaves: list[Any], structure: Any, is_dynamic: Callable[[Any], bool] | None) -> tuple[Rest, list[Any]]:
     """Splits a flattened PyTree into its arrays, which are all leaves if there is no ``is_dynamic``, and the rest."""
     if is_dynamic is None or not leaves:
-        return Rest(structure, keys=_keys(leaves)), leaves
+        return Rest(structure, keys=native.implementations(leaves)), leaves
     dynamic = tuple(map(is_dynamic, leaves))
     static = tuple(None if new else leaf for leaf, new in zip(leaves, dynamic, strict=True))
     arrays = choose(leaves, dynamic)
-    return Rest(structure, static, dynamic, _keys(arrays)), arrays
-
-
-def _keys(arrays: list[Any]) -> tuple[Any, ...]:
-    keys = tuple(map(native.implementation, arrays))
-    return keys if any(keys) else ()
+    return Rest(structure, static, dynamic, native.implementations(arrays)), arrays
 
 
 class Computation:

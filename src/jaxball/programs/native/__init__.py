@@ -19,7 +19,7 @@ Around them are ``arguments``, their types; ``tracing``, functions traced by JAX
 It contains nothing specific to mechanics.
 """
 
-from .arguments import are_numbers, as_keys, implementation, kind, numbers, some_traced, type_of
+from .arguments import are_numbers, as_keys, implementations, kind, numbers, some_traced, type_of
 from .calls.handler import Rows
 from .choice import (
     Refusal,
@@ -62,7 +62,7 @@ __all__ = [
     "explicit_choice",
     "identity",
     "identity_on_gpu",
-    "implementation",
+    "implementations",
     "is_allowed",
     "is_allowed_on_gpu",
     "is_traced_natively",

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ...interface.compat import is_tracer_type
+from ...interface.compat import is_array_type, is_tracer_type
 
 _OF_NUMPY = (np.ndarray, np.generic, bool, int, float, complex)  # all types other than JAX arrays
 
@@ -25,6 +25,7 @@ class _Test(dict):
 
 _is_of_numpy = _Test(lambda of: issubclass(of, _OF_NUMPY))
 _is_tracer = _Test(is_tracer_type)
+_is_key_or_tracer = _Test(lambda of: not (_is_of_numpy[of] or is_array_type(of)))
 
 
 def is_of_numpy(of: type) -> bool:
@@ -41,9 +42,12 @@ def type_of(array: Any) -> jax.ShapeDtypeStruct:
     return jax.ShapeDtypeStruct(np.shape(array), dtype, weak_type=bool(weak))
 
 
-def implementation(array: Any) -> Any:
-    """Returns how random keys make numbers; None for anything else."""
-    return jax.random.key_impl(array) if _is_key(array) else None
+def implementations(arrays: Sequence[Any]) -> tuple[Any, ...]:
+    """Returns how each array makes random numbers, if it consists of random keys; empty where none does."""
+    if not any(_is_key_or_tracer[of] for of in set(map(type, arrays))):
+        return ()
+    found = tuple(jax.random.key_impl(array) if _is_key(array) else None for array in arrays)
+    return found if any(found) else ()
 
 
 def _is_key(array: Any) -> bool:
