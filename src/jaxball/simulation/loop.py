@@ -30,9 +30,10 @@ from ..programs.native import is_traced_natively
 from .inputs import LimitedSteps
 from .observers import Observers, Step
 from .solvers import StepToKinks
-from .solvers.dense.continuous import DenseOutput, has_one_tableau
+from .solvers.dense.continuous import DenseOutput, has_one_tableau, whole_info
 from .solvers.dense.steps import AfterPauses, Pause
 from .solvers.explicit import depends_on_arguments_alone, with_first_slope, with_stages_pulled_back
+from .solvers.moving import FieldOfMoving
 from .solvers.multistep import AbstractMultistep, AbstractMultistepController, PlannedError
 from .switching import AbstractSwitching, NextStep, Taken
 from .watch import Watch, Within
@@ -236,7 +237,7 @@ class _Recorder(NamedTuple):
         reverse = loop.kind == "checkpointed"
         args, run, step = self.solve.args, (self.solve.t0, self.solve.t1), {"t0": state.tprev, "t1": state.tnext}
         exactly = self.dense or (observers is not None and observers.needs_exact)
-        coarse = self.solve.solver.interpolation_cls(**step, **info)
+        coarse = self.solve.solver.interpolation_cls(**step, **whole_info(info))
         interpolation = shown = coarse
         glance, begin, end = None, None, state.tnext
         if watch is not None:
@@ -309,14 +310,8 @@ class _Solve(NamedTuple):
         smooth = isinstance(chooses, diffrax.PIDController | AbstractMultistepController)
         jumps = self.switching.jumps or not smooth
         # A plain False, where nothing jumps, keeps the evaluation after a jump out of the program.
-        solver_state, jumped = state.solver_state, state.made_jump if jumps else False
-        if self.stepper is self.solver and has_one_tableau(self.solver):
-            first, slope = solver_state
-            arguments = self.terms, state.tprev, state.y, self.args, (first | jumped, slope)
-            solver_state, jumped = with_first_slope(self.solver, *arguments), False
-        y, error, info, solver_state, step_result = self.stepper.step(
-            self.terms, state.tprev, state.tnext, state.y, self.args, solver_state, jumped
-        )
+        jumped = state.made_jump if jumps else False
+        y, error, info, solver_state, step_result = self._take_step(state, jumped)
         if not isinstance(error, PlannedError):  # by which multistep methods choose their order as well
             rtol, atol, *_ = self.accuracy
             weights = atol + rtol * jnp.maximum(jnp.abs(state.y), jnp.abs(y))
@@ -362,10 +357,36 @@ class _Solve(NamedTuple):
         )
         return state, info, keep, hybrid, size
 
+    def _take_step(self, state: Any, jumped: Bool[Array, ""] | bool) -> tuple[Any, ...]:
+        """Takes a step of the solver, and returns what ``diffrax.AbstractSolver.step`` does."""
+        t0, t1, y, solver_state = state.tprev, state.tnext, state.y, state.solver_state
+        if not has_one_tableau(self.solver):
+            return self.stepper.step(self.terms, t0, t1, y, self.args, solver_state, jumped)
+        (first, slope), moving, terms, args = solver_state, self.output.moving, self.terms, self.args
+        # What only events change is constant in a step: half of the numbers of a body with a law of contact, which
+        # would take half of the time in the sums over stages.
+        kept = y[moving:]
+        if kept.size:
+            terms, args = FieldOfMoving.term(terms, y.size - kept.size), (args, kept)
+        start = first, slope[:moving]
+        if self.stepper is self.solver:
+            start, jumped = (
+                with_first_slope(self.solver, terms, t0, y[:moving], args, (first | jumped, start[1])),
+                False,
+            )
+        moved, error, info, start, result = self.stepper.step(terms, t0, t1, y[:moving], args, start, jumped)
+
+        def with_kept(rates: Float[Array, " moving"]) -> Float[Array, " size"]:
+            return jnp.concatenate([rates, jnp.zeros(kept.size, rates.dtype)])
+
+        y1 = jnp.concatenate([moved, kept])
+        info = {"y0": y, "y1": y1, "k": info["k"]}
+        return y1, with_kept(error), info, (start[0], with_kept(start[1])), result
+
     def _describe_step(self, state: Any, y: Float[Array, " size"], info: Any) -> Taken:
         """Returns the step from ``state`` to ``y``, for the detection of the ends of modes."""
         t0, t1 = state.tprev, state.tnext
-        coarse = self.solver.interpolation_cls(t0=t0, t1=t1, **info)
+        coarse = self.solver.interpolation_cls(t0=t0, t1=t1, **whole_info(info))
         sketch = jax.tree_util.Partial(self.output.sketch, info, coarse)
         exact = jax.tree_util.Partial(self.output.exact, self.terms, info, t0, t1, self.args)
         return Taken(t0, t1, state.y, y, sketch, exact, state.controller_state, (self.t0, self.t1))

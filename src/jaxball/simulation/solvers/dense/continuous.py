@@ -22,6 +22,7 @@ from ....interface.compat import unvmap_any
 from ....numerics.arrays import default_dtype
 from ....programs.batches import fill_vectors
 from ..interpolation import CollocationPolynomial
+from ..moving import FieldOfMoving
 from ..stages import combine
 from ..tableau import integrals
 from ..wrapping import Projected, ProjectedSteps
@@ -115,16 +116,20 @@ class DenseOutput(NamedTuple):
         ``asked``.
         """
         if self.method is None:
-            return info
+            return whole_info(info)
         method, y0, k = self.method, info["y0"], info["k"]
+        moving = k.shape[1]
+        if moving < y0.size:
+            terms, args = FieldOfMoving.term(terms, moving), (args, y0[moving:])
 
         def curve() -> Array:
             control = terms.contr(t0, t1)
-            return method.coefficients(lambda t, y: terms.vf_prod(t, y, args, control), t0, t1, y0, k)
+            return method.coefficients(lambda t, y: terms.vf_prod(t, y, args, control), t0, t1, y0[:moving], k)
 
         # Of rows side by side a condition would compute both branches: so all are computed if any of them is asked for,
         # and none otherwise.
-        return {"y0": y0, "coefficients": jax.lax.cond(unvmap_any(asked), curve, lambda: method.straight(k))}
+        coefficients = jax.lax.cond(unvmap_any(asked), curve, lambda: method.straight(k))
+        return {"y0": y0, "coefficients": _with_zeros(coefficients, y0.size)}
 
     def exact(
         self, terms: Any, info: Any, t0: Float[Array, ""], t1: Float[Array, ""], args: Any, asked: Bool[Array, ""]
@@ -167,6 +172,21 @@ class DenseOutput(NamedTuple):
             return infos
         y0, degree = infos["y0"], len(self.method.expansion)
         return {"y0": y0, "coefficients": jnp.full((steps, degree, *y0.shape[1:]), jnp.inf, y0.dtype)}
+
+
+def whole_info(info: Any) -> Any:
+    """Returns what the interpolation of a step is made of, with the slopes at stages of all numbers.
+
+    Those that do not move within a step have been left out.
+    """
+    if "k" not in info or jnp.ndim(info["k"]) != 2:
+        return info
+    return {**info, "k": _with_zeros(info["k"], info["y0"].size)}
+
+
+def _with_zeros(rates: Float[Array, "s moving"], size: int) -> Float[Array, "s size"]:
+    still = jnp.zeros((len(rates), size - rates.shape[1]), rates.dtype)
+    return jnp.concatenate([rates, still], axis=1) if still.size else rates
 
 
 def has_one_tableau(solver: diffrax.AbstractSolver) -> bool:
