@@ -10,6 +10,7 @@ float64's last place.
 """
 
 import math
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
@@ -48,7 +49,7 @@ def outer(a: Float[Array, "3"], b: Float[Array, "3"]) -> Float[Array, "3 3"]:
     return a[:, None] * b[None, :]
 
 
-def apply(A: Float[Array, "3 3"], b: Float[Array, "3"]) -> Float[Array, "3"]:
+def apply(A: Float[Array, "k n"], b: Float[Array, " n"]) -> Float[Array, " k"]:
     """Returns the product A b."""
     return jnp.sum(A * b[None, :], axis=1)
 
@@ -150,14 +151,15 @@ def sine_cosine_of_jax(x: Float[Array, "*shape"]) -> tuple[Float[Array, "*shape"
     for part in HALF_PI:
         x = x - quarter * part
     square = x * x
-    s, c = x * _polynomial(SINE, square), _polynomial(COSINE, square)
+    s, c = x * polynomial(SINE, square), polynomial(COSINE, square)
     turn = quarter - 4 * jnp.floor(quarter / 4)
     odd = (turn == 1) | (turn == 3)
     sine, cosine = jnp.where(odd, c, s), jnp.where(odd, s, c)
     return jnp.where(turn >= 2, -sine, sine), jnp.where((turn == 1) | (turn == 2), -cosine, cosine)
 
 
-def _polynomial(coefficients: tuple[float, ...], x: Array) -> Array:
+def polynomial(coefficients: Sequence[float] | np.ndarray, x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+    """Evaluates the polynomial with these coefficients, the lowest first, by Horner's rule."""
     value = jnp.full_like(x, coefficients[-1])
     for coefficient in reversed(coefficients[:-1]):
         value = value * x + coefficient

@@ -69,14 +69,11 @@ class GuardedStep(NamedTuple):
     timed: Bool[Array, ""]
 
     @property
-    def is_zero(self) -> Bool[Array, ""]:
-        """Whether that guard is zero; an interpolation has spurious zeros, too."""
-        return (self.zero != NONE) & (jnp.abs(entry(self.zero, self.guards[:, -1])) <= ZERO_GUARD * self.size)
-
-    @property
     def has_fallen(self) -> Bool[Array, ""]:
-        """Whether that guard is zero or below, where it has jumped, as at the start of a push."""
-        return self.is_zero | (self.zero != NONE) & (entry(self.zero, self.guards[:, -1]) <= 0)
+        """Whether that guard is zero, which an interpolation may only seem to show, or below, where it has jumped, as
+        at the start of a push.
+        """
+        return (self.zero != NONE) & (entry(self.zero, self.guards[:, -1]) <= ZERO_GUARD * self.size)
 
 
 class Assessment(NamedTuple):

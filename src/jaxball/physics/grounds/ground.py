@@ -175,13 +175,10 @@ class AbstractGround(Printed):
         return eqx.tree_at(lambda ground: [getattr(ground, name) for name in names], self, parts)
 
 
-def require_plane(ground: AbstractGround | None, purpose: str, error: type[Exception] = ValueError) -> None:
-    """Refuses a ground that is not a plane in something that is only for one, ``purpose``.
-
-    **Raises:** ``error``.
-    """
+def require_plane(ground: AbstractGround | None, purpose: str) -> None:
+    """Raises a ``ValueError`` for a ground that is not a plane in something that is only for one, ``purpose``."""
     if not (ground is None or isinstance(ground, Ground)):
-        raise error(
+        raise ValueError(
             f"Argument `ground` of the body must be a Ground or None for {purpose}, which is for planes, but it is "
             f"{describe(ground)}."
         )
