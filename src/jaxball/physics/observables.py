@@ -13,8 +13,7 @@ from ..interface.arguments import refusal
 from ..interface.printing import Printed, in_short
 from ..numerics.arrays import to_array
 from ..numerics.kinks import just_before
-from ..numerics.terms import add, convert
-from ..numerics.vectors import apply, cross, dot
+from ..numerics.vectors import add, apply, convert, cross, dot
 from .body import AbstractBody
 from .contact.body_on_plane import BodyOnPlane
 from .contact.modes import Mode

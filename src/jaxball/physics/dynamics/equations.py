@@ -15,8 +15,7 @@ from jaxtyping import Array, Bool, Float
 
 from ...interface.arguments import require_value
 from ...numerics.linear import product
-from ...numerics.terms import add, convert
-from ...numerics.vectors import apply, cross, dot, outer, root
+from ...numerics.vectors import add, apply, convert, cross, dot, outer, root
 from ...programs.derivatives.differentiation import without_derivatives
 from ..conditions import Condition
 from ..state import Rates, ReducedState, State
@@ -333,8 +332,8 @@ def _dry_friction(
 def _inertial_efforts(link: Linkage, acting: Load, Omega: Float[Array, "3"]) -> Float[Array, "mechanisms free"]:
     """Computes h_a = Σ m χ_a·(Ω × (Ω × χ + 2χ̇) + β + γ), where β is χ̈ without the accelerations of free joints."""
     turning = jnp.broadcast_to(Omega, link.chi.shape)
-    a = accelerations_in_turning_axes(turning, link.chi, link.chidot, link.chiddot) + acting.weight[None, None]
-    return jnp.sum((link.m[..., None] * a)[:, None] * link.partial, axis=(-2, -1))
+    apparent = accelerations_in_turning_axes(turning, link.chi, link.chidot, link.chiddot)
+    return link.along(apparent + acting.weight[None, None])
 
 
 def inertia_about_contact(

@@ -9,8 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ...numerics.terms import add, convert
-from ...numerics.vectors import apply, cross, dot
+from ...numerics.vectors import add, apply, convert, cross, dot
 from ..forces.force import BodyMotion, Wrench
 from ..grounds import Footing
 from ..grounds.ground import AT_REST

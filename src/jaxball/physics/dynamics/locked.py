@@ -25,8 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...numerics.terms import add, convert
-from ...numerics.vectors import apply, cross, dot, outer
+from ...numerics.vectors import add, apply, convert, cross, dot, outer
 from ..rolling import Reaction
 from ..state import BallState, DiskState, ReducedState, RotationState, State
 from .coupling import (
@@ -266,8 +265,8 @@ def _momenta_of_motions(
 
     The free joints are still.
     """
-    pi = [jnp.sum((link.m[..., None] * link.chidot)[:, None] * link.partial, axis=(-2, -1)) for link in free]
-    return internal_momentum(body_moments, r, arm), [x - I for x, I in zip(pi, joint_impulses(t, free), strict=True)]
+    pi = [link.along(link.chidot) - I for link, I in zip(free, joint_impulses(t, free), strict=True)]
+    return internal_momentum(body_moments, r, arm), pi
 
 
 def _with_velocities(
