@@ -9,7 +9,7 @@ from scipy.stats import chi2
 import jaxball
 from jaxball import plot
 from jaxball.control import tvlqr
-from jaxball.control.estimation.estimate import Followed, LoopEstimate
+from jaxball.control.estimation.estimate import Belief, Followed, LoopEstimate
 from jaxball.plot.style import subject
 from tests.control import robots
 from tests.support.sentences import refuses
@@ -80,7 +80,7 @@ def test_an_estimate_shows_normalised_squares_with_their_bounds():
     states, truth = (jax.vmap(lambda z: jaxball.DiskState(z=z))(jnp.array([0.0, z, 0.0])) for z in (0.0, 2.0))
     P = jnp.zeros((count, 3, 3)).at[:, 2, 2].set(0.25)
     nis = jnp.array([1.0, jnp.nan, 9.0])
-    followed = Followed(states, jnp.zeros((count, 0)), P, nis, jnp.array([2, 0, 2]))
+    followed = Followed(Belief(states, jnp.zeros((count, 0)), P), nis, jnp.array([2, 0, 2]))
     found = LoopEstimate(jnp.arange(3.0), ("phi", "phidot", "z"), (), followed)
     of_errors, of_innovations = found.plot(truth).axes[-2:]
     for ax, squares, degrees in ((of_errors, [0.0, 16.0, 0.0], 1), (of_innovations, nis, 2)):

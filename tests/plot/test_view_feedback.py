@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from jaxball.control.estimation.estimate import Followed, LoopEstimate
+from jaxball.control.estimation.estimate import Belief, Followed, LoopEstimate
 from jaxball.control.loop import FeedbackHistory
 from jaxball.physics.hybrid import NO_HISTORY
 from jaxball.plot.view.feedback import half_axes
@@ -29,7 +29,7 @@ def run(ball_trajectory):
     P = P.at[-1].set(jnp.nan)
     zero = jnp.zeros(count)
     times = jnp.asarray(ball_trajectory.times)
-    followed = Followed(thought, zero[:, None][:, :0], P, zero, zero.astype(int))
+    followed = Followed(Belief(thought, zero[:, None][:, :0], P), zero, zero.astype(int))
     estimate = LoopEstimate(times, DIRECTIONS, (), followed)
     return dataclasses.replace(
         ball_trajectory, history=FeedbackHistory(NO_HISTORY, nominal, zero[:, None], estimate, ("u",))

@@ -15,7 +15,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.compat import is_traced
 from ..interface.printing import Printed
-from ..numerics.arrays import Numbers, default_dtype, numbers
+from ..numerics.arrays import Numbers, default_dtype
+from ..numerics.declare import number
 from ..numerics.vectors import apply
 from ..physics.body import Ball, System
 from ..physics.contact.body_on_plane import BodyOnPlane
@@ -65,9 +66,9 @@ class SampledSystem(Printed):
 
     system: System
     limits: Float[Array, " m"]
-    sample: Float[Array, ""]
-    rtol: Float[Array, ""]
-    atol: Float[Array, ""]
+    sample: Float[Array, ""] = eqx.field(converter=number())
+    rtol: Float[Array, ""] = eqx.field(converter=number())
+    atol: Float[Array, ""] = eqx.field(converter=number())
     places: tuple[Place, ...] = eqx.field(static=True)
     contact: Contact | None = None
 
@@ -98,8 +99,7 @@ class SampledSystem(Printed):
         positive; ``TypeError`` for other systems.
         """
         places = places_of(system, inputs)
-        h, relative, absolute = (numbers(name)(x) for name, x in (("sample", sample), ("rtol", rtol), ("atol", atol)))
-        return cls(with_inputs(system, places), limits_of(system, places), h, relative, absolute, places)
+        return cls(with_inputs(system, places), limits_of(system, places), sample, rtol, atol, places)
 
     @classmethod
     def without_inputs(
@@ -108,14 +108,7 @@ class SampledSystem(Printed):
         """Builds the sampled system of a body that nobody steers: whatever moves it stays. Arguments as for
         :meth:`of`.
         """
-        return cls(
-            system,
-            jnp.zeros((0,), default_dtype()),
-            numbers("sample")(sample),
-            numbers("rtol")(rtol),
-            numbers("atol")(atol),
-            (),
-        )
+        return cls(system, jnp.zeros((0,), default_dtype()), sample, rtol, atol, ())
 
     @property
     def inputs(self) -> tuple[str, ...]:

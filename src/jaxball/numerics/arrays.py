@@ -6,7 +6,7 @@ from typing import Any, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 from typing_extensions import TypeAliasType
 
 from ..interface.arguments import refusal
@@ -83,6 +83,14 @@ def stack_arrays(parts: Sequence[Float[Array, "..."]], shape: tuple[int, ...] = 
     if not parts:
         return jnp.zeros((0, *shape), default_dtype())
     return jnp.stack(parts) if any(map(is_traced, parts)) else jnp.asarray(np.stack(parts))  # NumPy compiles nothing
+
+
+def entry(which: Int[Array, ""], values: Float[Array, "k *rest"]) -> Float[Array, "*rest"]:
+    """Returns one of several numbers or rows; 0 for none. Not by indexing, which XLA's CPU compiler turns into slow
+    loops.
+    """
+    chosen = jnp.expand_dims(jnp.arange(values.shape[0]) == which, tuple(range(1, values.ndim)))
+    return jnp.sum(jnp.where(chosen, values, 0.0), axis=0)
 
 
 def select_tree(condition: Bool[Array, "..."], first: T, second: T) -> T:

@@ -10,6 +10,8 @@ float64's last place.
 """
 
 import math
+from collections.abc import Callable, Sequence
+from typing import overload
 
 import jax
 import jax.numpy as jnp
@@ -48,7 +50,7 @@ def outer(a: Float[Array, "3"], b: Float[Array, "3"]) -> Float[Array, "3 3"]:
     return a[:, None] * b[None, :]
 
 
-def apply(A: Float[Array, "3 3"], b: Float[Array, "3"]) -> Float[Array, "3"]:
+def apply(A: Float[Array, "k n"], b: Float[Array, " n"]) -> Float[Array, " k"]:
     """Returns the product A b."""
     return jnp.sum(A * b[None, :], axis=1)
 
@@ -150,14 +152,15 @@ def sine_cosine_of_jax(x: Float[Array, "*shape"]) -> tuple[Float[Array, "*shape"
     for part in HALF_PI:
         x = x - quarter * part
     square = x * x
-    s, c = x * _polynomial(SINE, square), _polynomial(COSINE, square)
+    s, c = x * polynomial(SINE, square), polynomial(COSINE, square)
     turn = quarter - 4 * jnp.floor(quarter / 4)
     odd = (turn == 1) | (turn == 3)
     sine, cosine = jnp.where(odd, c, s), jnp.where(odd, s, c)
     return jnp.where(turn >= 2, -sine, sine), jnp.where((turn == 1) | (turn == 2), -cosine, cosine)
 
 
-def _polynomial(coefficients: tuple[float, ...], x: Array) -> Array:
+def polynomial(coefficients: Sequence[float] | np.ndarray, x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+    """Evaluates the polynomial with these coefficients, the lowest first, by Horner's rule."""
     value = jnp.full_like(x, coefficients[-1])
     for coefficient in reversed(coefficients[:-1]):
         value = value * x + coefficient
@@ -172,3 +175,30 @@ def _jvp(primals, tangents):
 # A primitive, so that its derivatives are sines and cosines, not those of the polynomials.
 sine_cosine_p = primitive("sine_cosine", sine_cosine_of_jax, results=2)
 differentiate_by(sine_cosine_p, _jvp)
+
+
+# Terms that may be absent: None stands for one that is 0 and is not computed. A sum over what acts on a body is then
+# written once, whatever acts, and a program contains nothing but the terms there are.
+
+
+@overload
+def add(first: Array, /, *others: Array | None) -> Array: ...
+@overload
+def add(*terms: Array | None) -> Array | None: ...
+def add(*terms: Array | None) -> Array | None:
+    """Adds the terms that there are, in their order; None if there are none."""
+    total = None
+    for term in terms:
+        total = term if total is None else total if term is None else total + term
+    return total
+
+
+@overload
+def convert(function: Callable[[Array], Array], term: Array) -> Array: ...
+@overload
+def convert(function: Callable[[Array], Array], term: None) -> None: ...
+@overload
+def convert(function: Callable[[Array], Array], term: Array | None) -> Array | None: ...
+def convert(function: Callable[[Array], Array], term: Array | None) -> Array | None:
+    """Returns a linear function of a term; None of a term that is absent."""
+    return None if term is None else function(term)

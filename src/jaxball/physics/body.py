@@ -1,6 +1,5 @@
 """The rolling bodies, a ball or a disk with point masses inside, as mechanical systems."""
 
-import abc
 from collections.abc import Iterator, Sequence
 from typing import Any, ClassVar, TypeVar
 
@@ -34,7 +33,7 @@ from .prescribed.recorded import coverages, is_recorded
 from .prescribed.schedules import AbstractSchedule
 from .rolling import AbstractRollingSystem, Reaction
 from .state import BallState, DiskState, ReducedState, RotationState, State
-from .system import AbstractSystem, AnyState
+from .system import AbstractSystem
 
 AnyBody = TypeVar("AnyBody", bound="AbstractBody")
 
@@ -313,62 +312,6 @@ class AbstractBody(BodyParameters, AbstractRollingSystem[Any]):
             values = jnp.concatenate([to_array([rate[order] for rate in rates]), free_angles[name]])
             angles[name] = values[np.argsort(places)] if free_angles[name].size else values
         return driven, angles
-
-
-class AbstractBodyWithModes(AbstractSystem[AnyState]):
-    """A ball or a disk whose motion has modes: what no mode changes is that of its ``body``.
-
-    Its states have the state of the body as their ``body``.
-    """
-
-    body: eqx.AbstractVar[AbstractBody]
-
-    @abc.abstractmethod
-    def moving(self, state: Any) -> AbstractBody:
-        """Returns the body in the modes of its joints."""
-
-    @abc.abstractmethod
-    def plane_reaction(self, t: Float[Array, ""], state: Any) -> Reaction:
-        """Computes the normal force and the friction, in the modes that the state is in."""
-
-    def require_state(self, state: Any) -> None:
-        type(self.body).require_state(self.body, state)
-
-    def conditions(self) -> Iterator[Condition]:
-        yield from self.body.conditions()
-
-    def start_conditions(self, t: Float[Array, ""], state: Any) -> Iterator[Condition | ExplainedCondition]:
-        yield from self.body.start_conditions(t, state.body)
-
-    def run_conditions(self, times: Float[AnyArray, " T"]) -> Iterator[Condition | ExplainedCondition]:
-        yield from self.body.run_conditions(times)
-
-    def numbers(self) -> Iterator[tuple[str, Array]]:
-        yield from self.body.numbers()
-
-    def driving_kinks(self) -> Float[Array, " kinks"]:
-        """Returns all kinks: accelerations, on which the modes depend, jump where prescribed motions have jumps."""
-        return jnp.concatenate([self.body.driving_kinks(), self.body.motion_kinks()])
-
-    def is_confined(self, times: Float[Array, " T"], state: Any) -> Bool[Array, ""]:
-        return self.body.is_confined(times, state.body)
-
-    def time_of_leaving(self, times: Float[Array, " T"], states: Any) -> Float[Array, ""] | None:
-        return self.body.time_of_leaving(times, states.body)
-
-    def clearance(self, t: Float[Array, ""], state: Any) -> Float[Array, ""] | None:
-        return self.body.clearance(t, state.body)
-
-    def breaches(self, times: Any, state: Any, states: Any) -> Iterator[Problem]:
-        bodies = (None if of_modes is None else of_modes.body for of_modes in (state, states))
-        yield from self.body.breaches(times, *bodies)
-
-    @property
-    def shown(self) -> AbstractBody:
-        return self.body
-
-    def state_to_show(self, state: Any) -> Any:
-        return state.body
 
 
 class Ball(AbstractBody):

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.printing import Printed, format_value, is_single
+from ..numerics.arrays import entry
 from ..numerics.calculus import move, move_to_zero, rates_along, with_second_derivatives
 from ..numerics.kinks import after
 from ..programs.derivatives.differentiation import without_derivatives
@@ -69,14 +70,11 @@ class GuardedStep(NamedTuple):
     timed: Bool[Array, ""]
 
     @property
-    def is_zero(self) -> Bool[Array, ""]:
-        """Whether that guard is zero; an interpolation has spurious zeros, too."""
-        return (self.zero != NONE) & (jnp.abs(entry(self.zero, self.guards[:, -1])) <= ZERO_GUARD * self.size)
-
-    @property
     def has_fallen(self) -> Bool[Array, ""]:
-        """Whether that guard is zero or below, where it has jumped, as at the start of a push."""
-        return self.is_zero | (self.zero != NONE) & (entry(self.zero, self.guards[:, -1]) <= 0)
+        """Whether that guard is zero, which an interpolation may only seem to show, or below, where it has jumped, as
+        at the start of a push.
+        """
+        return (self.zero != NONE) & (entry(self.zero, self.guards[:, -1]) <= ZERO_GUARD * self.size)
 
 
 class Assessment(NamedTuple):
@@ -107,14 +105,6 @@ class Transition(NamedTuple):
     crowds: Bool[Array, ""]
     pauses: Bool[Array, ""]
     status: Int[Array, ""]
-
-
-def entry(which: Int[Array, ""], values: Float[Array, "k *rest"]) -> Float[Array, "*rest"]:
-    """Returns one of several numbers or rows; 0 for none. Not by indexing, which XLA's CPU compiler turns into slow
-    loops.
-    """
-    chosen = jnp.expand_dims(jnp.arange(values.shape[0]) == which, tuple(range(1, values.ndim)))
-    return jnp.sum(jnp.where(chosen, values, 0.0), axis=0)
 
 
 def at_zero(

@@ -13,8 +13,7 @@ from ..interface.arguments import refusal
 from ..interface.printing import Printed, in_short
 from ..numerics.arrays import to_array
 from ..numerics.kinks import just_before
-from ..numerics.terms import add, convert
-from ..numerics.vectors import apply, cross, dot
+from ..numerics.vectors import add, apply, convert, cross, dot
 from .body import AbstractBody
 from .contact.body_on_plane import BodyOnPlane
 from .contact.modes import Mode
@@ -33,9 +32,9 @@ from .dynamics.load import (
     potential_energy,
     power_of_turning_ground,
 )
-from .dynamics.locked import ContactForce, contact_momentum, linear_momentum, reaction_in_body
+from .dynamics.locked import contact_momentum, linear_momentum, reaction_in_body
 from .dynamics.moments import (
-    AbstractMoments,
+    VelocityMoments,
     along_rails,
     joint_motion,
     kinematics,
@@ -44,6 +43,7 @@ from .dynamics.moments import (
 )
 from .grounds.ground import Ground
 from .prescribed.motion import Kinematics
+from .rolling import Reaction
 from .state import BallState, DiskState, Rates, ReducedState, RotationState, State
 from .system import require_one_state
 
@@ -159,7 +159,7 @@ class Movement(NamedTuple):
     Omegadot: Float[Array, "3"]
     angles: Rates
     acting: Load
-    body_moments: AbstractMoments
+    body_moments: VelocityMoments
     dry: Float[Array, "3"] | None
     R: Float[Array, "3"]
     slip: "Slip | None"
@@ -237,7 +237,7 @@ def compute_observables(system: AbstractBody, t: Float[Array, ""], motion: Movem
     weight = motion.weight
     centre, foot = _places(system, motion)
     R = under.to_axes(motion.R)
-    contact = ContactForce(R[2], R[:2])
+    contact = Reaction(R[2], jnp.sum(R[:2] ** 2))
     # The velocity of the lowest point, and of the centre.
     lowest = add(under.velocity, None if slip is None else slip.velocity)
     velocity = add(velocity_by_turning(system, Lambda, Omega, under), lowest)
@@ -282,7 +282,7 @@ def compute_observables(system: AbstractBody, t: Float[Array, ""], motion: Movem
         dissipation=lost,
         contact_force=motion.R,
         normal_force=contact.normal,
-        friction=contact.friction,
+        friction=R[:2],
         friction_ratio=contact.ratio if slip is None else jnp.where(contact.normal == 0, 0.0, contact.ratio),
         mass_angles=on_rails.theta[places],
         mass_rates=on_rails.thetadot[places],

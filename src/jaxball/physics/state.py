@@ -5,7 +5,7 @@ Times, lengths and masses are in the same consistent units as the parameters.
 
 import abc
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, ClassVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -13,12 +13,14 @@ from jaxtyping import Array, Float
 
 from ..numerics import versor
 from ..numerics.declare import number, number_or_none
+from ..numerics.linear import product
 from ..numerics.vectors import cross, dot, hat, sine_cosine
 from .conditions import UNIT, Condition
 from .system import AbstractState, AnyState
 
 EMPTY = ()
 Angles = tuple[Float[Array, " driven"], Float[Array, " driven"]]
+AnyBodyState = TypeVar("AnyBodyState", bound="AbstractBodyState")
 Rates = tuple[Float[Array, " driven"], Float[Array, " driven"], Float[Array, " driven"]]
 
 
@@ -41,29 +43,31 @@ class AbstractBodyState(AbstractState):
         """Returns the state with another Ω."""
         return eqx.tree_at(lambda state: state.Omega, self, Omega)  # pyright: ignore
 
-    @abc.abstractmethod
     def rates(
-        self,
+        self: AnyBodyState,
         r: Float[Array, ""],
         Omegadot: Float[Array, "3"],
         angles: Rates,
         own: Float[Array, " own"] | None,
-    ) -> "AbstractBodyState":
+    ) -> AnyBodyState:
         """Computes ẋ where Ω̇ is known, and θ, θ̇, θ̈: the kinematics of rolling, for a body of radius r.
 
         ``own`` are the rates of states of one's own, if there are any.
 
         **Raises:** ``ValueError`` for several states.
         """
-
-    def _require_one(self) -> None:
-        """Raises unless this is one state: the formulas of ``rates`` take the first axis for that of a vector."""
         several = self.theta.shape[:-1]
-        if several:
+        if several:  # the formulas take the first axis for that of a vector
             raise ValueError(
                 f"Argument `state` must be one state, but its arrays have leading axes of shape {several}; take "
                 "jax.vmap over them."
             )
+        rest: dict[str, Any] = {"theta": angles[1], "thetadot": angles[2], "own": own}
+        return type(self)(**self.rolling(r, Omegadot), **rest)
+
+    @abc.abstractmethod
+    def rolling(self, r: Float[Array, ""], Omegadot: Float[Array, "3"]) -> dict[str, Array]:
+        """Computes the rates of the fields for the attitude, the rotation and the place."""
 
 
 class BallState(AbstractBodyState):
@@ -105,23 +109,10 @@ class BallState(AbstractBodyState):
         """Γ = Λ⁻¹ e3."""
         return versor.vertical_in_body(self.q)
 
-    def rates(
-        self,
-        r: Float[Array, ""],
-        Omegadot: Float[Array, "3"],
-        angles: Rates,
-        own: Float[Array, " own"] | None,
-    ) -> "BallState":
+    def rolling(self, r: Float[Array, ""], Omegadot: Float[Array, "3"]) -> dict[str, Array]:
         """Computes the rates by q̇ = ½ q Ω♯ and the rolling constraint."""
-        self._require_one()
-        return BallState(
-            q=versor.derivative(self.q, self.Omega),
-            Omega=Omegadot,
-            z=rolling_velocity(self.Lambda, self.Omega, r),
-            theta=angles[1],
-            thetadot=angles[2],
-            own=own,
-        )
+        qdot, zdot = versor.derivative(self.q, self.Omega), rolling_velocity(self.Lambda, self.Omega, r)
+        return {"q": qdot, "Omega": Omegadot, "z": zdot}
 
     def in_space(self) -> "BallState":
         """Returns the state itself; see :meth:`DiskState.in_space`."""
@@ -174,23 +165,10 @@ class RotationState(AbstractBodyState):
         """Γ = Λ⁻¹ e3."""
         return self.Lambda[..., 2, :]
 
-    def rates(
-        self,
-        r: Float[Array, ""],
-        Omegadot: Float[Array, "3"],
-        angles: Rates,
-        own: Float[Array, " own"] | None,
-    ) -> "RotationState":
+    def rolling(self, r: Float[Array, ""], Omegadot: Float[Array, "3"]) -> dict[str, Array]:
         """Computes the rates by Λ̇ = Λ Ω̂ and the rolling constraint."""
-        self._require_one()
-        return RotationState(
-            Lambda=jnp.sum(self.Lambda[:, :, None] * hat(self.Omega)[None, :, :], axis=1),
-            Omega=Omegadot,
-            z=rolling_velocity(self.Lambda, self.Omega, r),
-            theta=angles[1],
-            thetadot=angles[2],
-            own=own,
-        )
+        Lambdadot = product(self.Lambda, hat(self.Omega))
+        return {"Lambda": Lambdadot, "Omega": Omegadot, "z": rolling_velocity(self.Lambda, self.Omega, r)}
 
     def conditions(self) -> Iterator[Condition]:
         R = self.Lambda
@@ -213,12 +191,10 @@ class RotationState(AbstractBodyState):
         return BallState(q, self.Omega, self.z, self.theta, self.thetadot, self.own)
 
     def turn(self, rotation: Float[Array, "3"]) -> Float[Array, "3 3"]:
-        turn = versor.rotation_matrix(versor.exponential(rotation))
-        return jnp.sum(self.Lambda[:, :, None] * turn[None], axis=1)
+        return product(self.Lambda, versor.rotation_matrix(versor.exponential(rotation)))
 
     def turn_to(self, other: Any) -> Float[Array, "3"]:
-        turn = jnp.sum(self.Lambda[:, :, None] * other.Lambda[:, None, :], axis=0)
-        return versor.logarithm(versor.from_rotation_matrix(turn))
+        return versor.logarithm(versor.from_rotation_matrix(product(self.Lambda.T, other.Lambda)))
 
     def reduce(self) -> "ReducedState":
         """Returns (Ω, Γ), without position and heading."""
@@ -252,17 +228,9 @@ class ReducedState(AbstractBodyState):
 
     unit_vector = "Gamma"
 
-    def rates(
-        self,
-        r: Float[Array, ""],
-        Omegadot: Float[Array, "3"],
-        angles: Rates,
-        own: Float[Array, " own"] | None,
-    ) -> "ReducedState":
+    def rolling(self, r: Float[Array, ""], Omegadot: Float[Array, "3"]) -> dict[str, Array]:
         """Computes the rates by Γ̇ = Γ × Ω."""
-        self._require_one()
-        Gammadot = cross(self.Gamma, self.Omega)
-        return ReducedState(Omega=Omegadot, Gamma=Gammadot, theta=angles[1], thetadot=angles[2], own=own)
+        return {"Omega": Omegadot, "Gamma": cross(self.Gamma, self.Omega)}
 
 
 class DiskState(AbstractBodyState):
@@ -320,16 +288,9 @@ class DiskState(AbstractBodyState):
         """Returns the state with φ̇ = −Ω₂."""
         return eqx.tree_at(lambda state: state.phidot, self, -Omega[..., 1])
 
-    def rates(
-        self,
-        r: Float[Array, ""],
-        Omegadot: Float[Array, "3"],
-        angles: Rates,
-        own: Float[Array, " own"] | None,
-    ) -> "DiskState":
+    def rolling(self, r: Float[Array, ""], Omegadot: Float[Array, "3"]) -> dict[str, Array]:
         """Computes the rates by φ̈ = −Ω̇₂ and ż = −r φ̇ of ``eq_disk_GC``."""
-        self._require_one()
-        return DiskState(self.phidot, -Omegadot[1], -r * self.phidot, angles[1], angles[2], own)
+        return {"phi": self.phidot, "phidot": -Omegadot[1], "z": -r * self.phidot}
 
     def in_space(self) -> BallState:
         """Returns the same motion as the motion of a ball: rotation by −φ about E2, Ω = −φ̇ E2, z = (z, 0)."""

@@ -106,6 +106,31 @@ def count_of_constraints(system: AbstractSystem) -> int:
     return system.count_of_residuals if isinstance(system, Constrained) else 0
 
 
+class Steps(NamedTuple):
+    """How steps are made, and at most how many."""
+
+    solver: diffrax.AbstractAdaptiveSolver
+    rtol: Float[Array, ""]
+    atol: Float[Array, ""]
+    max_steps: int
+
+
+class Advanced(NamedTuple):
+    """The rows at the end, or where the solve failed, and how it ended.
+
+    - ``reached``: the time of the rows.
+    - ``steps``, ``accepted``: all steps, and those among them that were not repeated.
+    - ``least``: the monitor's least value at the ends of steps, not at the start; infinite without a monitor.
+    """
+
+    rows: Float[Array, "rows size"]
+    status: Int[Array, ""]
+    reached: Float[Array, ""]
+    steps: Int[Array, ""]
+    accepted: Int[Array, ""]
+    least: Float[Array, ""]
+
+
 class Flow(NamedTuple):
     """ẋ = field(t, x, args), and what its steps have to regard.
 
@@ -146,94 +171,56 @@ class Flow(NamedTuple):
 
     def advance(
         self,
-        steps: "Steps",
+        steps: Steps,
         t0: Float[Array, ""],
         t1: Float[Array, ""],
         rows: Float[Array, "rows size"],
         first_step: Float[Array, ""],
         alive: Bool[Array, ""],
-    ) -> "Advanced":
-        """Advances as :func:`advance_deviations` does."""
-        return advance_deviations(self, steps, t0, t1, rows, first_step, alive)
+    ) -> Advanced:
+        """Advances x, the first of ``rows``, and the deviations δx from it, the others, from ``t0`` to ``t1``.
+
+        δẋ = f′(t, x) δx is advanced with x under one control of the step. Where not ``alive``, nothing moves.
+        """
+        rates_of = tangent_field(self.field)
+
+        @jax.jit
+        def moving(t, rows, args):
+            alive, inner = args
+            # Rates of 0 let the steps of a row that has ended grow, so that rows that are computed together do not wait
+            # for it.
+            return jnp.where(alive, rates_of(t, rows, inner), 0.0)
+
+        controller = to_kinks(by_tolerances(steps.rtol, steps.atol, steps.solver, largest_row), self.kinks)
+        solver, monitor = steps.solver, self.monitor
+        if monitor is not None:
+            solver = Monitored(solver, lambda t, x, args: monitor(t, x, args[1]))
+        solution = diffrax.diffeqsolve(
+            diffrax.ODETerm(moving),
+            solver,
+            t0,
+            t1,
+            None,
+            rows,
+            (alive, self.args),
+            saveat=diffrax.SaveAt(t1=True, solver_state=monitor is not None),
+            stepsize_controller=StartWith(controller, jnp.minimum(first_step, t1 - t0)),
+            adjoint=diffrax.ForwardMode(),
+            max_steps=steps.max_steps,
+            throw=False,
+        )
+        return Advanced(
+            rows=cast(Array, solution.ys)[0],
+            status=status_of(solution.result),
+            reached=cast(Array, solution.ts)[0],
+            steps=solution.stats["num_steps"],
+            accepted=solution.stats["num_accepted_steps"],
+            least=jnp.full_like(t0, jnp.inf) if monitor is None else cast(tuple, solution.solver_state)[1],
+        )
 
     def orthonormalise(self, vectors: Float[Array, "k size"]) -> tuple[Float[Array, "k size"], Float[Array, " k"]]:
         """Computes orthonormal rows, and their lengths before, as :func:`orthonormalise` does."""
         return orthonormalise(vectors)
-
-
-class Steps(NamedTuple):
-    """How steps are made, and at most how many."""
-
-    solver: diffrax.AbstractAdaptiveSolver
-    rtol: Float[Array, ""]
-    atol: Float[Array, ""]
-    max_steps: int
-
-
-class Advanced(NamedTuple):
-    """The rows at the end, or where the solve failed, and how it ended.
-
-    - ``reached``: the time of the rows.
-    - ``steps``, ``accepted``: all steps, and those among them that were not repeated.
-    - ``least``: the monitor's least value at the ends of steps, not at the start; infinite without a monitor.
-    """
-
-    rows: Float[Array, "rows size"]
-    status: Int[Array, ""]
-    reached: Float[Array, ""]
-    steps: Int[Array, ""]
-    accepted: Int[Array, ""]
-    least: Float[Array, ""]
-
-
-def advance_deviations(
-    flow: Flow,
-    steps: Steps,
-    t0: Float[Array, ""],
-    t1: Float[Array, ""],
-    rows: Float[Array, "rows size"],
-    first_step: Float[Array, ""],
-    alive: Bool[Array, ""],
-) -> Advanced:
-    """Advances x, the first of ``rows``, and the deviations δx from it, the others, from ``t0`` to ``t1``.
-
-    δẋ = f′(t, x) δx is advanced with x under one control of the step. Where not ``alive``, nothing moves.
-    """
-    rates_of = tangent_field(flow.field)
-
-    @jax.jit
-    def moving(t, rows, args):
-        alive, inner = args
-        # Rates of 0 let the steps of a row that has ended grow, so that rows that are computed together do not wait for
-        # it.
-        return jnp.where(alive, rates_of(t, rows, inner), 0.0)
-
-    controller = to_kinks(by_tolerances(steps.rtol, steps.atol, steps.solver, largest_row), flow.kinks)
-    solver, monitor = steps.solver, flow.monitor
-    if monitor is not None:
-        solver = Monitored(solver, lambda t, x, args: monitor(t, x, args[1]))
-    solution = diffrax.diffeqsolve(
-        diffrax.ODETerm(moving),
-        solver,
-        t0,
-        t1,
-        None,
-        rows,
-        (alive, flow.args),
-        saveat=diffrax.SaveAt(t1=True, solver_state=monitor is not None),
-        stepsize_controller=StartWith(controller, jnp.minimum(first_step, t1 - t0)),
-        adjoint=diffrax.ForwardMode(),
-        max_steps=steps.max_steps,
-        throw=False,
-    )
-    return Advanced(
-        rows=cast(Array, solution.ys)[0],
-        status=status_of(solution.result),
-        reached=cast(Array, solution.ts)[0],
-        steps=solution.stats["num_steps"],
-        accepted=solution.stats["num_accepted_steps"],
-        least=jnp.full_like(t0, jnp.inf) if monitor is None else cast(tuple, solution.solver_state)[1],
-    )
 
 
 class StartWith(AbstractWrappingController):

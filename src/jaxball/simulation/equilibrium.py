@@ -392,10 +392,8 @@ def imbalance(system: BodyParameters, t: Float[Array, ""], state: BallState | Ro
     links = linkages(system, t, angles)
     body_moments, acting = velocity_moments(system, t, angles[:2], links), load(system, t, still)
     weight = acting.weight
-    efforts = []
-    for link, Q in zip(with_free_joints(links), joint_forces(t, still, links), strict=True):
-        moments = jnp.sum(link.m[:, None, :, None] * link.partial, axis=2)
-        efforts.append(Q - jnp.sum(moments * weight[None, None], axis=-1))
+    joints = zip(with_free_joints(links), joint_forces(t, still, links), strict=True)
+    efforts = [Q - jnp.sum(link.weights * weight[None, None], axis=-1) for link, Q in joints]
     Lambda = state.Lambda
     return Imbalance(
         torque=apply(Lambda, acting.about_contact(body_moments, system.radius)),

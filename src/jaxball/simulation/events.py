@@ -17,7 +17,6 @@ from ..interface.arguments import require, require_callable, require_flags, trac
 from ..interface.compat import is_traced
 from ..interface.printing import Printed, format_value, is_single
 from ..interface.status import Status
-from ..numerics.arrays import Numbers, numbers
 from ..numerics.declare import number
 from ..physics.contact.body_on_plane import has_contact
 from ..physics.contact.modes import ContactState, Mode
@@ -248,19 +247,13 @@ class Slip(AbstractEvent):
     """
 
     friction: Float[Array, ""] = eqx.field(converter=number())
-    terminal: bool = eqx.field(static=True)
-    capacity: int = eqx.field(static=True)
-    direction: int = eqx.field(static=True)
+    terminal: bool = eqx.field(static=True, default=True)
+    capacity: int = eqx.field(static=True, default=8)
+    direction: int = eqx.field(static=True, default=DOWN, init=False)
     from_start: ClassVar[bool] = True
     status: ClassVar[Status] = Status.SLIPPED
 
-    def __init__(self, friction: Numbers, terminal: bool = True, capacity: int = 8):
-        self.friction, self.terminal, self.capacity, self.direction = (
-            numbers("friction")(friction),
-            terminal,
-            capacity,
-            DOWN,
-        )
+    def __check_init__(self):
         if not is_traced(self.friction) and not 0 < self.friction < jnp.inf:
             raise ValueError(f"Argument `friction` must be a positive number, but it is {float(self.friction):g}.")
 

@@ -10,7 +10,7 @@ which took a third of a solve.
 import dataclasses
 import functools
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import diffrax
 import equinox as eqx
@@ -35,7 +35,7 @@ from .solvers.dense.steps import AfterPauses, Pause
 from .solvers.explicit import depends_on_arguments_alone, with_first_slope, with_stages_pulled_back
 from .solvers.moving import FieldOfMoving
 from .solvers.multistep import AbstractMultistep, AbstractMultistepController, PlannedError
-from .switching import AbstractSwitching, NextStep, Taken
+from .switching import NextStep, NoSwitching, Taken
 from .watch import Watch, Within
 
 # A step that would end this close to the end of the run, relative to it, ends there.
@@ -58,38 +58,23 @@ class SolveLoop(diffrax.AbstractAdjoint):
     What ``switching`` and ``watch`` carried to the end is among the statistics, as ``switching`` and ``watched``, and
     the vector at the ``end``; with ``observers``, so is what they ``found``.
 
-    diffrax calls a loop after the way in which it is differentiated. ``kind`` is "checkpointed" for reverse mode, with
-    ``checkpoints`` of them, and "lax" for forward mode or none.
+    ``mode`` is the way in which it is differentiated: ``RecursiveCheckpointAdjoint`` for reverse mode, ``ForwardMode``
+    for forward mode or none.
     """
 
+    mode: diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode = eqx.field(static=True)
     times: Float[Array, " T"]
-    switching: AbstractSwitching
+    switching: NoSwitching
     observers: Callable[[Any], Observers] | None = eqx.field(static=True)  # a function of the terms' arguments
     watch: Watch | None = eqx.field(static=True)
-    kind: Literal["checkpointed", "lax"] = eqx.field(static=True)
     accuracy: Accuracy
     parameters: list[Array]
     join: Callable[[list[Array]], Array] = eqx.field(static=True)
-    checkpoints: int | None = eqx.field(static=True, default=None)
 
-    @classmethod
-    def of(
-        cls,
-        adjoint: diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode,
-        times: Float[Array, " T"],
-        switching: AbstractSwitching,
-        observers: Callable[[Any], Observers] | None = None,
-        watch: Watch | None = None,
-        *,
-        accuracy: Accuracy,
-        parameters: list[Array],
-        join: Callable[[list[Array]], Array],
-    ) -> "SolveLoop":
-        """Returns the loop for the differentiation that ``adjoint`` stands for."""
-        if isinstance(adjoint, diffrax.ForwardMode):
-            return cls(times, switching, observers, watch, "lax", accuracy, parameters, join)
-        checkpoints = adjoint.checkpoints
-        return cls(times, switching, observers, watch, "checkpointed", accuracy, parameters, join, checkpoints)
+    @property
+    def reverse(self) -> bool:
+        """Whether derivatives are those of reverse mode."""
+        return isinstance(self.mode, diffrax.RecursiveCheckpointAdjoint)
 
     def loop(
         self,
@@ -106,7 +91,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
         **_: Any,
     ) -> tuple[Any, dict[str, Any]]:
         """Returns the state of diffrax's loop at the end of a solve, and all that was saved; no further statistics."""
-        if self.kind == "lax" and isinstance(solver, diffrax.AbstractRungeKutta) and solver.scan_kind is None:
+        if not self.reverse and isinstance(solver, diffrax.AbstractRungeKutta) and solver.scan_kind is None:
             solver = eqx.tree_at(lambda s: s.scan_kind, solver, "lax", is_leaf=lambda x: x is None)
         output, dense = DenseOutput.of(solver), init_state.dense_ts is not None
         output = output._replace(moving=self.switching.count_moving(init_state.y, args))
@@ -115,7 +100,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
             if self.switching.jumps:
                 infos = {"pause": Pause.empty(init_state.y, max_steps), "info": infos}
             init_state = dataclasses.replace(init_state, dense_ts=init_state.dense_ts.at[0].set(t0), dense_infos=infos)
-        reverse, of_stages, of_resets = self.kind == "checkpointed", Recorded("stages"), Recorded("reset")
+        reverse, of_stages, of_resets = self.reverse, Recorded("stages"), Recorded("reset")
         by_stages = reverse and depends_on_arguments_alone(terms, t0, init_state.y, args)  # or derivatives get lost
 
         def stepper_of(recorded: Recorded) -> Any:
@@ -179,9 +164,10 @@ class SolveLoop(diffrax.AbstractAdjoint):
         With fewer than all steps, derivatives after the end of a slip were off by up to 2e-5, presumably
         because a recomputed step rounds differently. So where modes end, all steps are kept, up to a limit.
         """
-        if self.checkpoints is None and self.switching.jumps:
+        chosen = self.mode.checkpoints if isinstance(self.mode, diffrax.RecursiveCheckpointAdjoint) else None
+        if chosen is None and self.switching.jumps:
             return min(max_steps, MOST_NATIVELY if is_traced_natively() else MOST_CHECKPOINTS)
-        return self.checkpoints
+        return chosen
 
     def save_states(
         self, saved: SavedStates, interpolation: diffrax.AbstractLocalInterpolation, until: Float[Array, ""]
@@ -197,7 +183,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
             return interpolation.evaluate(inner[k])
 
         vectors, filled = put_while(
-            lambda k: self.due(k) <= until, row_of, saved.vectors, saved.filled, reverse=self.kind == "checkpointed"
+            lambda k: self.due(k) <= until, row_of, saved.vectors, saved.filled, reverse=self.reverse
         )
         return SavedStates(filled, vectors)
 
@@ -234,8 +220,8 @@ class _Recorder(NamedTuple):
         made of.
         """
         loop, observers, watch, output = self.loop, self.observers, self.loop.watch, self.output
-        reverse = loop.kind == "checkpointed"
-        args, run, step = self.solve.args, (self.solve.t0, self.solve.t1), {"t0": state.tprev, "t1": state.tnext}
+        reverse, args, run = loop.reverse, self.solve.args, (self.solve.t0, self.solve.t1)
+        step = {"t0": state.tprev, "t1": state.tnext}
         exactly = self.dense or (observers is not None and observers.needs_exact)
         coarse = self.solve.solver.interpolation_cls(**step, **whole_info(info))
         interpolation = shown = coarse
@@ -284,7 +270,7 @@ class _Solve(NamedTuple):
     t0: Float[Array, ""]
     t1: Float[Array, ""]
     progress_meter: diffrax.AbstractProgressMeter
-    switching: AbstractSwitching
+    switching: NoSwitching
     accuracy: Accuracy
 
     def after_reset(self, state: Any, hybrid: Any) -> tuple[Any, Array, Any]:

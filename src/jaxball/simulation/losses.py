@@ -13,8 +13,8 @@ from ..interface.arguments import require
 from ..interface.printing import Printed
 from ..interface.status import Status
 from ..numerics.vectors import dot
-from ..physics.body import AbstractBody, AbstractBodyWithModes
-from ..physics.contact.body_on_plane import has_contact
+from ..physics.body import AbstractBody
+from ..physics.contact.body_on_plane import BodyOnPlane, has_contact
 from ..physics.contact.slide import spinning_loss
 from ..physics.mechanisms.forces import AbstractJointForce
 from ..physics.observables import compute_observables, movement
@@ -125,7 +125,7 @@ def _powers(packing: Packing, t: Float[Array, ""], x: Float[Array, " size"]) -> 
     """Computes the power that dry friction at the contact, all other resistance, and each joint dissipate."""
     system, state = packing.system, packing.unpack(t, x)
     motion = movement(system, t, state)
-    body = system.moving(state) if isinstance(system, AbstractBodyWithModes) else system
+    body = system.moving(state) if isinstance(system, BodyOnPlane) else system
     seen, shown = compute_observables(body, t, motion), system.state_to_show(state)
     dry, slip = jnp.zeros_like(t), jnp.zeros_like(t)
     if motion.dry is not None:

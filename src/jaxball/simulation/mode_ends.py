@@ -13,9 +13,9 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..numerics.arrays import select_tree
+from ..numerics.arrays import entry, select_tree
 from ..numerics.pieces import Span
-from ..physics.hybrid import NONE, entry
+from ..physics.hybrid import NONE
 from .solvers.dense.crossings import Falling, FirstZero, Functions, glance
 
 NEAR_ZERO = 1e-10  # of the length of a step: where it ends so close to a zero of a guard, one step of Newton's is exact

@@ -11,8 +11,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from ..numerics.arrays import entry
 from ..numerics.calculus import move_to_peak, with_second_derivatives
-from ..physics.hybrid import entry
 from ..physics.packing import Packing
 from ..programs.batches import fill_vectors
 from .solvers.dense.integrals import Accuracy, Running, integrate

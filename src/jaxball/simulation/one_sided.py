@@ -1,7 +1,6 @@
 """Adds to a run with a law of contact the states just before and just after each switch of its mode, for figures."""
 
 import dataclasses
-import functools
 from typing import Any, NamedTuple
 
 import jax
@@ -18,7 +17,6 @@ from ..physics.contact.over_surface import near_to
 from ..physics.contact.released import ReleasedState
 from ..physics.contact.slide import slide
 from ..physics.contact.window import Beginning
-from ..physics.hybrid import AbstractHistory
 from .trajectory import Trajectory
 
 STILL = 1e-9  # of the speeds of a body: a slower slip is at its beginning or at its end
@@ -37,18 +35,9 @@ def with_one_sided_limits(trajectory: Trajectory[Any, Any]) -> Trajectory[Any, A
 
     - ``trajectory``: one run, not a batch, of a state that has a place.
     """
-    return _with_one_sided_limits(trajectory.history, trajectory)
-
-
-@functools.singledispatch
-def _with_one_sided_limits(history: AbstractHistory, trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
-    return trajectory
-
-
-@_with_one_sided_limits.register
-def _of_contact(history: ContactHistory, trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
-    if history.holds_more:
-        return trajectory  # switches do not tell in which direction rolling begins
+    history = trajectory.history
+    if not isinstance(history, ContactHistory) or history.holds_more:
+        return trajectory  # where more is held, switches do not tell in which direction rolling begins
     times, state = np.asarray(trajectory.times), trajectory.state
     sides = _sides(trajectory, history)
     size = len(times) + 2 * history.law.capacity

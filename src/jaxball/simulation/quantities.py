@@ -14,8 +14,8 @@ from ..interface.arguments import traceable
 from ..interface.wording import did_you_mean
 from ..numerics.arrays import arrays_of
 from ..numerics.vectors import root
-from ..physics.body import AbstractBody, AbstractBodyWithModes
-from ..physics.contact.body_on_plane import has_contact
+from ..physics.body import AbstractBody
+from ..physics.contact.body_on_plane import BodyOnPlane, has_contact
 from ..physics.contact.modes import Mode
 from ..physics.contact.released import slip_velocity
 from ..physics.observables import Observables, compute_observables, movement
@@ -23,7 +23,7 @@ from ..physics.rolling import AbstractRollingSystem
 from ..physics.state import ReducedState
 from ..physics.system import AbstractState
 
-Held = AbstractRollingSystem | AbstractBodyWithModes  # what a plane holds, and so has a contact force
+Held = AbstractRollingSystem | BodyOnPlane  # what a plane holds, and so has a contact force
 AnyQuantity = TypeVar("AnyQuantity", bound=Callable[..., Any])
 _TAKE_MODES: list[Callable[..., Any]] = []
 _PATH = re.compile(r"(\w+)((?:\[\d+\])*)")

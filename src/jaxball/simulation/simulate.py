@@ -268,7 +268,7 @@ def solve(
         args=functions.parameters,
         saveat=diffrax.SaveAt(t1=True, dense=method.dense),
         stepsize_controller=_controller(method, system, times, initial, functions, accuracy),
-        adjoint=SolveLoop.of(
+        adjoint=SolveLoop(
             adjoint,
             times,
             switching,

@@ -8,7 +8,6 @@ Guards are found like events: by the interpolation of a step, in pieces so short
 for steps of any length, as those of a body at rest are, whose guards may depend on the time all the same.
 """
 
-import abc
 import functools
 from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple
@@ -139,28 +138,30 @@ class Reset(NamedTuple):
     happened: Bool[Array, ""] | bool
 
 
-class AbstractSwitching(eqx.Module):
-    """What a solve does about modes between its steps. ``args`` are the parameters of a solve."""
+class NoSwitching(eqx.Module):
+    """What a solve does about modes between its steps: nothing, of a system without modes.
 
-    jumps: ClassVar[bool]  # whether the field may jump from one step to the next
+    ``args`` are the parameters of a solve.
+    """
 
-    @abc.abstractmethod
+    jumps: ClassVar[bool] = False  # whether the field may jump from one step to the next
+
     def init(self, t0: Float[Array, ""], y0: Float[Array, " size"], length: Float[Array, ""]) -> Any:
         """Returns the carry before the first step, of this length."""
+        return ()
 
-    @abc.abstractmethod
     def count_moving(self, y0: Float[Array, " size"], args: Any) -> int:
         """Returns how many entries of a vector, the first ones, change otherwise than at events."""
+        return y0.size
 
-    @abc.abstractmethod
     def goes_on(self, carry: Any) -> Bool[Array, ""] | bool:
         """Returns whether a mode can follow."""
+        return True
 
-    @abc.abstractmethod
     def with_event_if(self, counts: Bool[Array, ""], carry: Any) -> Any:
         """Returns the carry without an event unless it ``counts``."""
+        return carry
 
-    @abc.abstractmethod
     def apply_reset(
         self,
         carry: Any,
@@ -169,60 +170,28 @@ class AbstractSwitching(eqx.Module):
         run: tuple[Array, Array],
         args: Any,
         carry_out: CarryOut,
-    ) -> tuple[Any, NextStep, "Reset"]:
+    ) -> tuple[Any, NextStep, Reset]:
         """Returns the next step from the state after an event, if there was one; ``run`` is from start to end."""
-
-    @abc.abstractmethod
-    def detect(self, carry: Any, taken: Taken, proposed: NextStep, args: Any) -> tuple[Any, NextStep]:
-        """Returns the next step in view of the guards in the one taken, which may be rejected."""
-
-    @abc.abstractmethod
-    def first(self, carry: Any, y0: Float[Array, " size"]) -> Float[Array, " size"]:
-        """Returns the vector with which the run began."""
-
-    @abc.abstractmethod
-    def record(self, carry: Any) -> Any:
-        """Returns the record in which a program writes a row in a step, and reads none."""
-
-    @abc.abstractmethod
-    def outcome(self, carry: Any, status: Int[Array, ""], packing: Packing) -> tuple[Int[Array, ""], Any]:
-        """Returns the status at the end of a solve, and the switches as a :class:`Record` of states."""
-
-
-class NoSwitching(AbstractSwitching):
-    """Of a system without modes."""
-
-    jumps: ClassVar[bool] = False
-
-    def init(self, t0, y0, length):
-        return ()
-
-    def count_moving(self, y0, args):
-        return y0.size
-
-    def goes_on(self, carry):
-        return True
-
-    def with_event_if(self, counts, carry):
-        return carry
-
-    def apply_reset(self, carry, step, y, run, args, carry_out):
         return carry, step, Reset(y, y, False)
 
-    def detect(self, carry, taken, proposed, args):
+    def detect(self, carry: Any, taken: Taken, proposed: NextStep, args: Any) -> tuple[Any, NextStep]:
+        """Returns the next step in view of the guards in the one taken, which may be rejected."""
         return carry, proposed
 
-    def first(self, carry, y0):
+    def first(self, carry: Any, y0: Float[Array, " size"]) -> Float[Array, " size"]:
+        """Returns the vector with which the run began."""
         return y0
 
-    def record(self, carry):
+    def record(self, carry: Any) -> Any:
+        """Returns the record in which a program writes a row in a step, and reads none."""
         return ()
 
-    def outcome(self, carry, status, packing):
+    def outcome(self, carry: Any, status: Int[Array, ""], packing: Packing) -> tuple[Int[Array, ""], Any]:
+        """Returns the status at the end of a solve, and the switches as a :class:`Record` of states."""
         return status, None
 
 
-class Switching(AbstractSwitching):
+class Switching(NoSwitching):
     """Of a hybrid system; ``unpack`` takes the parameters of a solve apart, the first of which is a packing.
 
     ``capacity`` is how many switches are kept.

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ... import programs
 from ...interface.status import Status
-from ...numerics.linear import least_squares
+from ...numerics.linear import least_squares, product
 from ...physics.contact.released import ReleasedState
 from ...physics.grounds.ground import Ground
 from ...physics.packing import Packing
@@ -18,7 +18,7 @@ from ...physics.state import AbstractBodyState, BallState, DiskState
 from ...physics.system import AbstractSystem, vector_field
 from ...physics.validity import possible_start
 from ...simulation.arguments import DEFAULT_SOLVER
-from ...simulation.deviations import FIRST_STEP_SHARE, Flow, Steps, advance_deviations
+from ...simulation.deviations import FIRST_STEP_SHARE, Flow, Steps
 from ...simulation.deviations_with_modes import FlowWithModes, normal_of, projected
 
 TURN = 2 * np.pi
@@ -209,12 +209,12 @@ def _cover_along_field(search: Search, system: AbstractSystem, state: Any, perio
     y, into = pack(x), jax.jacfwd(pack)(x)
     flow, steps = Flow.of(system, packing), Steps(DEFAULT_SOLVER, search.rtol, search.atol, search.max_steps)
     from_rows, possible = jnp.concatenate([y[None], into.T]), jnp.asarray(True)
-    solution = advance_deviations(flow, steps, search.t, end, from_rows, FIRST_STEP_SHARE * period, possible)
+    solution = flow.advance(steps, search.t, end, from_rows, FIRST_STEP_SHARE * period, possible)
     rows = solution.rows
     arrived, out = unpack(rows[0]), jax.jacfwd(unpack)(rows[0])
     return _Covered(
         arrived=arrived,
-        monodromy=jnp.sum(out[:, :, None] * rows[1:].T[None], axis=1),
+        monodromy=product(out, rows[1:].T),
         before=ravel_pytree(vector_field(prepared, search.t, state))[0],
         # At the end of the period, because dP/dT is the rate there.
         after=ravel_pytree(vector_field(prepared, end, unravel(arrived)))[0],

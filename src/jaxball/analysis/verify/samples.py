@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ... import programs
-from ...numerics.terms import add, convert
-from ...numerics.vectors import apply, cross, dot, hat, in_three
+from ...numerics.linear import product
+from ...numerics.vectors import add, apply, convert, cross, dot, hat, in_three
 from ...physics.body import AbstractBody
 from ...physics.contact.body_on_plane import BodyOnPlane, has_contact
 from ...physics.contact.modes import ContactState
@@ -158,7 +158,7 @@ def _arm_in_space(
     if shape is None:
         n = jnp.zeros_like(state.Omega).at[2].set(1.0) if under.normal is None else under.normal
         return r * n, convert(lambda rate: r * rate, under.normal_rate)
-    turning = jnp.sum(state.Lambda[:, :, None] * hat(state.Omega)[None], axis=1)
+    turning = product(state.Lambda, hat(state.Omega))
     return jax.jvp(lambda Lambda: apply(Lambda, shape.arm(Lambda[2])), (state.Lambda,), (turning,))
 
 
@@ -269,8 +269,7 @@ def _about(axis: Float[Array, "3"], body_moments: Moments, r, Omega, Gamma):
     turn = jnp.stack([*frisvad(axis), axis])
 
     def turn_matrix(matrix):
-        half = jnp.sum(turn[:, :, None] * matrix[None], axis=1)
-        return jnp.sum(half[:, None, :] * turn[None], axis=2)
+        return product(product(turn, matrix), turn.T)
 
     p, pdot, pddot, l, ldot = (
         apply(turn, v)

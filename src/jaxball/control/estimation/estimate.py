@@ -95,19 +95,14 @@ def _principal(P: Float[Array, "n n"]) -> tuple[Float[Array, " n"], Float[Array,
 class Filtered(NamedTuple):
     """A pass of a filter over K samples.
 
-    - ``state``, ``bias``, ``P``: with each sample's reading; of errors in local coordinates, then in biases.
-    - ``ahead``, ``ahead_bias``, ``ahead_P``: of each sample before its reading.
+    - ``belief``: with each sample's reading; ``ahead``: before it.
     - ``F``: the derivative of the flow of errors from each sample to the next.
     - ``innovation``, ``S``, ``there``: reading less expectation, 0 where nothing was read, its covariance, and where
       something was.
     """
 
-    state: Estimated
-    bias: Float[Array, "K biases"]
-    P: Float[Array, "K n n"]
-    ahead: Estimated
-    ahead_bias: Float[Array, "K biases"]
-    ahead_P: Float[Array, "K n n"]
+    belief: Belief
+    ahead: Belief
     F: Float[Array, "K_less_one n n"]
     innovation: Float[Array, "K m"]
     S: Float[Array, "K m m"]
@@ -127,13 +122,11 @@ class Filtered(NamedTuple):
 class Followed(NamedTuple):
     """The estimates of a closed loop at its samples and its end, where nothing was read: NaN, and 0 in ``read``.
 
-    - ``state``, ``bias``, ``P``: with each sample's reading; of errors in local coordinates, then in biases.
+    - ``belief``: with each sample's reading.
     - ``nis``, ``read``: the normalised innovation squared, and how many numbers were read.
     """
 
-    state: Estimated
-    bias: Float[Array, "K biases"]
-    P: Float[Array, "K n n"]
+    belief: Belief
     nis: Float[Array, " K"]
     read: Int[Array, " K"]
 
@@ -155,17 +148,17 @@ class AbstractEstimate(Printed):
     @property
     def state(self) -> Estimated:
         """The estimated states, with the samples as leading axis."""
-        return self.filtered.state
+        return self.filtered.belief.state
 
     @property
     def bias_values(self) -> Float[Array, "K biases"]:
         """The estimated biases of sensors, in the order of ``biases``."""
-        return self.filtered.bias
+        return self.filtered.belief.bias
 
     @property
     def covariance(self) -> Float[Array, "K n n"]:
         """Of the errors of local coordinates and biases, in the order of ``directions`` and ``biases``."""
-        return self.filtered.P
+        return self.filtered.belief.P
 
     @property
     def nis(self) -> Float[Array, " K"]:
@@ -317,15 +310,12 @@ def _smooth(estimate: Estimate) -> Estimate:
         earlier = now._replace(P=P).move(gain @ change)
         return earlier, earlier
 
-    passed = Belief(filtered.state, filtered.bias, filtered.P)
-    ahead = Belief(filtered.ahead, filtered.ahead_bias, filtered.ahead_P)
     # At the last sample, the filter has already used all readings.
-    last, before = (jax.tree.map(lambda x, part=part: x[part], passed) for part in (-1, np.s_[:-1]))
-    following = jax.tree.map(lambda x: x[1:], ahead)
+    last, before = (jax.tree.map(lambda x, part=part: x[part], filtered.belief) for part in (-1, np.s_[:-1]))
+    following = jax.tree.map(lambda x: x[1:], filtered.ahead)
     beliefs = jax.lax.scan(back, last, (before, following, filtered.F), reverse=True)[1]
     whole = jax.tree.map(lambda x, end: jnp.concatenate([x, end[None]]), beliefs, last)
-    smooth = filtered._replace(state=whole.state, bias=whole.bias, P=whole.P)
-    return Estimate(estimate.times, estimate.directions, estimate.biases, smooth)
+    return Estimate(estimate.times, estimate.directions, estimate.biases, filtered._replace(belief=whole))
 
 
 def _weigh(P: Float[Array, "n n"], x: Float[Array, " n"]) -> Float[Array, ""]:

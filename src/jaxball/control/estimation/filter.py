@@ -408,18 +408,7 @@ def _filter(
     since, before = (jnp.concatenate([x[:1], x[:-1]]) for x in (times, held))
     samples = jnp.arange(len(times)), since, times, before, held, read
     _, (now, ahead, innovation, S, F) = jax.lax.scan(step, begun, samples)
-    return Filtered(
-        state=now.state,
-        bias=now.bias,
-        P=now.P,
-        ahead=ahead.state,
-        ahead_bias=ahead.bias,
-        ahead_P=ahead.P,
-        F=F[1:],
-        innovation=innovation,
-        S=S,
-        there=read.there,
-    )
+    return Filtered(now, ahead, F[1:], innovation, S, read.there)
 
 
 @programs.filter_jit

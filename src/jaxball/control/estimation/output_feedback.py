@@ -233,10 +233,10 @@ class OutputFeedback(AbstractFeedback):
         states = jax.vmap(lambda state, xi: state.retract(xi))(nominal, memory.xi[:samples])
         read = jnp.zeros(count, memory.read.dtype).at[:samples].set(memory.read[:samples])
         arrays = (states, memory.bias[:samples], memory.P[:samples], memory.nis[:samples])
-        state, bias, P, nis = jax.tree.map(lambda rows: until_end(rows, count), arrays)
+        *belief, nis = jax.tree.map(lambda rows: until_end(rows, count), arrays)
         estimator, first = self.known, self.nominal.state(0)
         biases = estimator.names_of_biases(first)
-        followed = Followed(state, bias, P, jnp.where(read > 0, nis, jnp.nan), read)
+        followed = Followed(Belief(*belief), jnp.where(read > 0, nis, jnp.nan), read)
         return LoopEstimate(times, first.directions, biases, followed)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from ...control.estimation.estimate import Followed, LoopEstimate
+from ...control.estimation.estimate import Belief, Followed, LoopEstimate
 from ...control.loop import FeedbackHistory
 from ...numerics.arrays import arrays_of, to_array
 from ...physics.hybrid import AbstractHistory
@@ -101,7 +101,7 @@ def read_feedback(
     fields = {name: arrays.get(f"estimate_{name}", np.zeros((times.size, 0))) for name in OF_ESTIMATE}
     bias, P, nis = (to_array(fields[name]) for name in ("bias", "covariance", "nis"))
     read = jnp.asarray(fields["read"], dtype=int)
-    estimate = LoopEstimate(times, history.directions, biases, Followed(of("estimate"), bias, P, nis, read))
+    estimate = LoopEstimate(times, history.directions, biases, Followed(Belief(of("estimate"), bias, P), nis, read))
     return dataclasses.replace(history, estimate=estimate)
 
 

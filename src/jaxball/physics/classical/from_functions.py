@@ -14,10 +14,11 @@ from ...interface.arguments import call_with, refusal, require_callable_with, ta
 from ...interface.printing import format_value
 from ...numerics.arrays import Numbers, default_dtype, numbers, to_array
 from ...numerics.kinks import Traced, kinks_of_functions
+from ...numerics.vectors import apply
 from ..conditions import Condition, ExplainedCondition
 from ..system import AbstractSystem
 from .lagrangian import AbstractLagrangianSystem, LagrangianState, as_vector
-from .multipliers import ALLOWED_RESIDUAL, Equations, Open, independent_beyond, rate_along, times
+from .multipliers import ALLOWED_RESIDUAL, Equations, Open, independent_beyond, rate_along
 from .rows import (
     DryFriction,
     UnilateralContact,
@@ -211,7 +212,7 @@ class LagrangianSystem(AbstractLagrangianSystem):
         terms = super().equations(t, state)
         if not self.is_hybrid:
             return terms
-        acting = times(jax.jacfwd(self.row_rates, argnums=2)(t, state.q, state.qdot).T, self.row_forces(t, state))
+        acting = apply(jax.jacfwd(self.row_rates, argnums=2)(t, state.q, state.qdot).T, self.row_forces(t, state))
         return terms._replace(force=terms.force + acting)
 
     def law_rates(self, t: Float[Array, ""], state: LagrangianState) -> Mapping[str, Float[Array, "..."]]:

@@ -18,7 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ...numerics.linear import inverse, product
+from ...numerics.linear import inverse
+from ...numerics.vectors import apply
 from ..conditions import Condition, Problem
 
 Scalar = Callable[[Float[Array, ""], Float[Array, " n"], Float[Array, " n"]], Float[Array, ""]]
@@ -54,8 +55,8 @@ class Equations(NamedTuple):
     def solve_by(self, K_inverse: Float[Array, "size size"]) -> tuple[Float[Array, " n"], Float[Array, " m"]]:
         """Solves for q̈ and λ by the inverse of the matrix, with one step of iterative refinement."""
         K, right = self.matrix, jnp.concatenate([self.force, -self.bend])
-        first = times(K_inverse, right)
-        both = first + times(K_inverse, right - times(K, first))
+        first = apply(K_inverse, right)
+        both = first + apply(K_inverse, right - apply(K, first))
         n = self.force.size
         return both[:n], both[n:]
 
@@ -124,7 +125,7 @@ def nearest_place(
     def newton(_: Any, q: Float[Array, " n"]) -> Float[Array, " n"]:
         rows = jax.jacfwd(positions, argnums=1)(t, q)
         # This block takes a residual of the constraints to the step that removes it.
-        return q - times(inverse(saddle(mass, rows, held))[:n, n:], positions(t, q))
+        return q - apply(inverse(saddle(mass, rows, held))[:n, n:], positions(t, q))
 
     if steps > UNROLLED:
         return jax.lax.fori_loop(0, steps, newton, q)
@@ -144,12 +145,7 @@ def nearest_velocity(
     of those that are ``held``.
     """
     n = qdot.size
-    return qdot - times(inverse(saddle(mass, rows, held))[:n, n:], residual)
-
-
-def times(A: Float[Array, "k n"], b: Float[Array, " n"]) -> Float[Array, " k"]:
-    """Computes A b."""
-    return product(A, b[:, None])[:, 0]
+    return qdot - apply(inverse(saddle(mass, rows, held))[:n, n:], residual)
 
 
 ALLOWED_RESIDUAL = 1e-6  # of the size of its terms: how far a constraint may be from 0 at the start

@@ -29,11 +29,11 @@ from ...interface.wording import all_of
 from ...numerics.arrays import default_dtype, namespace_of
 from ...numerics.declare import number, number_or_none
 from ...numerics.linear import inverse, product
+from ...numerics.vectors import apply
 from ...programs.derivatives.differentiation import without_derivatives
 from ..conditions import Condition, ExplainedCondition, Problem, positive
 from ..dynamics.dry_friction import Law, Rows
 from .lagrangian import LEAST_COUNTED, AbstractLagrangianSystem, LagrangianState
-from .multipliers import times
 
 if TYPE_CHECKING:
     from .from_functions import LagrangianSystem
@@ -213,7 +213,7 @@ def rows_in_state(system: "LagrangianSystem", t: Float[Array, ""], state: Lagran
     _, bend = jax.jvp(lambda t, q: system.row_rates(t, q, qdot), (t, q), (unit, qdot))
     pull = product(K_inverse[:n, :n], matrix.T)
     none = jnp.zeros_like(bend)
-    law = Rows(times(matrix, free) + bend, product(matrix, pull), jnp.zeros_like(t), none)
+    law = Rows(apply(matrix, free) + bend, product(matrix, pull), jnp.zeros_like(t), none)
     velocities = system.row_rates(t, q, qdot)
     sizes = without_derivatives((matrix, qdot, velocities, K_inverse, terms.force, bend))
     return RowsInState(velocities, matrix, free, pull, law, *_roundings(n, *map(jnp.abs, sizes)))
@@ -223,9 +223,9 @@ def _roundings(n, matrix, qdot, velocities, K_inverse, force, bend) -> tuple[Arr
     """Estimates the rounding of u and of u̇ from the sizes of the terms that make them."""
     limits = jnp.finfo(qdot.dtype)
     unit = SUMMED * float(limits.eps)
-    of_rate = unit * (times(matrix, times(K_inverse[:n, :n], force)) + bend)
+    of_rate = unit * (apply(matrix, apply(K_inverse[:n, :n], force)) + bend)
     # Positive also where nothing acts at all, so that a guard of 0 there is not an event.
-    return unit * (times(matrix, qdot) + velocities), of_rate + float(limits.tiny) ** 0.5
+    return unit * (apply(matrix, qdot) + velocities), of_rate + float(limits.tiny) ** 0.5
 
 
 def rounding_of_gaps(
@@ -240,7 +240,7 @@ def size_of_gaps(
 ) -> Float[Array, " contacts"]:
     """Computes how much g changes as the coordinates change by a part of their size."""
     slopes = jnp.abs(jax.jacfwd(system.gaps, argnums=1)(t, q))
-    return part * times(slopes, LEAST_COUNTED + jnp.abs(q))
+    return part * apply(slopes, LEAST_COUNTED + jnp.abs(q))
 
 
 def amounts(law: Rows, mode: Float[Array, " rows"], level: Float[Array, " rows"]) -> Float[Array, " rows"]:
@@ -270,7 +270,7 @@ def choose(
 
     def misfits(mode: Array) -> tuple[Array, Array]:
         held, z = mode == 0, amounts(law, mode, limits.level)
-        w = law.rest + times(law.matrix, z)
+        w = law.rest + apply(law.matrix, z)
         above, below = z > limits.high + rounding, z < limits.low - rounding
         backwards = mode * w < -rounding * jnp.diagonal(law.matrix)
         other = jnp.where(held, jnp.where(above, -1.0, 1.0), 0.0)

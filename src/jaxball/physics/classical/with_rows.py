@@ -21,12 +21,13 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ...interface.status import Status
 from ...numerics.arrays import AnyArray, select_tree
+from ...numerics.vectors import apply
 from ...programs.derivatives.differentiation import without_derivatives
 from ..conditions import Condition, ExplainedCondition
 from ..hybrid import AbstractHistory, Accuracy, Record, Switches, Transition
 from ..system import AbstractState, AbstractSystem
 from .lagrangian import IN_STEP, AbstractLagrangianSystem, LagrangianState
-from .multipliers import nearest_place, nearest_velocity, times
+from .multipliers import nearest_place, nearest_velocity
 from .rows import (
     Limits,
     amounts,
@@ -163,7 +164,7 @@ class LagrangianWithRows(AbstractSystem[RowsState]):
         rows = rows_in_state(self.system, t, state.motion)
         limits = limits_of(self.system)
         acting = amounts(rows.law, state.mode, limits.level)
-        rate = LagrangianState(state.motion.qdot, rows.free + times(rows.pull, acting))
+        rate = LagrangianState(state.motion.qdot, rows.free + apply(rows.pull, acting))
         rubbing = jnp.sum(limits.level * state.mode * rows.velocities)
         none = jax.tree.map(jnp.zeros_like, state)
         return dataclasses.replace(none, motion=rate, friction_loss=rubbing)
@@ -268,9 +269,9 @@ class LagrangianWithRows(AbstractSystem[RowsState]):
         rounding = rows.rounding / without_derivatives(jnp.diagonal(law.matrix))
         hit = choose(law, pushes, jnp.where(touches, 0.0, 1.0), touches, rounding)
         impulse = amounts(law, hit, none)
-        qdot, change = motion.qdot + times(rows.pull, impulse), times(law.matrix, impulse)
+        qdot, change = motion.qdot + apply(rows.pull, impulse), apply(law.matrix, impulse)
         # The work of the impulses, by the mean velocity.
-        loss = -0.5 * jnp.sum(impulse * times(rows.matrix, motion.qdot + qdot))
+        loss = -0.5 * jnp.sum(impulse * apply(rows.matrix, motion.qdot + qdot))
         after = dataclasses.replace(
             state, motion=LagrangianState(motion.q, qdot), fastest=fastest, impact_loss=state.impact_loss + loss
         )
@@ -302,8 +303,8 @@ class LagrangianWithRows(AbstractSystem[RowsState]):
         rows = rows_in_state(self.system, t, state.motion)
         z = amounts(rows.law, state.mode, limits_of(self.system).level)
         terms = AbstractLagrangianSystem.equations(self.system, t, state.motion)
-        _, multipliers = terms._replace(force=terms.force + times(rows.matrix.T, z)).solve()
-        drift = rows.velocities - times(rows.matrix, state.motion.qdot)
+        _, multipliers = terms._replace(force=terms.force + apply(rows.matrix.T, z)).solve()
+        drift = rows.velocities - apply(rows.matrix, state.motion.qdot)
         return {"energy": self.system.power(t, state.motion, multipliers) - jnp.sum(z * drift)}
 
     # What a run shows.

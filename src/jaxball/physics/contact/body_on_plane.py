@@ -33,32 +33,32 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ...numerics.arrays import AnyArray
 from ...numerics.directions import unit
-from ...numerics.terms import add, convert
-from ...numerics.vectors import apply, in_three, root
-from ..body import AbstractBody, AbstractBodyWithModes
-from ..conditions import Condition, ExplainedCondition
+from ...numerics.vectors import add, apply, convert, in_three, root
+from ..body import AbstractBody
+from ..conditions import Condition, ExplainedCondition, Problem
 from ..dynamics.coupling import Joints
 from ..dynamics.dry_friction import Turning, TurningLaw, TurningMode
 from ..dynamics.equations import holding_friction, turning
 from ..dynamics.footing import ContactAxes, footing_of_released, rate_of_carrier
 from ..dynamics.load import Load
 from ..dynamics.locked import reaction
-from ..dynamics.sticking import directions_of, has_stops, with_directions
+from ..dynamics.sticking import with_directions
 from ..forces.resistance import AbstractResistance, Levels
 from ..grounds import AbstractSurface, Footing
 from ..hybrid import Accuracy, Assessment, GuardedStep, Transition
 from ..rolling import Reaction
 from ..state import ReducedState
+from ..system import AbstractSystem
 from . import friction, over_surface as over
 from .guards import Headings, assess, guards, guards_follow_motion, headings, headings_at_rest
 from .history import HeldHistory, history_of
 from .law import Contact
 from .modes import ContactState, Mode
-from .released import ReleasedState, Response, Turned, rates, release, response, rolling_contact, slip_velocity
-from .slide import coefficient_and_direction, slide, slide_of, slide_size
-from .transition import transition
-from .window import Beginning
+from .released import ReleasedState, Response, Turned, rates, response, rolling_contact, slip_velocity
+from .slide import coefficient_and_direction, slide, slide_of
+from .transition import start, transition
 
 ROUNDING = 8  # in units of rounding: velocities and accelerations that are smaller count as zero
 
@@ -80,9 +80,9 @@ class Forces(NamedTuple):
     holding: Any
 
 
-class BodyOnPlane(AbstractBodyWithModes[ContactState]):
+class BodyOnPlane(AbstractSystem[ContactState]):
     """A ball or a disk whose motion has modes, on a plane or a surface: with a law of contact, exact dry resistance,
-    joints that dry friction may hold, or any of these.
+    joints that dry friction may hold, or any of these. What no mode changes is that of its ``body``.
 
     Without a law of contact it rolls without slipping, whatever friction that needs.
     """
@@ -116,6 +116,36 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         if self.body.planar and state.V is not None:
             holds = state.V[1] == 0
             yield Condition(holds, "state.V", state.V, "in the plane of the disk, with 0 for its second entry")
+
+    def run_conditions(self, times: Float[AnyArray, " T"]) -> Iterator[Condition | ExplainedCondition]:
+        yield from self.body.run_conditions(times)
+
+    def numbers(self) -> Iterator[tuple[str, Array]]:
+        yield from self.body.numbers()
+
+    def driving_kinks(self) -> Float[Array, " kinks"]:
+        """Returns all kinks: accelerations, on which the modes depend, jump where prescribed motions have jumps."""
+        return jnp.concatenate([self.body.driving_kinks(), self.body.motion_kinks()])
+
+    def is_confined(self, times: Float[Array, " T"], state: Any) -> Bool[Array, ""]:
+        return self.body.is_confined(times, state.body)
+
+    def time_of_leaving(self, times: Float[Array, " T"], states: Any) -> Float[Array, ""] | None:
+        return self.body.time_of_leaving(times, states.body)
+
+    def clearance(self, t: Float[Array, ""], state: Any) -> Float[Array, ""] | None:
+        return self.body.clearance(t, state.body)
+
+    def breaches(self, times: Any, state: Any, states: Any) -> Iterator[Problem]:
+        bodies = (None if of_modes is None else of_modes.body for of_modes in (state, states))
+        yield from self.body.breaches(times, *bodies)
+
+    @property
+    def shown(self) -> AbstractBody:
+        return self.body
+
+    def state_to_show(self, state: Any) -> Any:
+        return state.body
 
     def prepare(self) -> "BodyOnPlane":
         return BodyOnPlane(self.body.prepare(), self.contact)
@@ -404,7 +434,6 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         return None if unit is None else interaction.normal * unit
 
     def step_reference(self, t: Float[Array, ""], state: ContactState, accuracy: Accuracy) -> Headings:
-        """Returns the headings of a slip and of rolling as a step begins."""
         return headings(self, t, state, accuracy)
 
     def guards(self, t: Float[Array, ""], state: ContactState) -> Float[Array, " guards"]:
@@ -412,7 +441,6 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         return guards(self, t, state, headings_at_rest(self, t, state))
 
     def guards_in_step(self, t: Float[Array, ""], state: ContactState, reference: Any) -> Float[Array, " guards"]:
-        """Computes the guards of ``guards``, along the headings of a step."""
         return guards(self, t, state, reference)
 
     def guards_follow_motion(self, t: Float[Array, ""], packed: ContactState, reference: Any) -> bool:
@@ -435,7 +463,6 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         return jnp.minimum(jnp.where(until > t, until, jnp.inf), rolling)
 
     def assess(self, step: GuardedStep, accuracy: Accuracy) -> Assessment:
-        """Finds the event at the end of a step, and the longest next step."""
         return assess(self, step, accuracy)
 
     def is_still(self, slide: Float[Array, " n"], state: ContactState | ReleasedState) -> Bool[Array, ""]:
@@ -451,28 +478,7 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
         return root(jnp.sum(state.V**2)) + self.body.radius * root(jnp.sum(state.body.Omega**2))
 
     def start(self, t: Float[Array, ""], state: Any) -> ContactState:
-        """Returns the state with which a solve starts; its mode is decided by the first transition.
-
-        A rolling state is one without slip. A body that does not slip counts as rolling.
-        """
-        start, zero = ContactState(state), jnp.zeros_like(self.body.radius)
-        if self.contact is not None:
-            rolls = not isinstance(state, ReleasedState)
-            released = release(self.body.prepare(), t, state) if rolls else state
-            zero = jnp.zeros_like(released.height)
-            # In the mode of flight packing leaves V as it is, also on the ground; in that of rolling it makes the slip
-            # exactly zero. With a limit surface a body that spins does not roll, whatever its slip.
-            rolls &= self.pivot is None
-            mode, begun = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT), Beginning.none(zero, slide_size(self))
-            near = over.near_to(self.body, released.body.z, zero)
-            start = ContactState(released.body, released.V, released.height, zero, zero, mode, begun, near)
-        if self.body.is_held:
-            unit = jnp.ones_like(zero)  # nothing is held before the first transition
-            start = dataclasses.replace(start, rolls=unit, spin=unit, rolling=Beginning.none(unit))
-        if not self.body.sticking:
-            return start
-        lost = zero if has_stops(self.body) else None
-        return dataclasses.replace(start, slips=directions_of(self.body, start.body), stop_loss=lost)
+        return start(self, t, state)
 
     def transition(
         self, t: Float[Array, ""], state: ContactState, event: Int[Array, ""], accuracy: Accuracy
@@ -481,8 +487,7 @@ class BodyOnPlane(AbstractBodyWithModes[ContactState]):
 
     @property
     def max_switches(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """How many switches are kept."""
-        return AbstractBodyWithModes.max_switches if self.contact is None else self.law.capacity
+        return AbstractSystem.max_switches if self.contact is None else self.law.capacity
 
     def history(self, times: Float[Array, " T"], states: ContactState, record: Any) -> HeldHistory:
         return history_of(self.prepare(), times, states, record)

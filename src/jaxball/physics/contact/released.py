@@ -33,8 +33,7 @@ from ...interface.arguments import require
 from ...interface.printing import Printed
 from ...numerics.declare import number
 from ...numerics.linear import product
-from ...numerics.terms import add, convert
-from ...numerics.vectors import apply, cross, dot, inverse
+from ...numerics.vectors import add, apply, convert, cross, dot, inverse
 from ..body import AbstractBody
 from ..dynamics.coupling import Joints, join_coordinates
 from ..dynamics.dry_friction import Law, Rows, TurningLaw

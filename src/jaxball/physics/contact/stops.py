@@ -142,7 +142,8 @@ def _hold_resting(
     plane: "BodyOnPlane", t: Float[Array, ""], strike: _Strike, rests: Float[Array, " sticking"]
 ) -> ContactState:
     """Returns the state in which joints that rest against other stops are held as far as these push them."""
-    if sum(len(order) * len(group.stops) for group, order in _groups(plane)) == 1:
+    groups = zip(plane.body.mechanism_groups, plane.body.mechanism_order, strict=True)
+    if sum(len(order) * len(group.stops) for group, order in groups) == 1:
         return strike.state
 
     def weigh(slips: Array) -> tuple[Array, None]:
@@ -174,10 +175,6 @@ def _without_gain(plane: "BodyOnPlane", t: Float[Array, ""], strike: _Strike) ->
     none = jnp.zeros_like(t)
     (e, _, _), blows = jax.lax.scan(attempt, (none, none, none), jnp.arange(4))
     return e, jax.tree.map(lambda x: x[-1], blows)
-
-
-def _groups(plane: "BodyOnPlane"):
-    return zip(plane.body.mechanism_groups, plane.body.mechanism_order, strict=True)
 
 
 def _blow(plane: "BodyOnPlane", t: Float[Array, ""], strike: _Strike) -> _Blow:

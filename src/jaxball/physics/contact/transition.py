@@ -19,14 +19,15 @@ from ...numerics.vectors import in_three
 from ...programs.derivatives.differentiation import without_derivatives
 from ..body import AbstractBody
 from ..dynamics.dry_friction import TurningMode
-from ..dynamics.sticking import rubs, sticking_slots
+from ..dynamics.sticking import directions_of, has_stops, rubs, sticking_slots
 from ..hybrid import Accuracy, Transition, at_zero
 from . import friction, slip as slips, window as windows
 from .guards import Progress, cause_of_event, find_struck, guard_of, with_fixed_speeds
 from .holding import TURNS_TAKEN, Rolling, decide, end_rolling
 from .impact import impact, slowest_rise
 from .modes import ContactState, Mode, SwitchCause
-from .released import ReleasedState, Response, rates, slip_velocity, with_rise
+from .over_surface import near_to
+from .released import ReleasedState, Response, rates, release, slip_velocity, with_rise
 from .slide import slide, slide_size, with_slide
 from .slip import along_rolling, follow_rolling
 from .stops import strike_stop
@@ -34,6 +35,31 @@ from .window import Beginning, Course
 
 if TYPE_CHECKING:
     from .body_on_plane import BodyOnPlane
+
+
+def start(plane: "BodyOnPlane", t: Float[Array, ""], state: Any) -> ContactState:
+    """Returns the state with which a solve starts; its mode is decided by the first transition.
+
+    A rolling state is one without slip. A body that does not slip counts as rolling.
+    """
+    body, starting, zero = plane.body, ContactState(state), jnp.zeros_like(plane.body.radius)
+    if plane.contact is not None:
+        rolls = not isinstance(state, ReleasedState)
+        released = release(body.prepare(), t, state) if rolls else state
+        zero = jnp.zeros_like(released.height)
+        # In the mode of flight packing leaves V as it is, also on the ground; in that of rolling it makes the slip
+        # exactly zero. With a limit surface a body that spins does not roll, whatever its slip.
+        rolls &= plane.pivot is None
+        mode, begun = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT), Beginning.none(zero, slide_size(plane))
+        near = near_to(body, released.body.z, zero)
+        starting = ContactState(released.body, released.V, released.height, zero, zero, mode, begun, near)
+    if body.is_held:
+        unit = jnp.ones_like(zero)  # nothing is held before the first transition
+        starting = dataclasses.replace(starting, rolls=unit, spin=unit, rolling=Beginning.none(unit))
+    if not body.sticking:
+        return starting
+    lost = zero if has_stops(body) else None
+    return dataclasses.replace(starting, slips=directions_of(body, starting.body), stop_loss=lost)
 
 
 class _Slipping(NamedTuple):

@@ -292,7 +292,7 @@ class _Start(NamedTuple):
         it are what v_s lacks in the tangents times that.
         """
         integrals, x0 = window.span * self.scheme.integrals, ravel_pytree(self.state)[0]
-        slips, x = (jnp.sum(integrals[:, :, None] * y[None], axis=1) for y in (a, rate))
+        slips, x = (linear.product(integrals, y) for y in (a, rate))
         sigmas = jax.vmap(lambda tangent: _turn(self.course.sigma, tangent))(window.tangents)
         slips = self.course.slip[None] + slips
         if window.tangents.ndim == 2:

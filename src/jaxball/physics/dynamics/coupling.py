@@ -70,6 +70,10 @@ class Linkage:
         """p_a = Σ m χ_a of the free joints."""
         return jnp.sum(self.m[:, None, :, None] * self.partial, axis=2)
 
+    def along(self, v: Float[Array, "mechanisms n 3"]) -> Float[Array, "mechanisms free"]:
+        """Computes Σ m v·χ_a for the free joints, from a vector for each mass."""
+        return jnp.sum((self.m[..., None] * v)[:, None] * self.partial, axis=(-2, -1))
+
     @functools.cached_property
     def chidot(self) -> Float[Array, "mechanisms n 3"]:
         """χ̇."""

@@ -27,7 +27,7 @@ from jaxtyping import Array, Bool, Float
 
 from ...numerics import linear, vectors
 from ...numerics.directions import diverging, unit
-from ...numerics.vectors import in_three, root
+from ...numerics.vectors import apply, in_three, root
 from ...programs.derivatives.differentiation import without_derivatives
 from ..forces.resistance import AbstractResistance, Levels
 
@@ -80,7 +80,7 @@ class Law(NamedTuple):
         size, more = self.solved.size, self.rows.lift.size - self.solved.size
         moved = jnp.sum(self.rows.matrix[:, size:], axis=1) if more else 0.0
         base, unit = (
-            jnp.where(self.solved, _product(self.inverse, jnp.where(self.solved, value - rest, value)), value)
+            jnp.where(self.solved, apply(self.inverse, jnp.where(self.solved, value - rest, value)), value)
             for value, rest in ((self.value, self.rows.rest), (push, moved))
         )
         none, once = jnp.zeros((more,), base.dtype), jnp.ones((more,), base.dtype)
@@ -97,7 +97,7 @@ class Law(NamedTuple):
         sliding = without / jnp.where(share == 0, 1.0, share)
         N = jnp.where(slides, sliding, pressing_force(without, share))
         amounts = base + N * unit
-        w = jnp.where(self.solved, self.value + N * push, self.rows.rest + _product(self.rows.matrix, amounts))
+        w = jnp.where(self.solved, self.value + N * push, self.rows.rest + apply(self.rows.matrix, amounts))
         return Acting(amounts, w, jnp.where((without > 0) | slides, N, without), N, share)
 
 
@@ -136,10 +136,6 @@ def pressing_force(without: Float[Array, ""], share: Float[Array, ""]) -> Float[
     Where a unit of N adds more than itself to N, there is no solution, and NaN ends the run.
     """
     return jnp.maximum(without, 0.0) / jnp.where(share > 0, share, jnp.nan)
-
-
-def _product(A: Float[Array, "rows amounts"], b: Float[Array, " amounts"]) -> Float[Array, " rows"]:
-    return jnp.sum(A * b[None], axis=1)
 
 
 ROUNDING = 64  # of a rate, in units of rounding: what is smaller is none
@@ -243,10 +239,20 @@ def needs(static: Levels, r: Float[Array, ""], torque: Float[Array, "3"], normal
 
 
 def mode_of(resistance: AbstractResistance, turning: Turning, omega: Float[Array, "3"], planar: bool) -> TurningMode:
-    """Returns the mode that follows from ω: held at rest if friction can do it."""
+    """Returns the mode that follows from ω: held at rest if friction can do it.
+
+    What it cannot hold turns against the torque that held it, and a ball rolls in the direction in which ω_h grows.
+    """
     candidate = candidates(resistance, omega, planar)
-    still = without_derivatives((Levels.at_rest(resistance), turning, candidate))
-    mode = begin(*still, planar)
+    static, turning, held = without_derivatives((Levels.at_rest(resistance), turning, candidate))
+
+    def weigh(mode: TurningMode) -> tuple[Float[Array, "2"], Float[Array, "3"]]:
+        acting = resist(turning, mode)
+        return needs(static, turning.radius, acting.amounts, acting.normal).overloads(mode), acting.amounts
+
+    mode = release(held, weigh, let_go, jnp.zeros(2, bool))
+    if not planar and static.rolling is not None:
+        mode = along_growth(turning, mode, held.rests & ~mode.rests)
     rolls = jnp.sum(candidate.sigma**2) > 0
     return mode._replace(sigma=jnp.where(rolls, candidate.sigma, mode.sigma), levels=candidate.levels)
 
@@ -262,30 +268,6 @@ def candidates(resistance: AbstractResistance, omega: Float[Array, "3"], planar:
     rests = ~rolls & (levels.rolling is not None)
     still = ~spins & (levels.spinning is not None and not planar)
     return TurningMode(in_three(along), sense, rests, still, jnp.zeros_like(omega), levels)
-
-
-def begin(
-    static: Levels,
-    turning: Turning,
-    mode: TurningMode,
-    planar: bool,
-    rolls: Bool[Array, ""] | bool = False,
-    spins: Bool[Array, ""] | bool = False,
-) -> TurningMode:
-    """Releases whatever friction cannot hold, the more overloaded first.
-
-    ``rolls`` and ``spins`` say that it lets go at once of rolling and of spinning, if they are held. What is let go
-    turns against the torque that held it; and a ball rolls in the direction in which ω_h grows.
-    """
-
-    def weigh(mode: TurningMode) -> tuple[Float[Array, "2"], Float[Array, "3"]]:
-        acting = resist(turning, mode)
-        need = needs(static, turning.radius, acting.amounts, acting.normal)
-        return need.overloads(mode), acting.amounts
-
-    first, at_once = mode.rests, jnp.stack([mode.rests & rolls, mode.still & spins])
-    mode = release(mode, weigh, let_go, at_once)
-    return mode if planar or static.rolling is None else along_growth(turning, mode, first & ~mode.rests)
 
 
 def let_go(mode: TurningMode, torque: Float[Array, "3"], off: Bool[Array, "2"]) -> TurningMode:

@@ -15,8 +15,7 @@ from jaxtyping import Array, Bool, Float
 
 from ...interface.arguments import require_value
 from ...numerics.linear import product
-from ...numerics.terms import add, convert
-from ...numerics.vectors import apply, cross, dot, outer, root
+from ...numerics.vectors import add, apply, convert, cross, dot, outer, root
 from ...programs.derivatives.differentiation import without_derivatives
 from ..conditions import Condition
 from ..state import Rates, ReducedState, State
@@ -34,8 +33,8 @@ from .coupling import (
 )
 from .dry_friction import Rows, Turning, TurningMode, mode_of, pressing_force, resist
 from .footing import ContactAxes, arm_of, contact_normal, rate_of_carrier
-from .load import Load, load
-from .moments import AbstractMoments, Moments, moments, velocity_moments
+from .load import Load, accelerations_in_turning_axes, load
+from .moments import Moments, VelocityMoments, moments, velocity_moments
 from .parameters import BodyParameters
 from .sticking import has_directions, of_sticking, release_joints, sticking_joints, with_directions
 
@@ -58,14 +57,14 @@ class Lever(NamedTuple):
     moment: Float[Array, "3"]
 
     @classmethod
-    def of(cls, system: BodyParameters, Gamma: Float[Array, "3"], body_moments: AbstractMoments) -> "Lever":
+    def of(cls, system: BodyParameters, Gamma: Float[Array, "3"], body_moments: VelocityMoments) -> "Lever":
         """Computes it for a body with the normal Γ."""
         if system.shape is None:
             return cls(Gamma, Gamma, None, body_moments.p)
         arm = arm_of(system, Gamma)
         return cls(Gamma, arm, dot(arm, arm), body_moments.M * system.radius * arm + body_moments.p)
 
-    def inertia_about_contact(self, body_moments: AbstractMoments, r: Float[Array, ""]) -> Float[Array, "3 3"]:
+    def inertia_about_contact(self, body_moments: VelocityMoments, r: Float[Array, ""]) -> Float[Array, "3 3"]:
         """Computes B."""
         return inertia_about_contact(body_moments, r, self.arm, self.square)
 
@@ -176,7 +175,7 @@ def equations(
     angles = angles_in_state(system, t, state)
     links = linkages(system, t, angles)
     body_moments = moments(system, t, angles, links)
-    apparent = cross(Omega, cross(Omega, body_moments.p) + 2 * body_moments.pdot) + body_moments.pddot
+    apparent = accelerations_in_turning_axes(Omega, body_moments.p, body_moments.pdot, body_moments.pddot)
     lever = Lever.of(system, Gamma, body_moments)
     whole = inertia(lever.inertia_about_contact(body_moments, r), r, lever.arm, links)
     which = [sticking_joints(link.group) for link in with_free_joints(links)]
@@ -333,12 +332,12 @@ def _dry_friction(
 def _inertial_efforts(link: Linkage, acting: Load, Omega: Float[Array, "3"]) -> Float[Array, "mechanisms free"]:
     """Computes h_a = Σ m χ_a·(Ω × (Ω × χ + 2χ̇) + β + γ), where β is χ̈ without the accelerations of free joints."""
     turning = jnp.broadcast_to(Omega, link.chi.shape)
-    a = cross(turning, cross(turning, link.chi) + 2 * link.chidot) + link.chiddot + acting.weight[None, None]
-    return jnp.sum((link.m[..., None] * a)[:, None] * link.partial, axis=(-2, -1))
+    apparent = accelerations_in_turning_axes(turning, link.chi, link.chidot, link.chiddot)
+    return link.along(apparent + acting.weight[None, None])
 
 
 def inertia_about_contact(
-    body_moments: AbstractMoments,
+    body_moments: VelocityMoments,
     r: Float[Array, ""],
     arm: Float[Array, "3"],
     square: Float[Array, ""] | None = None,

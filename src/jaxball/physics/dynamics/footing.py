@@ -11,8 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ...numerics.arrays import select_tree
-from ...numerics.terms import add, convert
-from ...numerics.vectors import apply, cross, in_three
+from ...numerics.vectors import add, apply, convert, cross, in_three
 from ..grounds import AbstractSurface, Footing
 from ..grounds.ground import AT_REST, AbstractGround
 from ..grounds.surface import Coordinates

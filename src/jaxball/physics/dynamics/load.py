@@ -9,15 +9,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ...numerics.terms import add, convert
-from ...numerics.vectors import apply, cross, dot
+from ...numerics.vectors import add, apply, convert, cross, dot
 from ..forces.force import BodyMotion, Wrench
 from ..grounds import Footing
 from ..grounds.ground import AT_REST
 from ..prescribed.motion import Kinematics
 from ..state import PlacedState, ReducedState, State
 from .footing import Arm, arm_over, footing, place_of_centre, velocity_of_centre
-from .moments import AbstractMoments
+from .moments import VelocityMoments
 from .parameters import BodyParameters
 
 
@@ -63,7 +62,7 @@ class Load(NamedTuple):
         """Returns the load with one more torque, body axes, if there is one."""
         return self._replace(torque=add(self.torque, torque))
 
-    def about_contact(self, body_moments: AbstractMoments, r: Float[Array, ""]) -> Float[Array, "3"]:
+    def about_contact(self, body_moments: VelocityMoments, r: Float[Array, ""]) -> Float[Array, "3"]:
         """Computes the torque of the load about the contact point: γ × (MrΓ + p) + rΓ × F̃ + T̃, with the arm for rΓ."""
         if self.gamma is None:
             # γ = gΓ is along rΓ, so only p is left of its lever, and weight and force share one product with Γ.
@@ -176,6 +175,18 @@ def velocities(
     return jax.vmap(lambda chi, chidot: cross(Omega, r * arm + chi) + chidot)(masses.chi, masses.chidot)
 
 
+def accelerations_in_turning_axes(
+    Omega: Float[Array, "*rows 3"],
+    x: Float[Array, "*rows 3"],
+    xdot: Float[Array, "*rows 3"],
+    xddot: Float[Array, "*rows 3"],
+) -> Float[Array, "*rows 3"]:
+    """Computes Ω × (Ω × x + 2ẋ) + ẍ, centrifugal, Coriolis's and relative acceleration in axes that turn at a constant
+    Ω.
+    """
+    return cross(Omega, cross(Omega, x) + 2 * xdot) + xddot
+
+
 def accelerations_of_masses(
     r: Float[Array, ""],
     masses: Kinematics,
@@ -186,7 +197,7 @@ def accelerations_of_masses(
     """Computes a = Ω̇ × s + Ω × (Ω × χ + 2χ̇) + χ̈, the accelerations in space of the masses; body axes."""
 
     def one(chi, chidot, chiddot):
-        return cross(Omegadot, r * arm + chi) + cross(Omega, cross(Omega, chi) + 2 * chidot) + chiddot
+        return cross(Omegadot, r * arm + chi) + accelerations_in_turning_axes(Omega, chi, chidot, chiddot)
 
     return jax.vmap(one)(*masses)
 

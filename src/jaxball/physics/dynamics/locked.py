@@ -25,9 +25,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...numerics.terms import add, convert
-from ...numerics.vectors import apply, cross, dot, outer
-from ..rolling import Reaction, friction_ratio
+from ...numerics.vectors import add, apply, convert, cross, dot, outer
+from ..rolling import Reaction
 from ..state import BallState, DiskState, ReducedState, RotationState, State
 from .coupling import (
     Joints,
@@ -43,20 +42,20 @@ from .coupling import (
 from .dry_friction import TurningMode
 from .equations import Lever, accelerations, angles_in_state, inertia_about_contact
 from .footing import contact_normal, rates as rates_of
-from .load import Load, load
-from .moments import AbstractMoments, Moments, VelocityMoments, velocity_moments
+from .load import Load, accelerations_in_turning_axes, load
+from .moments import Moments, VelocityMoments, velocity_moments
 from .parameters import BodyParameters
 
 
 def linear_momentum(
-    body_moments: AbstractMoments, r: Float[Array, ""], Omega: Float[Array, "3"], arm: Float[Array, "3"]
+    body_moments: VelocityMoments, r: Float[Array, ""], Omega: Float[Array, "3"], arm: Float[Array, "3"]
 ) -> Float[Array, "3"]:
     """Computes P = Σ m (Ω × s + χ̇)."""
     return cross(Omega, body_moments.M * r * arm + body_moments.p) + body_moments.pdot
 
 
 def contact_momentum(
-    body_moments: AbstractMoments,
+    body_moments: VelocityMoments,
     r: Float[Array, ""],
     Omega: Float[Array, "3"],
     arm: Float[Array, "3"],
@@ -66,13 +65,13 @@ def contact_momentum(
     return apply(inertia_about_contact(body_moments, r, arm, square), Omega) + internal_momentum(body_moments, r, arm)
 
 
-def internal_momentum(body_moments: AbstractMoments, r: Float[Array, ""], arm: Float[Array, "3"]) -> Float[Array, "3"]:
+def internal_momentum(body_moments: VelocityMoments, r: Float[Array, ""], arm: Float[Array, "3"]) -> Float[Array, "3"]:
     """Computes rΓ × ṗ + ℓ, the part of Π that the masses have by moving in the ball."""
     return r * cross(arm, body_moments.pdot) + body_moments.l
 
 
 def contact_momentum_rate(
-    body_moments: AbstractMoments, r: Float[Array, ""], acting: Load, Pi: Float[Array, "3"], Omega: Float[Array, "3"]
+    body_moments: VelocityMoments, r: Float[Array, ""], acting: Load, Pi: Float[Array, "3"], Omega: Float[Array, "3"]
 ) -> Float[Array, "3"]:
     """Computes Π̇ = Π × Ω + T + rΓ̇ × P, with T the torque of the load about the contact point, gΓ × p + rΓ × F̃ and
     more. The load is that ``of_momenta``.
@@ -92,7 +91,7 @@ class RouthIntegrals(NamedTuple):
 
 
 def jellett(
-    body_moments: AbstractMoments, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
+    body_moments: VelocityMoments, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
 ) -> Float[Array, ""]:
     """Computes L·s, with L about the centre of mass of the whole and s = rΓ + χ to it from the contact point."""
     L, s, _ = _about_centre_of_mass(body_moments, r, Omega, Gamma)
@@ -100,7 +99,7 @@ def jellett(
 
 
 def jellett_rate(
-    body_moments: AbstractMoments,
+    body_moments: VelocityMoments,
     r: Float[Array, ""],
     Omega: Float[Array, "3"],
     Gamma: Float[Array, "3"],
@@ -118,7 +117,7 @@ def jellett_rate(
 
 
 def routh_integrals(
-    body_moments: AbstractMoments, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
+    body_moments: VelocityMoments, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
 ) -> RouthIntegrals:
     """Computes the integrals of Jellett and Routh, constant for d1 = d2, every mass fixed on E3, and no force."""
     height = body_moments.p[2] / body_moments.M
@@ -131,24 +130,12 @@ def routh_integrals(
     )
 
 
-def _about_centre_of_mass(body_moments: AbstractMoments, r, Omega, Gamma):
+def _about_centre_of_mass(body_moments: VelocityMoments, r, Omega, Gamma):
     """Computes L, s = rΓ + χ and Ω × χ + χ̇ for the centre of mass χ = p / M."""
     centre, rate = body_moments.p / body_moments.M, body_moments.pdot / body_moments.M
     velocity = cross(Omega, centre) + rate
     L = apply(body_moments.J, Omega) + body_moments.l - body_moments.M * cross(centre, velocity)
     return L, r * Gamma + centre, velocity
-
-
-class ContactForce(NamedTuple):
-    """The reaction of the plane: ``normal`` N (> 0 while the ball is held down) and ``friction`` f."""
-
-    normal: Float[Array, ""]
-    friction: Float[Array, "2"]
-
-    @property
-    def ratio(self) -> Float[Array, ""]:
-        """|f| / N, the coefficient of friction that this instant needs; infinite where N ≤ 0."""
-        return friction_ratio(jnp.sqrt(jnp.sum(self.friction**2, axis=-1)), self.normal)
 
 
 def reaction_in_body(
@@ -180,11 +167,8 @@ def total_inertial_force(
     Omegadot: Float[Array, "3"],
 ) -> Float[Array, "3"]:
     """Computes Σ m a in body axes, with a the accelerations in space as far as the arm, Γ of a sphere, is at rest."""
-    return (
-        cross(Omegadot, body_moments.M * r * arm + body_moments.p)
-        + cross(Omega, cross(Omega, body_moments.p) + 2 * body_moments.pdot)
-        + body_moments.pddot
-    )
+    apparent = accelerations_in_turning_axes(Omega, body_moments.p, body_moments.pdot, body_moments.pddot)
+    return cross(Omegadot, body_moments.M * r * arm + body_moments.p) + apparent
 
 
 AnyState = TypeVar("AnyState", BallState, RotationState, ReducedState, DiskState)
@@ -238,7 +222,7 @@ def field_of_locked(system: BodyParameters, t: Float[Array, ""], packed: AnyStat
 
 
 def inertia_about_contact_rate(
-    body_moments: AbstractMoments, r: Float[Array, ""], lever: Lever, armdot: Float[Array, "3"]
+    body_moments: VelocityMoments, r: Float[Array, ""], lever: Lever, armdot: Float[Array, "3"]
 ) -> Float[Array, "3 3"]:
     """Computes Ḃ, by the rule of products."""
     arm, identity = lever.arm, jnp.eye(3, dtype=armdot.dtype)
@@ -272,7 +256,7 @@ def _stop_joints(system: BodyParameters, t: Float[Array, ""], state: State) -> t
 
 def _momenta_of_motions(
     t: Float[Array, ""],
-    body_moments: AbstractMoments,
+    body_moments: VelocityMoments,
     r: Float[Array, ""],
     arm: Float[Array, "3"],
     free: list[Linkage],
@@ -281,8 +265,8 @@ def _momenta_of_motions(
 
     The free joints are still.
     """
-    pi = [jnp.sum((link.m[..., None] * link.chidot)[:, None] * link.partial, axis=(-2, -1)) for link in free]
-    return internal_momentum(body_moments, r, arm), [x - I for x, I in zip(pi, joint_impulses(t, free), strict=True)]
+    pi = [link.along(link.chidot) - I for link, I in zip(free, joint_impulses(t, free), strict=True)]
+    return internal_momentum(body_moments, r, arm), pi
 
 
 def _with_velocities(

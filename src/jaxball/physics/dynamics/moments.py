@@ -7,7 +7,7 @@ Sensors, files, figures, designs and controllers read here where masses on rails
 schedule of their own.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -76,37 +76,22 @@ def rates_of_mass(system: BodyParameters, t: Float[Array, ""], angles: Rates, in
     return theta[slot], thetadot[slot], thetaddot[slot]
 
 
-class AbstractMoments(eqx.Module):
-    """Moments of the masses about the geometric centre, in body axes, and their rates."""
+class VelocityMoments(eqx.Module):
+    """Moments of the masses about the geometric centre, in body axes, and their rates: those that need no acceleration
+    of a mass.
+    """
 
-    M: eqx.AbstractVar[Float[Array, ""]]  # Σ m
-    p: eqx.AbstractVar[Float[Array, "3"]]  # Σ m χ
-    pdot: eqx.AbstractVar[Float[Array, "3"]]
-    J: eqx.AbstractVar[Float[Array, "3 3"]]  # 𝕀 − Σ m χ̂², the inertia about the geometric centre
-    Jdot: eqx.AbstractVar[Float[Array, "3 3"]]
-    l: eqx.AbstractVar[Float[Array, "3"]]  # Σ m χ × χ̇
-
-
-class VelocityMoments(AbstractMoments):
-    """The moments that need no acceleration of a mass."""
-
-    M: Float[Array, ""]
-    p: Float[Array, "3"]
+    M: Float[Array, ""]  # Σ m
+    p: Float[Array, "3"]  # Σ m χ
     pdot: Float[Array, "3"]
-    J: Float[Array, "3 3"]
+    J: Float[Array, "3 3"]  # 𝕀 − Σ m χ̂², the inertia about the geometric centre
     Jdot: Float[Array, "3 3"]
-    l: Float[Array, "3"]
+    l: Float[Array, "3"]  # Σ m χ × χ̇
 
 
-class Moments(AbstractMoments):
+class Moments(VelocityMoments):
     """All moments."""
 
-    M: Float[Array, ""]
-    p: Float[Array, "3"]
-    pdot: Float[Array, "3"]
-    J: Float[Array, "3 3"]
-    Jdot: Float[Array, "3 3"]
-    l: Float[Array, "3"]
     pddot: Float[Array, "3"]
     ldot: Float[Array, "3"]  # Σ m χ × χ̈
 
@@ -145,16 +130,7 @@ def moments(system: BodyParameters, t: Float[Array, ""], angles: Rates, links: l
     for m, (chi, _, chiddot) in _kinematics_by_group(system, t, angles, links):
         pddot = pddot + jnp.sum(m[:, None] * chiddot, axis=0)
         ldot = ldot + _axial(_second_moment(m, chi, chiddot))
-    return Moments(
-        M=body_moments.M,
-        p=body_moments.p,
-        pdot=body_moments.pdot,
-        J=body_moments.J,
-        Jdot=body_moments.Jdot,
-        l=body_moments.l,
-        pddot=pddot,
-        ldot=ldot,
-    )
+    return Moments(**vars(body_moments), pddot=pddot, ldot=ldot)
 
 
 def kinematics(system: BodyParameters, t: Float[Array, ""], angles: Rates) -> Kinematics:
@@ -230,35 +206,30 @@ def _velocities_by_group(
 ) -> list[Part]:
     """Lists the masses of each group, and their χ and χ̇."""
     links = linkages(system, t, (*angles, angles[1])) if links is None else links  # θ̈ is not used
-    parts = _by_group(system, angles, lambda motion: motion.velocity(t), lambda motion, *x: motion.velocity(*x))
     carried = (
         (jnp.ravel(link.m), (jnp.reshape(link.chi, (-1, 3)), jnp.reshape(link.chidot, (-1, 3)))) for link in links
     )
-    return [*parts, *carried]
+    return [*_by_group(system, t, angles, "velocity"), *carried]
 
 
 def _kinematics_by_group(
     system: BodyParameters, t: Float[Array, ""], angles: Rates, links: list[Linkage]
 ) -> list[Part]:
     """Lists the masses of each group, and their χ, χ̇ and χ̈."""
-    parts = _by_group(system, angles, lambda motion: motion.kinematics(t), lambda motion, *x: motion.kinematics(*x))
-    return [*parts, *((jnp.ravel(link.m), link.kinematics()) for link in links)]
+    carried = ((jnp.ravel(link.m), link.kinematics()) for link in links)
+    return [*_by_group(system, t, angles, "kinematics"), *carried]
 
 
-def _by_group(system: BodyParameters, angles, prescribed: Callable[..., Any], driven: Callable[..., Any]) -> list[Part]:
-    """Lists each group's masses, with the result of ``prescribed`` for its motion, or of ``driven`` for that and its
-    own angles.
-    """
+def _by_group(system: BodyParameters, t: Float[Array, ""], angles: tuple[Array, ...], method: str) -> Iterator[Part]:
+    """Yields each group's masses, with what a method of its motion returns of the time, or of its own angles."""
     slots = {index: slot for slot, index in enumerate(system.driven)}
-    parts = []
     for group, indices in zip(system.groups, system.order, strict=True):
+        own: tuple[Array, ...] = ()
         if isinstance(group.motion, Driven):
             places = np.asarray([slots[index] for index in indices])
-            motions = eqx.filter_vmap(driven)(group.motion, *(values[places] for values in angles))
-        else:
-            motions = eqx.filter_vmap(prescribed)(group.motion)
-        parts.append((group.mass, motions))
-    return parts
+            own = tuple(values[places] for values in angles)
+        evaluate = eqx.filter_vmap(lambda motion, *own: getattr(motion, method)(*(own or (t,))))
+        yield group.mass, evaluate(group.motion, *own)
 
 
 def _second_moment(m, a, b):

@@ -223,15 +223,22 @@ def has_directions(system: BodyParameters) -> bool:
 
 def with_directions(system: AnyParameters, directions: Float[Array, " sticking"]) -> AnyParameters:
     """Returns the same body where the joints slip in these directions, or stick, 0."""
-    groups, start = [], 0
+    groups = tuple(
+        eqx.filter_vmap(lambda mechanism, slips: mechanism.slipping(slips))(group, slips) if group.holdable else group
+        for group, slips in _in_groups(system, directions)
+    )
+    return eqx.tree_at(lambda body: body.mechanism_groups, system, groups)
+
+
+def _in_groups(
+    system: BodyParameters, values: Float[Array, " sticking"]
+) -> Iterator[tuple[AbstractMechanism, Float[Array, "mechanisms holdable"]]]:
+    """Yields each group of mechanisms with the values of its joints that may be held."""
+    start = 0
     for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
         end = start + len(order) * len(group.holdable)
-        if group.holdable:
-            slips = jnp.reshape(directions[start:end], (len(order), -1))
-            group = eqx.filter_vmap(lambda mechanism, slips: mechanism.slipping(slips))(group, slips)
-        groups.append(group)
+        yield group, jnp.reshape(values[start:end], (len(order), len(group.holdable)))
         start = end
-    return eqx.tree_at(lambda body: body.mechanism_groups, system, tuple(groups))
 
 
 def sticking_joints(group: AbstractMechanism) -> Bool[Array, "mechanisms free"] | None:
@@ -260,16 +267,13 @@ def of_sticking(system: BodyParameters, values: Joints) -> Float[Array, " sticki
 
 def among_free(system: BodyParameters, values: Float[Array, " sticking"]) -> Joints:
     """Returns entries of all free joints: 0, and the values of those that may be held."""
-    joints, start = [], 0
-    for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
-        end = start + len(order) * len(group.holdable)
+    joints = []
+    for group, entries in _in_groups(system, values):
         if group.free:
-            entries = jnp.reshape(values[start:end], (len(order), len(group.holdable)))
-            columns = [jnp.zeros(len(order), values.dtype) for _ in group.free]
+            columns = [jnp.zeros(len(entries), values.dtype) for _ in group.free]
             for which, place in enumerate(group.holdable):
                 columns[place] = entries[:, which]
             joints.append(jnp.stack(columns, axis=-1))
-        start = end
     return joints
 
 

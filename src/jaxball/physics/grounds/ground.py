@@ -17,8 +17,8 @@ from ...interface.arguments import describe, require
 from ...interface.printing import Printed
 from ...numerics.arrays import join_arrays, namespace_of
 from ...numerics.declare import ANGLE, FULL_TURN, QUARTER_TURN, number
-from ...numerics.terms import add
-from ...numerics.vectors import apply, in_three, sine_cosine
+from ...numerics.linear import product
+from ...numerics.vectors import add, apply, in_three, sine_cosine
 from ..conditions import Condition, ExplainedCondition, on_numbers
 from ..prescribed.motion import AbstractPrescribedMotion
 from ..prescribed.schedules import AbstractSchedule
@@ -64,7 +64,7 @@ class Footing(NamedTuple):
 
     def rows(self, Lambda: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
         """Returns the contact axes in body axes, as rows: what takes vectors of the body to the contact axes."""
-        return Lambda if self.axes is None else jnp.sum(self.axes[:, :, None] * Lambda[None], axis=1)
+        return Lambda if self.axes is None else product(self.axes, Lambda)
 
 
 AT_REST = Footing()  # on a level plane at rest
@@ -175,13 +175,10 @@ class AbstractGround(Printed):
         return eqx.tree_at(lambda ground: [getattr(ground, name) for name in names], self, parts)
 
 
-def require_plane(ground: AbstractGround | None, purpose: str, error: type[Exception] = ValueError) -> None:
-    """Refuses a ground that is not a plane in something that is only for one, ``purpose``.
-
-    **Raises:** ``error``.
-    """
+def require_plane(ground: AbstractGround | None, purpose: str) -> None:
+    """Raises a ``ValueError`` for a ground that is not a plane in something that is only for one, ``purpose``."""
     if not (ground is None or isinstance(ground, Ground)):
-        raise error(
+        raise ValueError(
             f"Argument `ground` of the body must be a Ground or None for {purpose}, which is for planes, but it is "
             f"{describe(ground)}."
         )

@@ -19,8 +19,7 @@ from jaxtyping import Array, Float, Int
 
 from ...interface.arguments import require
 from ...interface.status import Status
-from ...numerics.terms import add
-from ...numerics.vectors import cross, dot, unit_vector
+from ...numerics.vectors import add, cross, dot, unit_vector
 from ..conditions import Condition, ExplainedCondition, Problem
 from .carriers import MovingFrame, Slopes
 from .chart import END_MARGIN, LEAST_MARGIN, Chart, Section, Touch, determinant, margin, nearest

@@ -30,6 +30,7 @@ from ...numerics.declare import (
     number,
     number_or_none,
 )
+from ...numerics.linear import product
 from ...numerics.vectors import apply, turn_about, unit_vector
 from ..conditions import Condition, on_numbers, positive
 from ..prescribed.rails import AbstractRail
@@ -146,7 +147,7 @@ class Hinge(AbstractJoint):
         n = unit_vector(self.axis)
         turn = turn_about(n, theta)
         w, c = apply(carrier.turn, n), carrier.of_point(self.point)
-        turned = jnp.sum(carrier.turn[:, :, None] * turn[None], axis=1)
+        turned = product(carrier.turn, turn)
         zero = jnp.zeros_like(w)
         return Moved(Placement(turned, c - apply(turned, self.point)), w, c, zero, zero)
 

@@ -1,6 +1,7 @@
 """Schedules θ(t): where a mass is on its rail, prescribed in closed form."""
 
 import abc
+from typing import TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -16,6 +17,7 @@ from ...numerics.declare import ACCELERATION, ANGLE, INCREASING, RATE, TIME, num
 from ...numerics.functions import HarmonicSeries, OfFunction, PiecewisePolynomial, cubic_spline_with_slopes
 from ...numerics.kinks import kinks_of_function, kinks_seen
 
+AnyPiecewise = TypeVar("AnyPiecewise", bound="AbstractPiecewise")
 SORT_INTERVALS = "sort the times, with what belongs to the intervals between them"
 
 
@@ -192,7 +194,7 @@ class PiecewiseSchedule(AbstractSchedule):
 
 
 class AbstractPiecewise(AbstractSchedule):
-    """A schedule that becomes a piecewise polynomial."""
+    """A schedule that becomes a piecewise polynomial, with values, or a first one, ``theta``."""
 
     @abc.abstractmethod
     def prepare(self) -> PiecewiseSchedule:
@@ -200,6 +202,9 @@ class AbstractPiecewise(AbstractSchedule):
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
         return self.prepare()(t)
+
+    def shift(self: AnyPiecewise, by: Float[Array, ""]) -> AnyPiecewise:
+        return eqx.tree_at(lambda s: s.theta, self, self.theta + by)  # pyright: ignore[reportAttributeAccessIssue]
 
 
 class PiecewiseAcceleration(AbstractPiecewise):
@@ -266,9 +271,6 @@ class PiecewiseAcceleration(AbstractPiecewise):
             )
         )
 
-    def shift(self, by: Float[Array, ""]) -> "PiecewiseAcceleration":
-        return eqx.tree_at(lambda s: s.theta, self, self.theta + by)
-
     def kinks(self) -> Float[Array, " kinks"]:
         return self.times
 
@@ -317,29 +319,10 @@ class Pulse(AbstractPiecewise):
             raise ValueError(f"Argument `end` must be later than `hold` = {hold}, but it is {end}; {remedy}.")
 
     def prepare(self) -> PiecewiseSchedule:
-        held, fall = self.hold - self.start, self.end - self.hold
-        zero = jnp.zeros_like(self.theta)
         u = self.height
-        theta_hold = self.theta + self.rate * held + u * held**2 / 2
-        rate_hold = self.rate + u * held
-        theta_end = theta_hold + rate_hold * fall + u * fall**2 / 3
-        rate_end = rate_hold + u * fall / 2
-        pieces = [
-            [self.theta, self.rate, zero, zero],
-            [self.theta, self.rate, u / 2, zero],
-            [theta_hold, rate_hold, u / 2, -u / (6 * fall)],
-            [theta_end, rate_end, zero, zero],
-        ]
-        return PiecewiseSchedule(
-            PiecewisePolynomial(
-                breaks=self.kinks(),
-                origins=jnp.stack([self.start, self.start, self.hold, self.end]),
-                coefficients=jnp.stack([jnp.stack(piece) for piece in pieces]),
-            )
-        )
-
-    def shift(self, by: Float[Array, ""]) -> "Pulse":
-        return eqx.tree_at(lambda s: s.theta, self, self.theta + by)
+        falling = -u / (self.end - self.hold)
+        accelerations = jnp.stack([u, jnp.zeros_like(u), u, falling]).reshape(2, 2)
+        return PiecewiseAcceleration(self.theta, self.kinks(), accelerations, self.rate).prepare()
 
     def kinks(self) -> Float[Array, " kinks"]:
         return jnp.stack([self.start, self.hold, self.end])
@@ -392,9 +375,6 @@ class Waypoints(AbstractPiecewise):
                 coefficients=jnp.concatenate([first[None], inner, last[None]]),
             )
         )
-
-    def shift(self, by: Float[Array, ""]) -> "Waypoints":
-        return eqx.tree_at(lambda s: s.theta, self, self.theta + by)
 
     def kinks(self) -> Float[Array, " kinks"]:
         return self.times

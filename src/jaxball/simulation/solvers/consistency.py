@@ -12,7 +12,8 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Bool, Float, Int, PyTree
 
-from ...numerics.linear import inverses, product
+from ...numerics.linear import inverse, product
+from ...numerics.vectors import apply
 from .base import INCONSISTENT, NO_FAULT, NOT_INDEX_ONE, UNKNOWN, FlatProblem
 from .mass import AbstractMassTerm, Mass
 from .stages import AbstractStageIteration, value_and_jacobian
@@ -140,11 +141,11 @@ def _correction(g: Callable, mass: Mass, x: Float[Array, " n"]) -> tuple[Float[A
     # Equations of different units would look nearly singular: rows are scaled to the same size.
     scale = jnp.max(jnp.abs(matrix), axis=1, keepdims=True)
     scale = jnp.where(scale == 0, 1.0, scale)
-    inverse = inverses((matrix / scale)[None])[0]
-    condition = jnp.max(jnp.sum(jnp.abs(inverse), axis=1)) * jnp.max(jnp.sum(jnp.abs(matrix / scale), axis=1))
+    inverse_matrix = inverse(matrix / scale)
+    condition = jnp.max(jnp.sum(jnp.abs(inverse_matrix), axis=1)) * jnp.max(jnp.sum(jnp.abs(matrix / scale), axis=1))
     # NaN determines nothing, and is another fault.
     index_one = (condition * jnp.finfo(x.dtype).eps < WORST_CONDITION) | ~jnp.all(jnp.isfinite(J))
-    change = -product(inverse, product(mass.residuals, value[:, None]) / scale)[:, 0]
+    change = -apply(inverse_matrix, apply(mass.residuals, value) / scale[:, 0])
     return jnp.where(index_one, change, 0.0), index_one
 
 

@@ -13,7 +13,8 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
 from ...interface.compat import is_traced
-from ...numerics.linear import inverses, product
+from ...numerics.linear import inverse, product
+from ...numerics.vectors import apply
 
 VectorField = Callable[[Any, Any, Any], Any]
 
@@ -31,17 +32,17 @@ class Mass(eqx.Module):
 
     def times(self, Z: Float[Array, "s n"]) -> Float[Array, "s n"]:
         """Computes M Zᵢ for each of the s rows."""
-        return _each(self.matrix, Z)
+        return product(Z, self.matrix.T)
 
     def rates(self, g: Float[Array, " n"]) -> Float[Array, " n"]:
         """Solves M v = g for the v without an algebraic part, or does so for the nearest g for which there is one."""
         # MᵀM is regular except on the algebraic variables, where the projection makes it so and gives the rate 0.
         matrix = product(self.matrix.T, self.matrix) + self.variables
-        return product(inverses(matrix[None])[0], _each(self.matrix.T, g[None])[0][:, None])[:, 0]
+        return apply(inverse(matrix), apply(self.matrix.T, g))
 
     def without_algebraic(self, x: Float[Array, " n"]) -> Float[Array, " n"]:
         """Returns ``x`` with its algebraic part taken off."""
-        return x - _each(self.variables, x[None])[0]
+        return x - apply(self.variables, x)
 
 
 class AbstractMassTerm(diffrax.AbstractTerm):
@@ -169,7 +170,3 @@ def _null_spaces(mass: Any) -> tuple[np.ndarray, np.ndarray]:
     left, sizes, right = np.linalg.svd(np.asarray(mass))
     null = sizes <= len(sizes) * np.finfo(sizes.dtype).eps * max(sizes)
     return left[:, null] @ left[:, null].T, right[null].T @ right[null]
-
-
-def _each(matrix: Float[Array, "n n"], X: Float[Array, "s n"]) -> Float[Array, "s n"]:
-    return jnp.sum(matrix[None] * X[:, None, :], axis=2)

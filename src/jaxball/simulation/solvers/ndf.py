@@ -9,6 +9,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
+from ...numerics.arrays import entry
 from .base import NO_FAULT, UNKNOWN, FlatProblem, Slope, flat_problem, outcome
 from .consistency import start_of_step
 from .diagonal import diagonally_implicit
@@ -209,7 +210,7 @@ class NDF(AbstractMultistep):
         change = stages.Z[0]
         after = advance(before, change, state.order)
         # The differences of the orders k, k + 1 and k + 2 at the end of the step.
-        last = jnp.stack([_at(before, state.order, before.dtype) + change, change, change - beyond[0]])
+        last = jnp.stack([entry(state.order, before) + change, change, change - beyond[0]])
         sizes = self.sizes(problem, after[0], self._errors(problem, state.order, last))
         size, result = outcome(stages, sizes[1:2], t0, t1, NO_FAULT if fault is None else fault)
         moved, following = self._after(problem, state, stages, (after, last), sizes)
@@ -220,7 +221,7 @@ class NDF(AbstractMultistep):
         self, problem: FlatProblem, t1: Float[Array, ""], before: Float[Array, "rows n"], state: NDFState
     ) -> Stages:
         """Solves for the correction to the state that ``before`` predicts for the step's end, as the only stage."""
-        alpha = _at(leading(self.kappa), state.order, problem.x0.dtype)
+        alpha = entry(state.order, jnp.asarray(leading(self.kappa), problem.x0.dtype))
         psi = jnp.sum(jnp.asarray(HARMONIC_SUMS[: len(before)], before.dtype)[:, None] * before, axis=0) / alpha
         mass_psi = (psi if problem.mass is None else problem.mass.times(psi[None])[0])[None]
         # Divided by α, the formula is a step of Euler's implicit method, whose matrices the iteration knows to make and
@@ -232,8 +233,8 @@ class NDF(AbstractMultistep):
 
     def _errors(self, problem: FlatProblem, order: Int[Array, ""], last: Float[Array, "3 n"]) -> Float[Array, "3 n"]:
         """Computes the errors of the formulas of one order less, of the step's own, and of one more."""
-        constants = np.concatenate([[0.0], ndf_error_constants(self.kappa), [0.0]])
-        errors = jnp.stack([_at(constants, order + i, last.dtype) for i in range(3)])[:, None] * last
+        constants = jnp.asarray([0.0, *ndf_error_constants(self.kappa), 0.0], last.dtype)
+        errors = jnp.stack([entry(order + i, constants) for i in range(3)])[:, None] * last
         return errors if problem.mass is None else jax.vmap(problem.mass.without_algebraic)(errors)
 
     def _after(
@@ -312,7 +313,7 @@ def _at_distance(state: NDFState, ratio: Float[Array, ""]) -> tuple[Float[Array,
 
     def another():
         powers = products(jnp.broadcast_to(ratio, len(differences) + 1))
-        scales = jnp.stack([_at(powers, order + i, ratio.dtype) for i in (1, 2)])
+        scales = jnp.stack([entry(order + i, powers) for i in (1, 2)])
         inside = jnp.where(up_to(order, len(differences)), resample(differences, ratio), 0.0)
         return inside, _scale(beyond, scales)
 
@@ -327,7 +328,7 @@ def _differences_before(state: NDFState, ratio: Float[Array, ""]) -> tuple[Float
     """Moves the differences, and the last three, along their polynomial to the points of the step before."""
     moved = resample(state.differences, jnp.ones_like(ratio), ratio)
     inside = jnp.where(up_to(state.order, len(moved)), moved, 0.0)
-    here = _at(inside, state.order, inside.dtype)
+    here = entry(state.order, inside)
     return inside, jnp.stack([here, jnp.zeros_like(here), jnp.zeros_like(here)])
 
 
@@ -339,10 +340,3 @@ def _of_order(
     differences = jnp.where(rows == before + 1, last[1][None], after)
     beyond = jnp.where(rises, jnp.stack([last[2], jnp.zeros_like(last[2])]), last[:2])
     return jnp.where(rows <= order, differences, 0.0), beyond
-
-
-def _at(rows, index: Int[Array, ""], dtype: Any) -> Array:
-    """Returns the row with an index, zero if there is none."""
-    rows = jnp.asarray(rows, dtype)
-    here = (jnp.arange(len(rows)) == index).reshape(-1, *(1,) * (rows.ndim - 1))
-    return jnp.sum(jnp.where(here, rows, 0.0), axis=0)

@@ -20,6 +20,7 @@ from numpy.polynomial import legendre
 
 from ....interface.compat import unvmap_any
 from ....numerics.arrays import default_dtype
+from ....numerics.vectors import polynomial
 from ....programs.batches import fill_vectors
 from ..interpolation import CollocationPolynomial
 from ..moving import FieldOfMoving
@@ -158,7 +159,7 @@ class DenseOutput(NamedTuple):
         moving = jnp.broadcast_to(y0[: self.moving], (times.size, *y0[: self.moving].shape))
         for stage, powers in enumerate(self.weights):
             if np.any(powers):
-                moving += (fractions * _polynomial(powers, fractions))[:, None] * k[stage, : self.moving][None]
+                moving += (fractions * polynomial(powers, fractions))[:, None] * k[stage, : self.moving][None]
         return self._with_still(moving, y0)
 
     def _with_still(self, moving: Float[Array, "m moving"], y0: Float[Array, " n"]) -> Float[Array, "m n"]:
@@ -255,14 +256,6 @@ def _nodes(count: int) -> np.ndarray:
     """
     inner = np.real(legendre.Legendre.basis(count + 2).deriv().roots())
     return np.delete(0.5 + 0.5 * np.sort(inner), count // 2)
-
-
-def _polynomial(powers: np.ndarray, x: Float[Array, " m"]) -> Float[Array, " m"]:
-    """Evaluates the polynomial with these coefficients, the lowest first."""
-    value = jnp.full_like(x, powers[-1])
-    for coefficient in powers[-2::-1]:
-        value = value * x + coefficient
-    return value
 
 
 @functools.cache

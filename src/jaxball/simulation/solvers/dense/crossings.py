@@ -29,7 +29,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ....numerics.arrays import select_tree
+from ....numerics.arrays import entry, select_tree
 from ....numerics.pieces import ROUNDINGS, Piece, Pieces, Span, nodes_between
 from ....programs.derivatives.reverse_rules import put
 
@@ -229,11 +229,9 @@ class _Search(NamedTuple):
         has_sign, place = values >= 0, jnp.arange(times.size)
         after = jnp.min(jnp.where(has_sign, place, times.size))
 
-        def entry(x: Array, k: Array, otherwise: Array) -> Array:
-            return jnp.where((k >= 0) & (k < times.size), jnp.sum(jnp.where(place == k, x, 0.0)), otherwise)
-
-        low, high = entry(times, after - 1, self.bracket[0]), entry(times, after, self.bracket[1])
-        before, beyond = entry(values, after - 1, jnp.zeros_like(low)), entry(values, after, jnp.zeros_like(low))
+        low = jnp.where(after > 0, entry(after - 1, times), self.bracket[0])
+        high = jnp.where(after < times.size, entry(after, times), self.bracket[1])
+        before, beyond = entry(after - 1, values), entry(after, values)
         between = (after > 0) & (after < times.size)
         share = jnp.where(between & (beyond > before), -before / jnp.where(beyond > before, beyond - before, 1.0), 0.5)
         gap, whole = high - low, self.high - self.of_first(self.low)
@@ -319,17 +317,12 @@ class Falling(NamedTuple):
         close = SECANT * span.length
         done = _scan(functions, span, seen, self._kinds, log, asked, enters=False, close=close)
         which = done.log.places[0]
-        chosen = jnp.arange(self.number) == which
-
-        def entry(values: Float[Array, " k"]) -> Float[Array, ""]:
-            return jnp.sum(jnp.where(chosen, values, 0.0))
-
         return FirstZero(
             exists=done.log.ended,
             which=which,
             time=done.log.times[0],
-            slope=entry(done.search.slopes),
-            until=entry(done.log.signs.since),
+            slope=entry(which, done.search.slopes),
+            until=entry(which, done.log.signs.since),
             unresolved=jnp.any(done.log.unresolved > 0),
             piece=done.log.piece,
         )

@@ -16,7 +16,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-Values = Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, " k"]]
 LOBATTO_NODES = 5
 FINENESS = 32
 # The half width of the next window, relative to this one: a few times the error of a quartic.
@@ -140,15 +139,6 @@ class Steps(eqx.Module):
         """Returns the vector of the state at a time within a step."""
         return self.step(index).evaluate(t)
 
-    @property
-    def like(self) -> tuple[Float[Array, ""], Float[Array, " size"]]:
-        """A time and a vector, for their shapes."""
-        return self.start[0], self.state(jnp.asarray(0), self.start[0])
-
-    def states(self, index: Int[Array, " n"], times: Float[Array, "n m"]) -> Float[Array, "n m size"]:
-        """Returns the vectors of the state at m times in each of n steps."""
-        return jax.vmap(lambda i, times: jax.vmap(self.step(i).evaluate)(times))(index, times)
-
 
 class Sampling(NamedTuple):
     """Where in a step a function is evaluated: the Gauss–Lobatto fractions of it, which include both ends.
@@ -166,12 +156,6 @@ class Sampling(NamedTuple):
         """Computes the values of the polynomials at the fractions; exact at the nodes."""
         return jnp.einsum("...n,fn->...f", samples, jnp.asarray(self.matrix, samples.dtype))
 
-    def value(self, samples: Float[Array, "*steps nodes"], fraction: Float[Array, "*steps"]) -> Float[Array, "*steps"]:
-        """Evaluates the polynomials at any fraction."""
-        a0, a1, a2, a3, a4 = jnp.einsum("...n,mn->m...", samples, jnp.asarray(self.powers, samples.dtype))
-        u = fraction
-        return a0 + u * (a1 + u * (a2 + u * (a3 + u * a4)))
-
     def rates(
         self, samples: Float[Array, "*steps nodes"], fraction: Float[Array, "*steps"]
     ) -> tuple[Float[Array, "*steps"], Float[Array, "*steps"]]:
@@ -179,13 +163,6 @@ class Sampling(NamedTuple):
         _, a1, a2, a3, a4 = jnp.einsum("...n,mn->m...", samples, jnp.asarray(self.powers, samples.dtype))
         u = fraction
         return a1 + u * (2 * a2 + u * (3 * a3 + u * 4 * a4)), 2 * a2 + u * (6 * a3 + u * 12 * a4)
-
-    def times(
-        self, t0: Float[Array, "*steps"], t1: Float[Array, "*steps"], fractions: np.ndarray
-    ) -> Float[Array, "*steps fractions"]:
-        """Returns the times at some fractions of steps."""
-        parts = jnp.asarray(fractions, t0.dtype).reshape((1,) * t0.ndim + (-1,))
-        return t0[..., None] + (t1 - t0)[..., None] * parts
 
 
 @cache
