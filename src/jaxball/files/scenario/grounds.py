@@ -23,12 +23,12 @@ from ...physics.grounds.ground import AbstractGround, Ground
 from ...physics.mechanisms import Accelerated
 from ...physics.prescribed.motion import AbstractPrescribedMotion
 from ...physics.prescribed.schedules import AbstractSchedule
-from .errors import ScenarioError, describe, key_error
+from .errors import ScenarioError
 from .mechanisms import JointInState
 from .motions import MOTIONS, SCHEDULE, SCHEDULES, read_motion, write_motion
 from .own import FUNCTION, Open, Parts, module_of, modules_of, names_own, read_own, trying
 from .table import Key, join, keys_of, read_family, read_list, read_one_of
-from .values import Nested, require_conditions
+from .values import Checked, Nested, require_conditions
 
 _MOTION = Nested(lambda values, path: read_motion(*read_one_of(values, path, MOTIONS)), write_motion, tables=MOTIONS)
 _SCHEDULED: Parts = {AbstractSchedule: SCHEDULE.kind}
@@ -51,16 +51,14 @@ GROUND = module_of(Ground, _PARTS)
 
 
 @dataclasses.dataclass(frozen=True)
-class AnglesOfPlate:
+class AnglesOfPlate(Checked):
     """Names of angles of a plate, in their order."""
 
     names: tuple[str, ...] = ("about_e1", "about_e2")
     words: str = 'one or both of the names "about_e1" and "about_e2" in a list, in this order'
 
-    def read(self, value: Any, path: str) -> tuple[str, ...]:
-        if not isinstance(value, list) or not value or value != [name for name in self.names if name in value]:
-            raise key_error(path, self.words, describe(value))
-        return tuple(value)
+    def fits(self, value: Any) -> bool:
+        return isinstance(value, list) and value != [] and value == [name for name in self.names if name in value]
 
     def write(self, value: Any, path: str) -> list[str] | None:
         return list(value) or None

@@ -21,7 +21,7 @@ from ...numerics.declare import FINITE, Declared
 from .errors import ScenarioError, describe, key_error
 from .imports import import_name, is_python_name, name_of
 from .table import REQUIRED, Key, Keys, Module, OpenFamily, join
-from .values import Flag, Kind, Numbers, require_conditions
+from .values import Flag, Kind, Numbers, Text, require_conditions
 
 
 @contextlib.contextmanager
@@ -51,15 +51,13 @@ def _describe_error(error: Exception) -> str:
 
 
 @dataclass(frozen=True)
-class Function:
+class Function(Text):
     """A function that can be imported."""
 
     words: str = 'a function that can be imported, as "module:function"'
 
     def read(self, value: Any, path: str) -> Callable[..., Any]:
-        if not isinstance(value, str):
-            raise key_error(path, self.words, describe(value))
-        return import_name(path, value)
+        return import_name(path, super().read(value, path))
 
     def write(self, value: Any, path: str) -> str:
         name = name_of(value, path)

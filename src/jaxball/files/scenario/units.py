@@ -16,7 +16,7 @@ from .errors import ScenarioError, describe, key_error
 from .logs import KIND as LOG
 from .paths import key_of, steps, value_at
 from .table import Key, read_table, write_table
-from .values import Choice, Nested, Numbers
+from .values import Checked, Choice, Nested, Numbers
 
 DIMENSIONLESS = "dimensionless"
 # Exponents of mass, length and time.
@@ -45,22 +45,20 @@ COMMON_UNITS = {
 
 
 @dataclass(frozen=True)
-class NameOfUnit:
+class NameOfUnit(Checked):
     """The name of one unit, without powers or numbers, such as ``"m"``; any but a common one of another quantity."""
 
     quantity: str
     words: str = 'the name of a unit, such as "m", "kg" or "s"'
 
+    def fits(self, value: Any) -> bool:
+        return isinstance(value, str) and bool(re.fullmatch(r"[^\W\d_]+", value))
+
     def read(self, value: Any, path: str) -> str:
-        if not isinstance(value, str) or not re.fullmatch(r"[^\W\d_]+", value):
-            raise key_error(path, self.words, describe(value))
         for quantity, names in COMMON_UNITS.items():
             if quantity != self.quantity and value in names:
                 raise key_error(path, f"a unit of {self.quantity}", f"{describe(value)}, which is one of {quantity}")
-        return value
-
-    def write(self, value: Any, path: str) -> str:
-        return value
+        return super().read(value, path)
 
 
 UNITS = {name: Key(NameOfUnit(name), says=f"the unit of {name}") for name in COMMON_UNITS}
