@@ -7,7 +7,7 @@ import multiprocessing
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -51,21 +51,16 @@ def solve_in_lanes(batch: Batch, request: Request) -> dict[str, np.ndarray]:
     - ``batch``: the rows.
     - ``request``: what to compute for them.
     """
-    reductions = {**_contact(batch, request), **{find.name: find.reduction() for find in request.finds}}
-    if batch.template.feedback is not None:
-        return _solve_closed_loops(batch, request, reductions)
-    detachment: dict[str, AbstractEvent] = {"detachment": Detachment()} if request.detachment else {}
-    return _solve_rows(batch, request, reductions, detachment)
-
-
-def _solve_rows(
-    batch: Batch,
-    request: Request,
-    reductions: Mapping[str, AbstractReduction],
-    others: dict[str, AbstractEvent],
-) -> dict[str, np.ndarray]:
-    """Solves the rows; ``others`` are events besides those of the scenario, of which nothing is kept."""
     first = batch.template
+    rolls = isinstance(first.system, AbstractRollingSystem)
+    reductions: dict[str, AbstractReduction] = {**CONTACT_REDUCTIONS} if request.contact and rolls else {}
+    reductions |= {find.name: find.reduction() for find in request.finds}
+    if first.feedback is not None:
+        from .closed_loops import solve_loops  # which other studies do without
+
+        return solve_loops(batch, request, reductions)
+    # An event besides those of the scenario, of which nothing is kept.
+    others: dict[str, AbstractEvent] = {"detachment": Detachment()} if request.detachment else {}
     # Arrays that are the same in all rows are not repeated for each, and what depends on them alone is computed once.
     system, state, events = batch.unstack_shared()
     *axes, axes_of_events = batch.in_axes
@@ -97,41 +92,14 @@ def _solve_rows(
         seen = trajectory.events[name]
         results |= {f"{name}_count": seen.count, f"{name}_time": seen.times[:, 0]}
     if request.readings:
-        results = results | _measure_rows(batch.sensors, trajectory)
+        results |= {f"measured_{name}": read for name, read in _measure(batch.sensors, trajectory).items()}
     return rows | jax.tree.map(np.asarray, results)
-
-
-def _measure_rows(sensors: Any, trajectory: Trajectory[Any, Any]) -> dict[str, Array]:
-    """Reads the sensors of each row."""
-    return {f"measured_{name}": read for name, read in _measure(sensors, trajectory).items()}
 
 
 @programs.filter_jit
 def _measure(sensors: Any, trajectory: Trajectory[Any, Any]) -> dict[str, Array]:
+    """Reads the sensors of each row."""
     return of_rows(lambda sensors, run: run.measured(sensors), sensors, trajectory)
-
-
-def _solve_closed_loops(
-    batch: Batch, request: Request, reductions: Mapping[str, AbstractReduction]
-) -> dict[str, np.ndarray]:
-    """Solves the rows of a scenario with feedback."""
-    from .closed_loops import solve_loops
-
-    return solve_loops(
-        batch.template,
-        batch.loop,
-        batch.loop_changes,
-        batch.sensors,
-        request.within,
-        reductions,
-        request.readings,
-        request.threads,
-    )
-
-
-def _contact(batch: Batch, request: Request) -> Mapping[str, AbstractReduction]:
-    rolls = isinstance(batch.template.system, AbstractRollingSystem)
-    return CONTACT_REDUCTIONS if request.contact and rolls else {}
 
 
 TASKS_PER_WORKER = 2

@@ -291,7 +291,6 @@ def _create(store: Store, attributes: dict[str, Any]) -> None:
 def _write_metadata(folder: Path, study: Study, outputs: dict[str, Output], attributes: dict[str, Any]) -> None:
     # Imported here, because they belong to the extra `sweep`.
     import zarr
-    from zarr.codecs import Crc32cCodec
 
     template = study.template()
     solve = {name: getattr(template, name) for name in ("solver", "rtol", "atol", "max_steps")}
@@ -307,7 +306,7 @@ def _write_metadata(folder: Path, study: Study, outputs: dict[str, Output], attr
         "coordinates": " ".join(name for name, item in outputs.items() if item.coordinate and name != "row"),
     }
     group = zarr.open_group(folder, mode="w-", zarr_format=3, attributes={**about, **attributes})
-    create = functools.partial(group.create_array, compressors=Crc32cCodec())
+    create = functools.partial(_create_array, group)
     for name, output in outputs.items():
         create(
             name,
@@ -316,7 +315,6 @@ def _write_metadata(folder: Path, study: Study, outputs: dict[str, Output], attr
             dtype=output.dtype,
             fill_value=output.fill,
             dimension_names=["row", *output.dimensions],
-            filters=None,
             attributes=_notes_of(output),
         )
     for name, labels in labels_of(outputs, template).items():
@@ -337,6 +335,13 @@ def _write_metadata(folder: Path, study: Study, outputs: dict[str, Output], attr
         zarr.consolidate_metadata(folder)
 
 
+def _create_array(group: Any, name: str, **settings: Any) -> Any:
+    """Creates an array whose files are its numbers and their checksum."""
+    from zarr.codecs import Crc32cCodec
+
+    return group.create_array(name, filters=None, compressors=Crc32cCodec(), **settings)
+
+
 def _notes_of(output: Output) -> dict[str, Any]:
     notes: dict[str, Any] = {"units": output.units, "long_name": output.meaning}
     return notes | ({OWN_UNITS: list(output.own_units)} if output.own_units else {})
@@ -344,19 +349,16 @@ def _notes_of(output: Output) -> dict[str, Any]:
 
 def _write_points(group: Any, study: Study, names: list[str]) -> None:
     """Writes the values along each axis, which the finished rows may not cover yet."""
-    from zarr.codecs import Crc32cCodec
-
     for name, axis in zip(names, study.axes, strict=True):
         chunks = (min(axis.size, POINTS_TOGETHER),)
         arrays = [
-            group.create_array(
+            _create_array(
+                group,
                 path,
                 shape=(axis.size,),
                 chunks=chunks,
                 dtype="f8",
                 dimension_names=[name],
-                compressors=Crc32cCodec(),
-                filters=None,
                 config=WRITTEN_EVEN_IF_ZERO,
             )
             for path in axis.paths

@@ -374,18 +374,8 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
     looked_at = table["save"] == "times" or table["readings"] or template.feedback is not None
     saves = template.times.size if looked_at else 1
     chunk = _chunk_for(rows, saves) if table["chunk"] is None else min(table["chunk"], rows)
-    return Study(
-        title=table["title"],
-        document=scenario,
-        axes=axes,
-        save=table["save"],
-        contact=table["contact"],
-        detachment=table["detachment"],
-        finds=finds,
-        chunk=chunk,
-        readings=table["readings"],
-        within=table["within"],
-    )
+    as_read = {name: table[name] for name in ("title", "save", "contact", "detachment", "readings", "within")}
+    return Study(document=scenario, axes=axes, finds=finds, chunk=chunk, **as_read)
 
 
 @functools.lru_cache(maxsize=4)
