@@ -164,18 +164,16 @@ class _Limit(AbstractRunningConstraint):
     most: Float[Array, ""] = eqx.field(converter=number(rule=POSITIVE))
 
     @abc.abstractmethod
-    def vectors(self, run: Run) -> Float[Array, "t n d"]:
-        """Returns v."""
-
-    @abc.abstractmethod
-    def unit(self, run: Run) -> Float[Array, "..."]:
-        """Returns the unit of violations; one for all vectors, or one for each, shape (1, n)."""
+    def limited(self, run: Run) -> tuple[Float[Array, "t n d"], Float[Array, "..."]]:
+        """Returns v, and the unit of violations: one for all vectors, or one for each, shape (1, n)."""
 
     def __call__(self, run: Run):
-        return (norm(self.vectors(run)) - self.most) / self.unit(run)
+        vectors, unit = self.limited(run)
+        return (norm(vectors) - self.most) / unit
 
     def margins(self, run: Run):
-        return room(self.vectors(run), self.most) / self.unit(run)
+        vectors, unit = self.limited(run)
+        return room(vectors, self.most) / unit
 
 
 class SpeedLimit(_Limit):
@@ -186,11 +184,8 @@ class SpeedLimit(_Limit):
     - ``most``: the largest speed of each mass relative to the body, length/time.
     """
 
-    def vectors(self, run: Run):
-        return run.masses.chidot
-
-    def unit(self, run: Run):
-        return run.length / run.time_unit
+    def limited(self, run: Run):
+        return run.masses.chidot, run.length / run.time_unit
 
 
 class AccelerationLimit(_Limit):
@@ -201,11 +196,8 @@ class AccelerationLimit(_Limit):
     - ``most``: the largest acceleration of each mass relative to the body, length/time².
     """
 
-    def vectors(self, run: Run):
-        return run.masses.chiddot
-
-    def unit(self, run: Run):
-        return jnp.abs(run.system.gravity)
+    def limited(self, run: Run):
+        return run.masses.chiddot, jnp.abs(run.system.gravity)
 
 
 class JointEffortLimit(_Limit):
@@ -216,11 +208,8 @@ class JointEffortLimit(_Limit):
     - ``most``: the largest effort, mass length²/time² for a torque, mass length/time² for a force.
     """
 
-    def vectors(self, run: Run):
-        return run.joint_efforts[..., None]
-
-    def unit(self, run: Run):
-        return run.effort_units[None]
+    def limited(self, run: Run):
+        return run.joint_efforts[..., None], run.effort_units[None]
 
 
 class ForceLimit(_Limit):
@@ -231,11 +220,8 @@ class ForceLimit(_Limit):
     - ``most``: the largest force, mass length/time².
     """
 
-    def vectors(self, run: Run):
-        return run.forces_along[..., None]
-
-    def unit(self, run: Run):
-        return run.weight
+    def limited(self, run: Run):
+        return run.forces_along[..., None], run.weight
 
 
 def _differences(run: Run) -> Float[Array, "t pairs 3"]:
@@ -334,12 +320,7 @@ def distance(
     safe = jnp.where(crossing, determinant, 1.0)
     s, t = (uv * vw - vv * uw) / safe, (uu * vw - uv * uw) / safe
     within = crossing & (s >= 0) & (s <= 1) & (t >= 0) & (t <= 1)
-    ends = [
-        _of_end(a, b, v, vv),
-        _of_end(to_a, b, v, vv),
-        _of_end(b, a, u, uu),
-        _of_end(to_b, a, u, uu),
-    ]
+    ends = [*(_of_end(end, b, v, vv) for end in (a, to_a)), *(_of_end(end, a, u, uu) for end in (b, to_b))]
     nearest = jnp.min(jnp.stack(ends))
     return jnp.where(within, norm(w + s * u - t * v), nearest)
 

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import numpy as np
 
 from ...files.scenario import read_document
 from ...files.scenario.body import rolling_state
@@ -19,9 +18,9 @@ from ...physics.body import System
 from ...physics.state import BallState, DiskState
 from .kinds import CONSTRAINTS, OBJECTIVES, PLANE, Plane, Requirements, plane_of
 from .optimal_control.collocation import BARRIER
+from .optimal_control.controlled import ControlFile
 from .optimal_control.problem import VIOLATION
 from .optimal_control.rolling import Rolling
-from .optimal_control.schedules import ControlFile
 from .optimal_control.solve import BARRIER_OF_TIME, FreeEndTime, Guess
 from .problem.problem import Perturbations, Problem
 from .problem.requirements import (
@@ -220,21 +219,12 @@ def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlF
     _require(objectives, OBJECTIVES, AbstractRunningObjective, "means over the run")
     _require(constraints, CONSTRAINTS, AbstractRunningConstraint, "constraints at each time")
     ends = {name: control[name] for name in ("place", "depth", "softness")}
-    times = (scenario.times[0], scenario.times[-1])
-    problem = Rolling(system, times, objectives, state, **ends, constraints=constraints)
-    return ControlFile(
-        title=table["title"],
-        problem=problem,
-        easy=None if control["first_weights"] is None else _easy(problem, control["first_weights"]),
-        saves=int(np.size(scenario.times)),
-        intervals=control["intervals"],
-        tolerance=float(control["tolerance"]),
-        violation=float(control["violation"]),
-        barrier=float((BARRIER_OF_TIME if free else BARRIER) if control["barrier"] is None else control["barrier"]),
-        guess=GUESSES[control["guess"]],
-        units=scenario.units,
-        free_end_time=free,
-    )
+    problem = Rolling(system, scenario.times[[0, -1]], objectives, state, **ends, constraints=constraints)
+    easy = None if control["first_weights"] is None else _easy(problem, control["first_weights"])
+    barrier = (BARRIER_OF_TIME if free else BARRIER) if control["barrier"] is None else control["barrier"]
+    tolerance, violation, barrier = map(float, (control["tolerance"], control["violation"], barrier))
+    how = control["intervals"], tolerance, violation, barrier, GUESSES[control["guess"]]
+    return ControlFile(table["title"], problem, easy, scenario.times.size, *how, scenario.units, free)
 
 
 def _free_end_time(control: dict[str, Any], given: dict[str, Any], times: tuple[float, float]) -> FreeEndTime | None:

@@ -1,4 +1,4 @@
-"""A solution of an optimal control problem: its violations, means, curvature and errors, and finer meshes.
+"""A solution of an optimal control problem: its violations, curvature, errors and motion, and finer meshes.
 
 ``solve`` refines the mesh by it, and reports describe it.
 
@@ -6,27 +6,35 @@ Errors of a path in the differential equation reduced by finer meshes: Betts, Pr
 Estimation Using Nonlinear Programming, section 4.7.
 """
 
+import dataclasses
 import math
-from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 import scipy.sparse
-from jaxtyping import Float, Int
+from jaxtyping import Array, Float, Int
 
+from .... import programs
+from ....files.scenario.initial import starting_angles
 from ....files.scenario.scenario import Scenario
 from ....interface.names import leave_to
+from ....physics.body import System
 from ....physics.prescribed.schedules import PiecewiseAcceleration
+from ....physics.prescribed.signals import PiecewiseSignal
+from ....physics.state import BallState, DiskState
+from ....programs.batches import map_rows
+from ....simulation.equilibrium import imbalance
 from ....simulation.solvers.tableau import gauss
 from ..continuation import Branch, newton, solver
+from ..problem.run import Run, locate_centre
 from ..problem.space import DesignError
 from .collocation import SHARP, Collocation, Unknowns, in_time
-from .problem import VIOLATION, AbstractControlProblem, Path
+from .problem import VIOLATION, AbstractControlProblem, Path, with_free_joints
 from .rolling import Rolling, rolling
-
-if TYPE_CHECKING:
-    from .schedules import Resimulated
 
 MOST_PIECES = 4
 MOST_REFINEMENTS = 8
@@ -36,6 +44,28 @@ REGULARISATION = 1e-12
 
 # The number of points, including both ends, at which inequalities are evaluated in each interval.
 POINTS_OF_INTERVAL = 11
+
+
+class Resimulated(NamedTuple):
+    """A simulation of a solution's schedules compared with the solution; lengths in radii.
+
+    - ``apart``: the largest distance between the simulated path and the solution's.
+    - ``speed``: the largest of |Ω| and |θ̇| at the end.
+    - ``away``, ``below``: at the end, how far the centre of mass is beside the vertical through the contact point, and
+      below the geometric centre.
+    - ``missed``: the distance of the geometric centre from ``place`` at the end; 0 where that is free.
+    - ``margin``: the least normal force, over M g; ``friction``: the largest |f| / N. Both at the saved times.
+    - ``violations``: the largest violation of each constraint; negative where it holds everywhere.
+    """
+
+    apart: float
+    speed: float
+    away: float
+    below: float
+    missed: float
+    margin: float
+    friction: float
+    violations: dict[str, float]
 
 
 class Solution(NamedTuple):
@@ -162,28 +192,59 @@ class Solution(NamedTuple):
         """
         raise NotImplementedError
 
-    @leave_to(".schedules")
     def schedules(self) -> list[PiecewiseAcceleration]:
         """Returns θ(t) of the accelerated coordinates of a :class:`Rolling`, masses first and then joints.
 
         θ̈ is the polynomial u on each interval, so that at the knots θ and θ̇ are the solution's.
         """
-        raise NotImplementedError
+        problem, mesh = rolling(self.problem), self.path.mesh
+        places = np.asarray(problem.system.accelerated, dtype=int)
+        start = zip(problem.state.theta[places], problem.state.thetadot[places], strict=True)
+        return [
+            PiecewiseAcceleration(theta, mesh, values, rate)
+            for values, (theta, rate) in zip(self._polynomials()[: len(places)], start, strict=True)
+        ]
 
-    @leave_to(".schedules")
+    def signals(self) -> list[PiecewiseSignal]:
+        """Returns Q(t) of each motor of a :class:`Rolling`.
+
+        It is the polynomial u on each interval, then, for as long again, the values of :meth:`holding`.
+        """
+        first, mesh = len(rolling(self.problem).system.accelerated), self.path.mesh
+        # A run that goes on past the end shows the robot at rest, for as long again.
+        times = np.append(mesh, 2 * mesh[-1] - mesh[0])
+        constant = np.eye(1, self.path.controls.shape[1])
+        return [
+            PiecewiseSignal(times, np.concatenate([values, value * constant]))
+            for values, value in zip(self._polynomials()[first:], self.holding(), strict=True)
+        ]
+
+    def _polynomials(self) -> Float[np.ndarray, "m N s"]:
+        """Computes the coefficients of each control, for the powers of the time since the start of each interval."""
+        powers = np.arange(self.path.controls.shape[1])
+        # `control_coefficients` are for fractions of an interval.
+        coefficients = self.path.control_coefficients / np.diff(self.path.mesh)[:, None, None] ** powers[:, None]
+        return np.moveaxis(coefficients, 2, 0)
+
     def holding(self) -> Float[np.ndarray, " motors"]:
         """Computes the force or torque of each motor that holds the robot of a :class:`Rolling` at its end."""
-        raise NotImplementedError
+        return np.asarray(_holding(rolling(self.problem), jnp.asarray(self.path.knots[-1])))
 
-    @leave_to(".schedules")
     def places(self, times: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k *d"]:
         """Computes the position of the geometric centre of a :class:`Rolling` at ``times``, shape (k,).
 
         It is (z1, z2) for a ball, z for a disk, and on a surface where the centre is along e1 and e2, or along e1.
         """
-        raise NotImplementedError
+        centres = self._centres(times)
+        return centres[:, 0] if rolling(self.problem).system.planar else centres[:, :2]
 
-    @leave_to(".schedules")
+    def _centres(self, times: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k d"]:
+        """Returns the geometric centre at ``times``, as :func:`locate_centre` has it."""
+        problem, states = rolling(self.problem), jnp.asarray(self.path.states(times))
+        unpacked = _unpack(problem, jnp.asarray(times), states)
+        return np.asarray(_centres(problem.packing.system, jnp.asarray(times), unpacked))
+
+    @programs.compile_quickly()
     def scenario(self, title: str = "", saves: int = 201) -> Scenario:
         """Returns the scenario with the motion of a :class:`Rolling`, for ``jaxball simulate``.
 
@@ -192,10 +253,13 @@ class Solution(NamedTuple):
         - ``title``: of the scenario.
         - ``saves``: the number of save times.
         """
-        raise NotImplementedError
+        problem = rolling(self.problem)
+        robot = problem.with_schedules(self.schedules(), self.signals())
+        times = np.linspace(float(problem.start), float(problem.end), saves)
+        return Scenario(title, robot, with_free_joints(problem.system, problem.state), times)
 
-    @leave_to(".schedules")
-    def resimulate(self, solver: str = "gauss16", tolerance: float = 1e-11) -> "Resimulated":
+    @programs.compile_quickly()
+    def resimulate(self, solver: str = "gauss16", tolerance: float = 1e-11) -> Resimulated:
         """Simulates the schedules of a :class:`Rolling` by a solver of another kind.
 
         Constraints are evaluated ten times per interval of the mesh.
@@ -207,7 +271,63 @@ class Solution(NamedTuple):
 
         **Raises:** :class:`~jaxball.SolveError` where the solve fails.
         """
-        raise NotImplementedError
+        problem, scenario = rolling(self.problem), self.scenario()
+        if problem.constraints:
+            # Ends of intervals belong to two of them.
+            scenario = dataclasses.replace(scenario, times=np.unique(self.path.within(POINTS_OF_INTERVAL)))
+        run = scenario.simulate(solver=solver, rtol=tolerance, atol=tolerance, throw=True)
+        system = run.system
+        seen, M, r = run.observables, float(problem.system.total_mass), float(problem.system.radius)
+        times = jnp.asarray(run.times)
+        centres = np.asarray(_centres(system.prepare(), times, run.state))
+        gap = centres - self._centres(np.asarray(times))
+        schedules = self.schedules()
+        # θ̇ of a mass or a joint with a schedule is not in the state of the simulation.
+        rates = [*starting_angles(tuple(schedules), problem.end)["thetadot"]] if schedules else []
+        whole = Run(system, times, run.state, run.status)
+        largest = _largest(problem.constraints, whole)
+        beside, below = _off_balance(system, problem.end, jax.tree.map(lambda leaf: leaf[-1], run.state))
+        # `place` may have one number or two; the centre in space has three on a surface.
+        missed = 0.0 if problem.place is None else np.linalg.norm(centres[-1, : problem.place.size] - problem.place)
+        turning = np.linalg.norm(seen.angular_velocity_body[-1])
+        return Resimulated(
+            apart=float(np.max(np.linalg.norm(gap, axis=1))) / r,
+            speed=float(np.max(np.abs([turning, *rates, *seen.joint_rates[-1]]))),
+            away=float(np.linalg.norm(beside)) / r,
+            below=float(below) / r,
+            missed=float(missed) / r,
+            margin=float(np.min(seen.normal_force)) / (M * float(problem.system.gravity)),
+            friction=float(np.max(seen.friction_ratio)),
+            violations={name: float(by) for name, by in largest.items()},
+        )
+
+
+@programs.jit
+def _holding(problem: Rolling, x: Float[Array, " n"]) -> Float[Array, " motors"]:
+    return -problem.imbalance_at_end(x).efforts[problem.motor_slots]
+
+
+@programs.filter_jit
+def _largest(constraints: Mapping[str, Any], run: Run) -> dict[str, Float[Array, ""]]:
+    """Computes the largest violation of each constraint."""
+    return {name: jnp.max(constraint(run)) for name, constraint in constraints.items()}
+
+
+@programs.filter_jit
+def _off_balance(system: System, t, state) -> tuple[Float[Array, "2"], Float[Array, ""]]:
+    """Computes how far the centre of mass is beside the place where it could rest, and below the geometric centre."""
+    left = imbalance(system.prepare(), t, state)
+    return left.beside, left.below
+
+
+@programs.jit
+def _unpack(problem: Rolling, times, states) -> BallState | DiskState:
+    return map_rows(problem.packing.unpack, times, states)
+
+
+@programs.filter_jit
+def _centres(prepared: System, times, states) -> Float[Array, "k d"]:
+    return map_rows(lambda t, state: locate_centre(prepared, t, state), times, states)
 
 
 def path_of(collocation: Collocation, y: Float[np.ndarray, " size"]) -> Path:

@@ -380,7 +380,7 @@ class Optimiser:
     def first_multipliers(self, count: int) -> Multipliers:
         """Returns no multipliers, and the first penalty, for each of ``count`` designs."""
         # With multipliers 0 the augmented Lagrangian is the objective with a quadratic penalty, which Adam minimises.
-        nothing = np.zeros((count, self.program.layout.size))
+        nothing = np.zeros((count, self.program.terms.layout.size))
         return Multipliers(nothing, np.full(count, self.settings.penalty), nothing)
 
     def _descend(self, progress: Progress) -> Progress:
@@ -465,7 +465,7 @@ class Optimiser:
         return progress.offer(y, self._merits(lagrangians), self.settings.tolerance)
 
     def _merits(self, lagrangians: Lagrangians) -> list[Merit]:
-        objective = lagrangians.at.terms @ self.program.weights
+        objective = lagrangians.at.terms @ np.asarray(self.program.terms.weights)
         gradient = np.max(np.abs(lagrangians.gradient), axis=1, initial=0.0)
         rows = zip(objective, lagrangians.violation, gradient, lagrangians.worst, strict=True)
         return [Merit(*map(float, row)) for row in rows]

@@ -132,8 +132,11 @@ class AbstractTerms(abc.ABC):
         return self.assess(self.simulate(self.numbers(y), adjoint))
 
 
-class AbstractProgram(AbstractTerms):
-    """Minimise Σ weight · term over the unknowns y, unbounded and of order one, where all constraints hold."""
+class AbstractProgram(abc.ABC):
+    """Minimise Σ weight · term over the unknowns y, unbounded and of order one, where all constraints hold.
+
+    A program whose ``pytree`` is not given has the terms itself.
+    """
 
     @property
     @abc.abstractmethod
@@ -151,6 +154,11 @@ class AbstractProgram(AbstractTerms):
         A PyTree with the same terms is traced, so that programs that differ in numbers alone share these functions.
         """
         return Known(self)
+
+    @property
+    def terms(self) -> AbstractTerms:
+        """The terms and the constraints."""
+        return reveal(self.pytree)
 
 
 class Multipliers(NamedTuple):
@@ -448,18 +456,6 @@ class Shooting(AbstractProgram):
         return Pieces(self.problem.pytree, Components.of(space.system, space.placed), self.intervals)
 
     @property
-    def weights(self):
-        return self.problem.weights
-
-    @property
-    def layout(self):
-        return self.pytree.layout
-
-    @property
-    def equal(self):
-        return self.pytree.equal
-
-    @property
     def names(self):
         states = np.repeat(np.arange(1, self.intervals), self.pytree.components.size)
         return (*self.problem.space.names, *(f"the state at joint {k}" for k in np.tile(states, self.problem.balls)))
@@ -484,15 +480,6 @@ class Shooting(AbstractProgram):
     def design(self, y: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " n"]:
         """Returns the unknowns of the design space among all unknowns."""
         return y[: self.problem.space.size]
-
-    def numbers(self, y):
-        return self.pytree.numbers(y)
-
-    def simulate(self, numbers, adjoint=None):
-        return self.pytree.simulate(numbers, adjoint)
-
-    def assess(self, runs):
-        return self.pytree.assess(runs)
 
 
 @programs.filter_jit
