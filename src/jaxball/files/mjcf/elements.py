@@ -217,7 +217,7 @@ def _turn_by_euler(sequence: str, angles: Float[np.ndarray, "3"]) -> Float[np.nd
     return turn
 
 
-def read_inertial(body: ET.Element, angles: Angles) -> Inertial | None:
+def _read_inertial(body: ET.Element, angles: Angles) -> Inertial | None:
     """Reads the inertia that a body states, in its own frame; None if it states none."""
     element = body.find("inertial")
     if element is None:
@@ -306,19 +306,11 @@ class Inertias(NamedTuple):
 
         **Raises:** :class:`MJCFError` for a geom whose mass is not computed here.
         """
-        stated = None if self.from_geoms == "true" else read_inertial(body, self.angles)
-        return stated if stated or self.from_geoms == "false" else inertial_of_geoms(body, self.angles)
-
-
-def inertial_of_geoms(body: ET.Element, angles: Angles) -> Inertial | None:
-    """Computes the inertia of the geoms of a body in its frame; None where they have no mass.
-
-    **Raises:** :class:`MJCFError` for a geom with a mass whose shape is none of these.
-    """
-    parts = [part for part in (_part(geom, angles) for geom in body.findall("geom")) if part is not None]
-    if not parts:
-        return None
-    return combine(parts)
+        stated = None if self.from_geoms == "true" else _read_inertial(body, self.angles)
+        if stated or self.from_geoms == "false":
+            return stated
+        parts = [part for part in (_part(geom, self.angles) for geom in body.findall("geom")) if part is not None]
+        return combine(parts) if parts else None
 
 
 def _part(geom: ET.Element, angles: Angles) -> Inertial | None:

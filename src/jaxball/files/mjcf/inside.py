@@ -39,7 +39,7 @@ from .elements import (
     refuse_others,
     text_of,
 )
-from .forces import Law, gear_of, joint_of, law_of, read_springs
+from .forces import gear_of, joint_of, law_of, read_springs
 from .sensors import Site
 from .settings import Settings
 
@@ -132,7 +132,7 @@ class _Reader:
             self.trees.append(tree)
         before = len(tree.joints) - 1
         name = element.get("name", "")
-        drive = _sum([*read_springs(element, self.settings), *self.forces.get(name, ())])
+        drive = sum_forces([*read_springs(element, self.settings), *self.forces.get(name, ())])
         # The joint before is the default, which scenarios do not state.
         on = None if carrier.joint == before else carrier.joint
         tree.joints.append(_joint(element, frame, drive, on))
@@ -205,7 +205,8 @@ def _mechanism(tree: _Tree) -> Mechanism:
         raise MJCFError(f"The bodies on the joints {which} are no mechanism: {error}") from None
 
 
-def _sum(forces: Sequence[AbstractJointForce]) -> AbstractJointForce | None:
+def sum_forces(forces: Sequence[AbstractJointForce]) -> AbstractJointForce | None:
+    """Returns the sum of forces on a joint, or the only one; None without any."""
     if len(forces) < 2:
         return forces[0] if forces else None
     return JointForces(tuple(forces))
@@ -288,11 +289,7 @@ def _set_damping(actuator: ET.Element, inertia: float) -> None:
         del actuator.attrib["dampratio"]
         actuator.set("kv", text_of(damping))
     else:
-        actuator.set("biasprm", text_of(*_bias(law._replace(damping=damping))))
-
-
-def _bias(law: Law) -> tuple[float, float, float]:
-    return 0.0, -law.stiffness, -law.damping
+        actuator.set("biasprm", text_of(0.0, -law.stiffness, -damping))
 
 
 def _inertias(inertial: Inertial, inside: Inside, planar: bool) -> Float[np.ndarray, " joints"]:

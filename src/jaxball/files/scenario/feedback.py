@@ -5,7 +5,7 @@ import contextlib
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Array
@@ -248,14 +248,6 @@ KEYS = {
 }
 
 
-class HeldRun(NamedTuple):
-    """The run that feedback holds, by the parts of a scenario that determine it."""
-
-    system: System
-    times: SaveTimes
-    solve: Mapping[str, Any]
-
-
 def read_feedback(values: Any, path: str) -> AbstractFeedbackSettings:
     """Reads the settings of the feedback that holds the motion of the scenario."""
     return read_family(values, path, FEEDBACK)
@@ -273,7 +265,9 @@ def check_feedback(
     feedback: AbstractFeedbackSettings | None,
     estimator: EstimatorSettings | None,
     sensors: Mapping[str, AbstractSensor],
-    held: HeldRun,
+    system: System,
+    times: SaveTimes,
+    solve: Mapping[str, Any],
     document: Mapping[str, Any],
     read: Callable[[dict[str, Any]], object],
 ) -> None:
@@ -289,10 +283,10 @@ def check_feedback(
     if is_traced_document():
         return
     each_of(
-        lambda: _check_solve(document, held.solve),
-        lambda: sample_of(held.times.array(held.times.count)),
+        lambda: _check_solve(document, solve),
+        lambda: sample_of(times.array(times.count)),
         lambda: check_model(feedback.model, document, read),
-        lambda: _check_fit(feedback, estimator, held, sensors),
+        lambda: _check_fit(feedback, estimator, system, times, sensors),
     )
 
 
@@ -364,14 +358,14 @@ def document_of_model(model: Named, document: Mapping[str, Any]) -> dict[str, An
 def _check_fit(
     feedback: AbstractFeedbackSettings,
     estimator: EstimatorSettings | None,
-    held: HeldRun,
+    system: System,
+    times: SaveTimes,
     sensors: Mapping[str, AbstractSensor],
 ) -> None:
     from ...control.sampled import SampledSystem
 
-    times = held.times
     sample = (times.end - times.start) / (times.count - 1)
-    sampled = _in_keys(SampledSystem.of, held.system, sample, feedback.inputs)
+    sampled = _in_keys(SampledSystem.of, system, sample, feedback.inputs)
     each_of(
         lambda: _in_keys(feedback.check, sampled),
         lambda: estimator is None or _check_estimator(estimator, sampled, sensors),

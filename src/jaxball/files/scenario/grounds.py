@@ -26,8 +26,8 @@ from ...physics.prescribed.schedules import AbstractSchedule
 from .errors import ScenarioError
 from .mechanisms import JointInState
 from .motions import MOTIONS, SCHEDULE, SCHEDULES, read_motion, write_motion
-from .own import FUNCTION, Open, Parts, module_of, modules_of, names_own, read_own, trying
-from .table import Key, join, keys_of, read_family, read_list, read_one_of
+from .own import FUNCTION, Open, Parts, module_of, modules_of, read_open
+from .table import Key, keys_of, read_list, read_one_of
 from .values import Checked, Nested, require_conditions
 
 _MOTION = Nested(lambda values, path: read_motion(*read_one_of(values, path, MOTIONS)), write_motion, tables=MOTIONS)
@@ -140,13 +140,8 @@ _TABLE_REFUSED = {
 
 def read_ground(values: Any, path: str, kind: str) -> AbstractGround | ReadPlate:
     """Reads the ground, a plate with the schedules that a law follows; only under a ball may it have a turntable."""
-    if names_own(values):
-        ground = read_own(values, path, GROUNDS)
-    elif isinstance(values, dict) and "kind" in values:
-        with trying(join(path, "function")):
-            ground = read_family(values, path, GROUNDS)
-    else:
-        ground = GROUND.read(values, path)
+    has_kind = isinstance(values, dict) and "kind" in values
+    ground = read_open(values, path, GROUNDS) if has_kind else GROUND.read(values, path)
     if kind == "convex-body" and not isinstance(ground, Ground):
         raise ScenarioError(
             f"Key `{path}` must be a plane under a convex body, whose contact with another ground would have to be "

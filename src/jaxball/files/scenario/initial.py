@@ -286,10 +286,8 @@ def write_initial(system: System, state: State | ReleasedState) -> dict[str, Any
     if isinstance(state, ReleasedState):
         released, state = {"velocity": state.V, "height": state.height}, state.body
     if not isinstance(state, BallState | DiskState):
-        raise ScenarioError(
-            "Key `initial` must be a BallState or a DiskState to be written to a file, but it is a "
-            f"{type(state).__name__}."
-        )
+        must = "a BallState or a DiskState to be written to a file"
+        raise key_error("initial", must, f"a {type(state).__name__}")
     # A file has no key for an empty list.
     driven = {name: getattr(state, name) if system.coordinates else None for name in ("theta", "thetadot")}
     driven["own"] = state.own

@@ -20,7 +20,7 @@ from ...numerics.arrays import to_array
 from ...numerics.declare import FINITE, Declared
 from .errors import ScenarioError, describe, key_error
 from .imports import import_name, is_python_name, name_of
-from .table import REQUIRED, Key, Keys, Module, OpenFamily, join
+from .table import REQUIRED, Key, Keys, Module, OpenFamily, join, read_family
 from .values import Flag, Kind, Numbers, Text, require_conditions
 
 
@@ -265,6 +265,14 @@ def read_own(values: Any, path: str, family: OpenFamily) -> Any:
     if hasattr(item, "conditions"):
         require_conditions(item)
     return item
+
+
+def read_open(values: Any, path: str, family: Open) -> Any:
+    """Reads the object of an open family that a table describes, whose function must fit."""
+    if names_own(values):
+        return read_own(values, path, family)
+    with trying(join(path, "function")):
+        return read_family(values, path, family)
 
 
 @contextlib.contextmanager

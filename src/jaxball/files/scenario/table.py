@@ -202,10 +202,8 @@ def write_member(item: Any, path: str, family: Family) -> tuple[str, dict[str, A
     if entry is not None:
         return entry[0], entry[1].write(item, path)
     names = ", ".join(member.type.__name__ for member in family.values())
-    raise ScenarioError(
-        f"Key `{path}` must be one of {names} to be written to a file, but it is a {type(item).__name__}; "
-        "keep a scenario that has Python functions as a Python script."
-    )
+    got = f"a {type(item).__name__}; keep a scenario that has Python functions as a Python script"
+    raise key_error(path, f"one of {names} to be written to a file", got)
 
 
 def write_family(item: Any, path: str, family: Family) -> dict[str, Any]:

@@ -250,10 +250,8 @@ def _check_logs(value: Any, units: Units | None, path: str, document: Mapping[st
         )
     unit_choices = [units.of(words) for words in _dimensions_of_log(path, document)]
     if parse_unit(unit, units) not in [parse_unit(choice, units) for choice in unit_choices]:
-        raise ScenarioError(
-            f"Key `{key}` must be {' or '.join(map(describe, unit_choices))}, because nothing is converted, but it is "
-            f"{describe(unit)}; convert the column."
-        )
+        must = f"{' or '.join(map(describe, unit_choices))}, because nothing is converted"
+        raise key_error(key, must, f"{describe(unit)}; convert the column")
 
 
 def _dimensions_of_log(path: str, document: Mapping[str, Any]) -> tuple[str, ...]:

@@ -15,7 +15,6 @@ from ...physics.mechanisms import (
     CarriedMass,
     Damper,
     Hinge,
-    JointForces,
     JointFriction,
     Mechanism,
     Slider,
@@ -24,6 +23,7 @@ from ...physics.mechanisms import (
 from ...physics.prescribed.frames import MatrixFrame
 from ...physics.state import BallState
 from ..mjcf.elements import Frame, Inertial, Source, label
+from ..mjcf.inside import sum_forces
 from ..mjcf.reading import Imported
 from ..mjcf.writing import TIMES
 from ..scenario.scenario import Scenario
@@ -249,7 +249,7 @@ def _forces(joint: Joint) -> AbstractJointForce | None:
         if value < 0:
             raise URDFError(f"The `{name}` of {label(joint.element)} must be 0 or positive, but it is {value:g}.")
         forces += [kind(value)] if value else []
-    return JointForces(tuple(forces)) if len(forces) > 1 else forces[0] if forces else None
+    return sum_forces(forces)
 
 
 def _notes(robot: ET.Element, tree: Tree, shapes: dict[str, list[Shape]]) -> list[str]:

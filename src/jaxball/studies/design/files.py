@@ -18,10 +18,9 @@ from ...physics.body import System
 from ...physics.state import BallState, DiskState
 from .kinds import CONSTRAINTS, OBJECTIVES, PLANE, Plane, Requirements, plane_of
 from .optimal_control.collocation import BARRIER
-from .optimal_control.controlled import ControlFile
 from .optimal_control.problem import VIOLATION
 from .optimal_control.rolling import Rolling
-from .optimal_control.solve import BARRIER_OF_TIME, FreeEndTime, Guess
+from .optimal_control.solve import BARRIER_OF_TIME, ControlFile, FreeEndTime, Guess
 from .problem.problem import Perturbations, Problem
 from .problem.requirements import (
     AbstractRunningConstraint,

@@ -28,9 +28,9 @@ from ...simulation.extremes import contact_extremes
 from ...simulation.trajectory import Trajectory
 from .constraints import discs_to_avoid
 from .objectives import FollowCurve, FollowTrajectory, LargestDistance, target_path
-from .optimal_control.controlled import Controlled
 from .optimal_control.rolling import Rolling, rolling
 from .optimal_control.solution import POINTS_OF_INTERVAL, Solution
+from .optimal_control.solve import Controlled
 from .problem.problem import worst
 from .problem.requirements import Requirement
 from .problem.run import RAIL_SAMPLES, Run

@@ -393,25 +393,17 @@ def _template(value: Any, folder: Path) -> tuple[dict[str, Any], Scenario]:
 def _check_contact(table: dict[str, Any], template: Scenario) -> None:
     for key in ("contact", "detachment"):
         if table[key] and not isinstance(template.system, AbstractRollingSystem):
-            raise StudyError(
-                f"Key `{key}` must be false for a {template.system.title}, which does not roll on a plane, but it is "
-                "true."
-            )
+            must = f"false for a {template.system.title}, which does not roll on a plane"
+            raise key_error(key, must, "true", StudyError)
         if table[key] and template.may_slip:
-            raise StudyError(
-                f"Key `{key}` must be false where the scenario has a law of contact, with which the body may slip and "
-                "fly, but it is true."
-            )
+            must = "false where the scenario has a law of contact, with which the body may slip and fly"
+            raise key_error(key, must, "true", StudyError)
     if table["detachment"] and "detachment" in template.events:
-        raise StudyError(
-            "Key `detachment` must be false where the scenario has an event of that name, which the store keeps, but "
-            "it is true."
-        )
+        must = "false where the scenario has an event of that name, which the store keeps"
+        raise key_error("detachment", must, "true", StudyError)
     if table["detachment"] and template.feedback is not None:
-        raise StudyError(
-            "Key `detachment` must be false where the scenario has feedback, whose samples are solved one by one, but "
-            "it is true; `contact = true` finds the least normal force."
-        )
+        must = "false where the scenario has feedback, whose samples are solved one by one"
+        raise key_error("detachment", must, "true; `contact = true` finds the least normal force", StudyError)
 
 
 def _check_sensors(table: dict[str, Any], template: Scenario) -> None:

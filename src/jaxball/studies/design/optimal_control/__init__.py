@@ -1,8 +1,8 @@
 """Optimal control: motions of the masses found by direct collocation, with schedules of any shape.
 
-A ``problem``, such as that of a body ``rolling``, becomes the equations of ``collocation``. From a
-``guess``, on a mesh that is refined, ``solve`` leads to a ``solution``, whose path gives the schedules of the masses.
-``controlled`` solves the problem of a file.
+A ``problem``, such as that of a body ``rolling``, becomes the equations of ``collocation``. From a ``guess``, on a mesh
+of which ``refinement`` makes finer ones, ``solve`` leads to a ``solution``, whose path gives the schedules of the
+masses.
 """
 
 from ....interface.names import interface as _interface
