@@ -83,13 +83,13 @@ def loop_variables(template: Scenario) -> dict[str, Variable]:
 
 def solve_loops(batch: Batch, request: Request, reductions: Mapping[str, AbstractReduction]) -> dict[str, np.ndarray]:
     """Computes the results of rows, by the names of variables."""
-    template, numbers, changes, readings = batch.template, batch.loop, batch.loop_changes, request.readings
+    template, numbers, changes, readings = batch.template, batch.loop, batch.loop_changes, request.study.readings
     # What does not differ is not mapped over, so that a feedback from it is computed once.
     row_numbers, shared = eqx.partition(numbers, changes)
     shared = jax.tree.map(lambda leaf: leaf[0], shared)
     # The longest delay decides the size of the queue in all rows.
     sought = Sought(template.times.size - 1, int(np.max(numbers.delay)), tuple(reductions.items()), readings)
-    common = _common(template, numbers, changes, request.within, sought.samples)
+    common = _common(template, numbers, changes, request.study.within, sought.samples)
     with in_threads(request.threads):
         results = jax.vmap(functools.partial(_row, sought, common, shared))(
             (row_numbers, batch.sensors if readings else None)

@@ -1,7 +1,6 @@
 """The results that a study keeps for each row, and how its rows lie along its axes."""
 
 import dataclasses
-import functools
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -197,31 +196,21 @@ def state_variables(template: Scenario) -> dict[str, tuple[Variable, tuple[int, 
     }
 
 
-@functools.singledispatch
 def history_variables(system: AbstractSystem) -> tuple[dict[str, Variable], dict[str, Variable]]:
     """Returns the variables of the history of the system that is solved, by name: at a time, and of a run as
     a whole.
     """
-    return {}, {}
-
-
-@history_variables.register
-def _of_plane(system: BodyOnPlane) -> tuple[dict[str, Variable], dict[str, Variable]]:
-    if system.contact is None:
+    if not isinstance(system, BodyOnPlane) or system.contact is None:
         return {}, {}
     return HISTORY if system.pivot is None else HISTORY | OF_SLIDE, RUN_SWITCHES
 
 
-@functools.singledispatch
-def history_results(history: AbstractHistory) -> dict[str, Array]:
+def history_results(contact: AbstractHistory) -> dict[str, Array]:
     """Returns the variables of a history, of one run or of many, by name; with a law of contact, the contact's
     variables.
     """
-    return {}
-
-
-@history_results.register
-def _of_contact(contact: ContactHistory) -> dict[str, Array]:
+    if not isinstance(contact, ContactHistory):
+        return {}
     switches = contact.switches
     # Modes at saved times too, because there may have been more switches than there was room for.
     seen = jnp.concatenate([contact.mode, switches.source, switches.target], axis=-1)

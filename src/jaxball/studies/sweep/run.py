@@ -16,7 +16,6 @@ import numpy as np
 from jaxtyping import Array
 
 from ... import programs
-from ...files.scenario.scenario import Scenario
 from ...files.scenario.solvers import SOLVERS
 from ...interface.arguments import require_flags, whole_number
 from ...interface.interruption import on_interrupt, stop_requested
@@ -30,7 +29,7 @@ from ...simulation.ensemble.reductions import CONTACT as CONTACT_REDUCTIONS
 from ...simulation.events import AbstractEvent, Detachment
 from ...simulation.trajectory import Trajectory
 from .executors import Task, compute, executor_of, solve_all, solve_chunk, solve_chunk_elsewhere
-from .files import BYTES_OF_A_CHECKSUM, Damage, StudyError, remove_dead_parts
+from .files import BYTES_OF_A_CHECKSUM, Damage, StudyError, list_chunks, remove_dead_parts
 from .outputs import Output, history_results, outputs_of
 from .progress import Progress, Stream, status_counts
 from .rows import Batch, Engine, Request
@@ -53,14 +52,14 @@ def solve_in_lanes(batch: Batch, request: Request) -> dict[str, np.ndarray]:
     """
     first = batch.template
     rolls = isinstance(first.system, AbstractRollingSystem)
-    reductions: dict[str, AbstractReduction] = {**CONTACT_REDUCTIONS} if request.contact and rolls else {}
-    reductions |= {find.name: find.reduction() for find in request.finds}
+    reductions: dict[str, AbstractReduction] = {**CONTACT_REDUCTIONS} if request.study.contact and rolls else {}
+    reductions |= {find.name: find.reduction() for find in request.study.finds}
     if first.feedback is not None:
         from .closed_loops import solve_loops  # which other studies do without
 
         return solve_loops(batch, request, reductions)
     # An event besides those of the scenario, of which nothing is kept.
-    others: dict[str, AbstractEvent] = {"detachment": Detachment()} if request.detachment else {}
+    others: dict[str, AbstractEvent] = {"detachment": Detachment()} if request.study.detachment else {}
     # Arrays that are the same in all rows are not repeated for each, and what depends on them alone is computed once.
     system, state, events = batch.unstack_shared()
     *axes, axes_of_events = batch.in_axes
@@ -82,7 +81,7 @@ def solve_in_lanes(batch: Batch, request: Request) -> dict[str, np.ndarray]:
         max_step=first.max_step,
         reductions=reductions,
         # As many for each call, so that all chunks share one compiled program.
-        chunk=min(request.most, ROWS_OF_CALL if jax.default_backend() == "cpu" else ROWS_OF_CALL_ON_GPU),
+        chunk=min(request.study.chunk, ROWS_OF_CALL if jax.default_backend() == "cpu" else ROWS_OF_CALL_ON_GPU),
         threads=request.threads,
     )
     trajectory = ensemble.trajectory
@@ -91,7 +90,7 @@ def solve_in_lanes(batch: Batch, request: Request) -> dict[str, np.ndarray]:
     for name in events:
         seen = trajectory.events[name]
         results |= {f"{name}_count": seen.count, f"{name}_time": seen.times[:, 0]}
-    if request.readings:
+    if request.study.readings:
         results |= {f"measured_{name}": read for name, read in _measure(batch.sensors, trajectory).items()}
     return rows | jax.tree.map(np.asarray, results)
 
@@ -149,7 +148,7 @@ def _complete(
     stream.write(_describe_repair(study, store.repair()))
     # An executor of another library may not say how many workers it has.
     parallel = workers if executor is None else int(getattr(executor, "_max_workers", 0) or 32)
-    before, counts = set(store.list_chunks()), status_counts(store.folder)
+    before, counts = set(list_chunks(store.folder)), status_counts(store.folder)
     # Marks are read before the work: chunks that other shards finish meanwhile are not this shard's.
     shard_chunks = [k for k in range(shard[0] - 1, study.chunks, shard[1]) if k not in before]
     progress = Progress(stream, study.rows, counts, sum(len(study.rows_of(k)) for k in shard_chunks), parallel)
@@ -183,7 +182,7 @@ def _describe_repair(study: Study, damages: list[Damage]) -> str:
 
 def _finish(store: Store, interrupted: bool) -> Outcome:
     """Returns the outcome; the table is written if all chunks are done."""
-    study, done = store.study, store.list_chunks()
+    study, done = store.study, list_chunks(store.folder)
     finished = len(done) == study.chunks
     # A table's bytes depend on the store alone, so that one that exists is right, also after chunks were computed
     # again.
@@ -279,8 +278,7 @@ def estimate(
 ) -> Estimate:
     require_flags(measure=measure)
     whole_number("workers", 1 if workers is None else workers, 1)
-    template = study.template()
-    outputs = outputs_of(study, template)
+    outputs = outputs_of(study, study.template())
     numbers = sum(item.empty(study.chunk).nbytes for item in outputs.values()) * study.chunks
     points = sum(8 * axis.size * len(axis.paths) for axis in study.axes)
     files = len(outputs) * study.chunks + sum(-(-axis.size // POINTS_TOGETHER) * len(axis.paths) for axis in study.axes)
@@ -291,12 +289,12 @@ def estimate(
     # A signal ends the process without leaving this block, which would remove the folder.
     with tempfile.TemporaryDirectory() as folder, on_interrupt(lambda: shutil.rmtree(folder)):
         task = Task(study, Path(folder), 0, engine or solve_in_lanes, _threads(1))
-        alone = unmeasured._replace(**_alone(task, template, outputs))
+        alone = unmeasured._replace(**_alone(task, outputs))
         if together == 1 or (workers is None and _total(alone) < STARTING):
             return alone
         task = task._replace(threads=_threads(workers or together))
         if _total(alone) > LONGEST * study.chunks:  # beside which the start of a process is nothing
-            shared = _alone(task, template, outputs)["solving"] / together
+            shared = _alone(task, outputs)["solving"] / together
             others = alone._replace(solving=shared, workers=together)
         else:
             others = alone._replace(**_together(task, together), workers=together)
@@ -308,7 +306,7 @@ def _total(estimate: Estimate) -> float:
     return estimate.starting + estimate.solving
 
 
-def _alone(task: Task, template: Scenario, outputs: dict[str, Output]) -> dict[str, float]:
+def _alone(task: Task, outputs: dict[str, Output]) -> dict[str, float]:
     """Measures how long this process takes to compile, and to solve all rows and write them unless a chunk
     takes long.
     """
@@ -317,7 +315,7 @@ def _alone(task: Task, template: Scenario, outputs: dict[str, Output]) -> dict[s
     tried = np.unique(np.linspace(0, study.rows - 1, min(TRIED, study.chunk)).astype(int))
 
     def solve_trial() -> None:
-        compute(study, template, outputs, tried, task.engine, task.threads)
+        compute(task, outputs, tried)
 
     # The first call compiles, the second one does not.
     first, again = _seconds(solve_trial), _seconds(solve_trial)

@@ -30,7 +30,6 @@ from .files import (
     Damage,
     StoreError,
     damages,
-    list_chunks,
     read_chunk,
     remove_dead_parts,
     with_checksum,
@@ -146,10 +145,6 @@ class Store:
             )
         reason = f'The store "{self.folder}" cannot be written: {error.strerror or error}.'
         return StoreError(f"{reason} Its contents are intact; {remedy_of(error)}run the same command again.")
-
-    def list_chunks(self) -> list[int]:
-        """Lists the chunks that are on disk, in order."""
-        return list_chunks(self.folder)
 
     def read(self, name: str, chunk: int) -> np.ndarray:
         """Reads a variable in the rows of a chunk that is done.

@@ -363,9 +363,8 @@ def _find_reach(problem: Rolling) -> float:
         return float(np.sqrt(-_distance(problem, jnp.asarray(start))[0]))
     others = np.random.default_rng(SEED).uniform(-np.pi, np.pi, (STARTS - 1, start.size))
 
-    def nearness(theta: np.ndarray) -> tuple[float, np.ndarray]:
-        value, slope = _distance(problem, jnp.asarray(theta))
-        return float(value), np.asarray(slope)
+    def nearness(theta: np.ndarray) -> list[np.ndarray]:
+        return [np.asarray(part) for part in _distance(problem, jnp.asarray(theta))]
 
     # In a tube it has no largest distance, and the search ends far away.
     least = min(minimize(nearness, theta, jac=True, method="BFGS").fun for theta in (start, *others))

@@ -19,13 +19,13 @@ from jaxtyping import Array, Float
 from ....files.scenario import Units
 from ....interface.printing import repr_html
 from ....interface.wording import number_of
-from ....numerics.arrays import Numbers, to_array
+from ....numerics.arrays import to_array
 from ..objectives import FollowTrajectory
 from ..problem.requirements import AbstractRunningConstraint
 from ..problem.space import DesignError
-from .collocation import BARRIER, SHARP, Collocation, as_it_is
-from .guess import driving, require_holdable
-from .problem import VIOLATION, AbstractControlProblem, Path
+from .collocation import SHARP, Collocation, as_it_is
+from .guess import require_holdable
+from .problem import AbstractControlProblem, Path
 from .rolling import Rolling, rolling
 from .solution import Resimulated, Solution, solve_near
 
@@ -56,18 +56,6 @@ class FreeEndTime(NamedTuple):
                 f"{end:g}, between them and the start, {start:g}, before, but it is ({self.shortest:g}, "
                 f"{self.longest:g})."
             )
-
-
-def at_rest(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stages: int = 3) -> Path:
-    initial = np.asarray(problem.initial)
-    shape = (len(mesh) - 1, stages)
-    u = driving(problem, mesh[:1], initial[None], np.zeros((1, initial.size)))[0]
-    return Path(
-        mesh,
-        np.tile(initial, (len(mesh), 1)),
-        np.tile(initial, (*shape, 1)),
-        np.tile(u, (*shape, 1)),
-    )
 
 
 def solve_from_guess(
@@ -187,26 +175,6 @@ def fix_end(solution: Solution) -> Solution:
         )
     )
     return Solution(fixed, y, 0.0, solution.errors)
-
-
-def solve(
-    problem: Rolling,
-    mesh: Float[np.ndarray, " N_plus_one"],
-    stages: int = 3,
-    tolerance: float = 1e-6,
-    *,
-    guess: Path | None = None,
-    barrier: float | None = None,
-    free_end_time: tuple[float, float] | None = None,
-    time_weight: Numbers = 1.0,
-    sharp: float = SHARP,
-    violation: float = VIOLATION,
-) -> Solution:
-    free = None if free_end_time is None else FreeEndTime(*map(float, (*free_end_time, np.asarray(time_weight))))
-    make = at_rest if guess is None else lambda *arguments: guess
-    first = (BARRIER if free is None else BARRIER_OF_TIME) if barrier is None else barrier
-    rough = solve_from_guess(problem, mesh, stages, tolerance, make, first, free)
-    return rough if free is None else fix_end(rough.sharpen(sharp, tolerance, violation))
 
 
 def _with_share(states: Float[np.ndarray, "*knots n"], share: float) -> Float[np.ndarray, "*knots n_plus_one"]:

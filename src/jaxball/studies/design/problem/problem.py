@@ -16,6 +16,7 @@ from jaxtyping import Array, Float, Int
 from .... import programs
 from ....interface.arguments import require_count
 from ....interface.names import leave_to
+from ....interface.output import check_folder
 from ....numerics.arrays import Numbers, to_array
 from ....physics.body import System
 from ....physics.state import BallState, DiskState
@@ -355,9 +356,8 @@ class Problem:
         require_count("Argument `y`", unknowns.shape, self.space.size, "variable")
         return unknowns
 
-    # What can be done with a problem is found there. These need modules built upon this one.
+    # What can be done with a problem needs modules that are built upon this one.
 
-    @leave_to("..search.design")
     def optimise(
         self,
         settings: "Settings | None" = None,
@@ -379,7 +379,13 @@ class Problem:
         progress of another problem or of other settings; :class:`~jaxball.files.results.OutputError` where it is no
         folder.
         """
-        raise NotImplementedError
+        from ..search.design import run_search
+        from ..search.program import Settings
+
+        folder = None if folder is None else Path(folder)
+        if folder is not None:
+            check_folder(folder)
+        return run_search(self, Settings() if settings is None else settings, folder, say)
 
     @leave_to("..search.verify")
     def verify(self, y: Float[np.ndarray, " n"]) -> "Verified":

@@ -10,7 +10,7 @@ import numpy as np
 import tomli_w
 from jaxtyping import Float
 
-from ....interface.output import check_folder, write_text
+from ....interface.output import write_text
 from ....interface.printing import repr_html
 from ....interface.wording import number_of
 from ....programs.identity.fingerprints import fingerprint
@@ -87,21 +87,6 @@ class Design:
         return self.problem.space.document_of(self.numbers)
 
 
-def optimise(
-    problem: Problem,
-    settings: Settings | None = None,
-    folder: str | Path | None = None,
-    *,
-    say: Callable[[str], None] = lambda line: None,
-) -> Design:
-    settings = Settings() if settings is None else settings
-    if folder is not None:
-        folder = Path(folder)
-        check_folder(folder)
-    with compile_quickly(settings.evaluations_at_most <= FEW_EVALUATIONS):
-        return _run_search(problem, settings, folder, say)
-
-
 def identify_search(problem: Problem, settings: Settings) -> str:
     """Returns what a search depends on, in a few letters, so that it is not resumed for another problem.
 
@@ -111,6 +96,12 @@ def identify_search(problem: Problem, settings: Settings) -> str:
         return fingerprint(problem.pytree, problem.space.start, settings).digest
     except NoNameError:
         return secrets.token_hex()
+
+
+def run_search(problem: Problem, settings: Settings, folder: Path | None, say: Callable[[str], None]) -> Design:
+    """Searches as :meth:`Problem.optimise` does."""
+    with compile_quickly(settings.evaluations_at_most <= FEW_EVALUATIONS):
+        return _run_search(problem, settings, folder, say)
 
 
 def _run_search(problem: Problem, settings: Settings, folder: Path | None, say: Callable[[str], None]) -> Design:

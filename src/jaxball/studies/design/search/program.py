@@ -219,7 +219,7 @@ def next_multipliers(terms: AbstractTerms, at: Evaluation, multipliers: Multipli
 
 def by_reverse_mode(program: AbstractProgram) -> Callable[..., Lagrangians]:
     """Returns a function that computes the augmented Lagrangian and its gradient at many points."""
-    return functools.partial(_of_points_by_reverse_mode, program.pytree)
+    return functools.partial(_of_points, _by_reverse_mode, program.pytree)
 
 
 def by_gauss_newton(program: AbstractProgram) -> Callable[..., Lagrangians]:
@@ -229,17 +229,12 @@ def by_gauss_newton(program: AbstractProgram) -> Callable[..., Lagrangians]:
     Terms and constraints as functions of a run enter with all second derivatives, and so do bounds. For a sum of
     squares this is JᵀJ, but no term needs to be written as one.
     """
-    return functools.partial(_of_points_by_gauss_newton, program.pytree)
+    return functools.partial(_of_points, _by_gauss_newton, program.pytree)
 
 
 @programs.filter_jit
-def _of_points_by_reverse_mode(terms: AbstractTerms | Known, y: Float[Array, "points n"], multipliers: Multipliers):
-    return of_rows(functools.partial(_by_reverse_mode, reveal(terms)), y, multipliers)
-
-
-@programs.filter_jit
-def _of_points_by_gauss_newton(terms: AbstractTerms | Known, y: Float[Array, "points n"], multipliers: Multipliers):
-    return of_rows(functools.partial(_by_gauss_newton, reveal(terms)), y, multipliers)
+def _of_points(of_one: Any, terms: AbstractTerms | Known, y: Float[Array, "points n"], multipliers: Multipliers):
+    return of_rows(functools.partial(of_one, reveal(terms)), y, multipliers)
 
 
 def _by_reverse_mode(terms: AbstractTerms, y: Float[Array, " n"], multipliers: Multipliers) -> Lagrangians:
