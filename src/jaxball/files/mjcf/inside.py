@@ -144,15 +144,21 @@ class _Reader:
         # The least that MuJoCo requires of a body that moves; `_add_least` writes it, and it stands for nothing.
         if inertial is None or (inertial.mass <= MINVAL and np.all(inertial.moments <= MINVAL)):
             return
-        placed = frame.then(inertial.axes)
-        if np.all(inertial.moments <= MINVAL):
-            yield CarriedMass(inertial.mass, placed.shift)
-            return
         try:
-            axes = MatrixFrame(placed.turn)
-            yield from rigid_body_masses(inertial.mass, inertial.moments, centre=placed.shift, frame=axes)
+            yield from masses_of(inertial._replace(axes=frame.then(inertial.axes)))
         except ValueError as error:
             raise MJCFError(f"The inertia of {label(body)} is impossible: {error}") from None
+
+
+def masses_of(inertial: Inertial, joint: int = -1) -> list[CarriedMass]:
+    """Returns the masses with this inertia, which a ``joint`` carries: one where it has no moments.
+
+    **Raises:** ``ValueError`` for moments that no body has.
+    """
+    centre, axes = inertial.axes.shift, MatrixFrame(inertial.axes.turn)
+    if np.all(inertial.moments <= MINVAL):
+        return [CarriedMass(inertial.mass, centre, joint)]
+    return rigid_body_masses(inertial.mass, inertial.moments, centre=centre, frame=axes, joint=joint)
 
 
 def read_inside(

@@ -20,7 +20,7 @@ from ...numerics.arrays import to_array
 from ...numerics.declare import FINITE, Declared
 from .errors import ScenarioError, describe, key_error
 from .imports import import_name, is_python_name, name_of
-from .table import REQUIRED, Key, Keys, Module, OpenFamily, join, read_family
+from .table import REQUIRED, Check, Key, Keys, Module, OpenFamily, join, read_family
 from .values import Flag, Kind, Numbers, Text, require_conditions
 
 
@@ -197,7 +197,7 @@ def module_of(
     attributes: Mapping[str, str] = NONE,
     required: Collection[str] = (),
     build: Callable[..., Any] | None = None,
-    check: Callable[[dict[str, Any], str], None] | None = None,
+    check: Check | None = None,
 ) -> Module:
     """Describes how an object of a class stands in a file: each argument of the class is a key.
 

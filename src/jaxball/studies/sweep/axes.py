@@ -129,11 +129,6 @@ def read_points(path: Path) -> tuple[tuple[str, ...], str, int]:
     return names, digest, len(table)
 
 
-def points(path: Path, digest: str, indices: np.ndarray) -> np.ndarray:
-    """Returns the rows ``indices`` of a file, which must be as it was when the study was read."""
-    return _table(path, digest)[1][indices]
-
-
 @functools.lru_cache(maxsize=4)
 def _table(path: Path, digest: str) -> tuple[tuple[str, ...], np.ndarray]:
     # Imported here, because it belongs to the extra `sweep`.
@@ -249,7 +244,8 @@ class FromFile:
     size: int
 
     def values(self, indices: Int[np.ndarray, " points"]) -> Float[np.ndarray, "points numbers"]:
-        return points(self.file, self.digest, indices)
+        # The file must be as it was when the study was read.
+        return _table(self.file, self.digest)[1][indices]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -312,14 +308,14 @@ def read_axis(values: Any, path: str, folder: Path) -> Axis:
     **Raises:** :class:`~jaxball.ScenarioError`, with one sentence that names the key.
     """
     choice, table = read_one_of(values, path, AXES)
-    return _READERS[choice](table, path, folder)
+    if choice == "values":
+        return Listed(table["path"], tuple(table["values"].tolist()))
+    if choice in ("linear", "log"):
+        return _read_range(choice, table, path)
+    return _read_design(table, path) if choice == "design" else _READERS[choice](table, path, folder)
 
 
-def _read_listed(table: dict[str, Any], path: str, folder: Path) -> Axis:
-    return Listed(table["path"], tuple(table["values"].tolist()))
-
-
-def _read_range(spacing: str, table: dict[str, Any], path: str, folder: Path) -> Axis:
+def _read_range(spacing: str, table: dict[str, Any], path: str) -> Axis:
     limits = read_table(table[spacing], f"{path}.{spacing}", _RANGE)
     for name in ("from", "to"):
         if spacing == "log" and limits[name] <= 0:
@@ -327,7 +323,7 @@ def _read_range(spacing: str, table: dict[str, Any], path: str, folder: Path) ->
     return Ranged(table["path"], limits["from"], limits["to"], limits["count"], spacing == "log")
 
 
-def _read_design(table: dict[str, Any], path: str, folder: Path) -> Axis:
+def _read_design(table: dict[str, Any], path: str) -> Axis:
     numbers, count = table["numbers"], table["count"]
     if not isinstance(numbers, dict) or not numbers:
         raise key_error(f"{path}.numbers", "a table with a distribution for each path", describe(numbers))
@@ -357,10 +353,6 @@ def _read_zip(table: dict[str, Any], path: str, folder: Path) -> Axis:
 
 
 _READERS: Mapping[str, Callable[[dict[str, Any], str, Path], Axis]] = {
-    "values": _read_listed,
-    "linear": functools.partial(_read_range, "linear"),
-    "log": functools.partial(_read_range, "log"),
-    "design": _read_design,
     "points": _from_file,
     "zip": _read_zip,
 }

@@ -303,6 +303,7 @@ def _write_metadata(folder: Path, study: Study, outputs: dict[str, Output], attr
     group = zarr.open_group(folder, mode="w-", zarr_format=3, attributes={**about, **attributes})
     create = functools.partial(_create_array, group)
     for name, output in outputs.items():
+        own_units = {OWN_UNITS: list(output.own_units)} if output.own_units else {}
         create(
             name,
             shape=(study.rows, *output.shape),
@@ -310,7 +311,7 @@ def _write_metadata(folder: Path, study: Study, outputs: dict[str, Output], attr
             dtype=output.dtype,
             fill_value=output.fill,
             dimension_names=["row", *output.dimensions],
-            attributes=_notes_of(output),
+            attributes={"units": output.units, "long_name": output.meaning, **own_units},
         )
     for name, labels in labels_of(outputs, template).items():
         # There is no string type that every Zarr library reads.
@@ -335,11 +336,6 @@ def _create_array(group: Any, name: str, **settings: Any) -> Any:
     from zarr.codecs import Crc32cCodec
 
     return group.create_array(name, filters=None, compressors=Crc32cCodec(), **settings)
-
-
-def _notes_of(output: Output) -> dict[str, Any]:
-    notes: dict[str, Any] = {"units": output.units, "long_name": output.meaning}
-    return notes | ({OWN_UNITS: list(output.own_units)} if output.own_units else {})
 
 
 def _write_points(group: Any, study: Study, names: list[str]) -> None:
