@@ -68,10 +68,6 @@ class OwnFrame(NamedTuple):
         turn = self.frame.turn.T
         return Frame(turn, -turn @ self.frame.shift)
 
-    def in_ball(self, frame: Frame) -> Frame:
-        """Returns a frame in that of the element as one in that of the ball."""
-        return self.inverse.then(frame)
-
 
 class Surface(NamedTuple):
     """The friction of a geom: of how many dimensions, and its coefficients of sliding, spinning and rolling."""
@@ -176,9 +172,7 @@ def _read_inside(
     shell: ET.Element, body_frame: OwnFrame, actuators: list[ET.Element], controls: list[Recording], settings: Settings
 ) -> tuple[Inside, list[str]]:
     """Reads what is in the shell, with the forces of actuators, and a sentence for each thing that was left out."""
-    in_ball = Inertial(
-        body_frame.inertial.mass, body_frame.in_ball(body_frame.inertial.axes), body_frame.inertial.moments
-    )
+    in_ball = body_frame.inertial._replace(axes=body_frame.inverse.then(body_frame.inertial.axes))
 
     def read() -> tuple[Inside, list[str]]:
         actuated = read_actuators(actuators, controls, settings)

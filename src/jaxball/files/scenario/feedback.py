@@ -2,6 +2,7 @@
 
 import abc
 import contextlib
+import functools
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -63,14 +64,18 @@ class AbstractFeedbackSettings(abc.ABC):
     def along(self, run: "Trajectory[Any, Any]", sample: float, rtol: float, atol: float) -> "AbstractFeedback":
         """Returns the feedback along a run of the model."""
 
-    def check(self, sampled: "SampledSystem") -> None:
-        """Raises a ``ValueError`` for names and sizes that do not fit the robot."""
+    def checks(self, sampled: "SampledSystem") -> list[Callable[[], object]]:
+        """Returns functions that raise a ``ValueError`` for names and sizes that do not fit the robot.
+
+        They are independent, so that all that is wrong is named at once.
+        """
         from ...control.loop import limits_of
         from ...control.weights import by_name
 
-        by_name("start", self.start, sampled.directions)
-        if self.limits is not None:
-            limits_of(sampled, self.limits)
+        return [
+            lambda: by_name("start", self.start, sampled.directions),
+            lambda: self.limits is None or limits_of(sampled, self.limits),
+        ]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -107,19 +112,15 @@ class RegulatorSettings(AbstractFeedbackSettings):
 
         return tvlqr(run, self.Q, self.R, self.Qf, sample=sample, inputs=self.inputs, rtol=rtol, atol=atol)
 
-    def check(self, sampled):
+    def checks(self, sampled):
         from ...control.weights import require_positive, weight_matrix
 
-        def of_inputs() -> None:
-            require_positive("R", weight_matrix("R", self.R, sampled.inputs), strictly=True)
-
-        each_of(
-            # Independent, so that all wrong weights are named at once.
-            lambda: _in_keys(super(RegulatorSettings, self).check, sampled),
-            lambda: _in_keys(weight_matrix, "Q", self.Q, sampled.directions),
-            lambda: _in_keys(of_inputs),
-            lambda: self.Qf is None or _in_keys(weight_matrix, "Qf", self.Qf, sampled.directions),
-        )
+        return [
+            *super().checks(sampled),
+            lambda: weight_matrix("Q", self.Q, sampled.directions),
+            lambda: require_positive("R", weight_matrix("R", self.R, sampled.inputs), strictly=True),
+            lambda: self.Qf is None or weight_matrix("Qf", self.Qf, sampled.directions),
+        ]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -367,7 +368,7 @@ def _check_fit(
     sample = (times.end - times.start) / (times.count - 1)
     sampled = _in_keys(SampledSystem.of, system, sample, feedback.inputs)
     each_of(
-        lambda: _in_keys(feedback.check, sampled),
+        *(functools.partial(_in_keys, check) for check in feedback.checks(sampled)),
         lambda: estimator is None or _check_estimator(estimator, sampled, sensors),
     )
 

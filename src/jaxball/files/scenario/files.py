@@ -56,7 +56,7 @@ from .motions import MASSES, read_masses, write_masses
 from .paths import has_path, key_of, numbers_of, value_at, with_values
 from .scenario import Scenario
 from .solve import SOLVE, TIMES, SaveTimes, check_dae, read_times, write_times
-from .sources import document_of, naming, scenario_text
+from .sources import SCENARIO, document_of, naming, scenario_text
 from .table import Key, keeping_defaults, keys_of, read_table, write_table
 from .units import UNITS_KEY, Units, check_units_of_logs, write_units
 from .values import Choice, Integer, Text, namespace, unread
@@ -73,9 +73,16 @@ class _KindOfSystem(Choice):
 
 
 _START = "the state at the first of the times; at rest, upright and at the origin if not given"
-_SHARED = {
+# The keys that files of scenarios, studies and problems of design share, and those of the latter two.
+ABOUT = {
     "format": Key(Integer(FORMAT, FORMAT), says="the version of the format"),
     "title": Key(Text(), "", says="a one-line description"),
+}
+OF_SCENARIO = {
+    "scenario": Key(unread(SCENARIO, others=(Text(),)), says="a scenario, the name of a built-in one, or a file")
+}
+_SHARED = {
+    **ABOUT,
     "units": UNITS_KEY,
     "kind": Key(_KindOfSystem((*BODIES, *CLASSICAL)), says="the body or the classical system"),
     "time": Key(unread(tables=TIMES), says="the times to save"),

@@ -14,7 +14,7 @@ from typing import Any
 from ...numerics.declare import ACCELERATION, EFFORT, Dimension
 from .errors import ScenarioError, describe, key_error
 from .logs import KIND as LOG
-from .paths import key_of, steps, value_at
+from .paths import key_of, steps, value_at, walk
 from .table import Key, read_table, write_table
 from .values import Checked, Choice, Nested, Numbers
 
@@ -229,21 +229,13 @@ def _of_coefficient(dimension: Dimension, path: str, name: str) -> Dimension:
 
 def check_units_of_logs(document: Mapping[str, Any], units: Units | None) -> None:
     """Raises a :class:`ScenarioError` for the first log whose ``unit`` is not that of its numbers in ``units``."""
-    _check_logs(document, units, "", document)
+    for path, value in walk(document):
+        if isinstance(value, Mapping) and value.get("kind") == LOG and isinstance(value.get("unit"), str):
+            _check_log(path, value["unit"], units, document)
 
 
-def _check_logs(value: Any, units: Units | None, path: str, document: Mapping[str, Any]) -> None:
-    if isinstance(value, list):
-        for k, item in enumerate(value):
-            _check_logs(item, units, f"{path}[{k}]", document)
-        return
-    if not isinstance(value, Mapping):
-        return
-    if value.get("kind") != LOG or not isinstance(value.get("unit"), str):
-        for name, item in value.items():
-            _check_logs(item, units, f"{path}.{name}" if path else name, document)
-        return
-    key, unit = f"{path}.unit", value["unit"]
+def _check_log(path: str, unit: str, units: Units | None, document: Mapping[str, Any]) -> None:
+    key = f"{path}.unit"
     if units is None:
         raise ScenarioError(
             f"Key `{key}` must be left out, or `units` must state those of the scenario, with which it is compared."

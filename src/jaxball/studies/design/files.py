@@ -9,9 +9,10 @@ import equinox as eqx
 from ...files.scenario import read_document
 from ...files.scenario.body import rolling_state
 from ...files.scenario.errors import ScenarioError, describe, each_of, key_error, raise_first, try_readers
-from ...files.scenario.sources import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
+from ...files.scenario.files import ABOUT, OF_SCENARIO
+from ...files.scenario.sources import document_of, naming, naming_scenario, scenario_document, text_of
 from ...files.scenario.table import Key, Keys, join, read_list, read_table
-from ...files.scenario.values import Choice, Integer, Kind, Nested, Numbers, Text, unread
+from ...files.scenario.values import Choice, Integer, Kind, Nested, Numbers, unread
 from ...numerics.arrays import to_array
 from ...numerics.declare import NOT_NEGATIVE, POSITIVE
 from ...physics.body import System
@@ -29,14 +30,12 @@ from .problem.requirements import (
 from .problem.space import DesignError, DesignSpace, Variable
 from .search.program import COUNTS, METHODS, MOST, Settings
 
-FORMAT = 1
 CONTROL_TABLE = "control"
 LIST = "a list of tables"
 # The keys of problems of either kind.
 SHARED = {
-    "format": Key(Integer(FORMAT, FORMAT), says="the version of the format"),
-    "title": Key(Text(), "", says="a one-line description"),
-    "scenario": Key(unread(SCENARIO, others=(Text(),)), says="a scenario, the name of a built-in one, or a file"),
+    **ABOUT,
+    **OF_SCENARIO,
     "objectives": Key(
         unread(LIST, OBJECTIVES.keys(PLANE), forms=("list",)), says="what is minimised, each under [[objectives]]"
     ),
@@ -68,11 +67,7 @@ _SETTINGS = {
 SEARCH_KEYS = {
     **SHARED,
     "variables": Key(unread(LIST, {"": _VARIABLE}, forms=("list",)), says="what is sought, each under [[variables]]"),
-    "robust": Key(
-        unread(tables={"": _ROBUST}),
-        None,
-        says="perturbed balls for which the design must work as well; none if not given",
-    ),
+    "robust": Key(unread(tables={"": _ROBUST}), None, (Problem, "perturbations")),
     "search": Key(unread(tables={"": _SETTINGS}), None, says="settings of the search"),
 }
 GUESSES: dict[str, Guess] = {"rest": Rolling.at_rest, "rolling-along": Rolling.rolling_along}
@@ -82,13 +77,9 @@ _CONTROL = {
         None,
         says="how far the centre of mass is below the geometric centre at the end, in radii; free if not given",
     ),
-    "intervals": Key(Integer(2, 10**5), 20, says="the number of intervals of the first mesh"),
-    "tolerance": Key(
-        Numbers(rule=POSITIVE),
-        1e-6,
-        says="the largest error of an interval, relative; the mesh is refined until none is larger",
-    ),
-    "violation": Key(Numbers(rule=POSITIVE), VIOLATION, says="the largest violation of a constraint that is allowed"),
+    "intervals": Key(Integer(2, 10**5), 20, (ControlFile, "intervals")),
+    "tolerance": Key(Numbers(rule=POSITIVE), 1e-6, (ControlFile, "tolerance")),
+    "violation": Key(Numbers(rule=POSITIVE), VIOLATION, (ControlFile, "violation")),
     "barrier": Key(
         Numbers(rule=POSITIVE),
         None,
@@ -100,23 +91,10 @@ _CONTROL = {
         0.0,
         says="how much conditions at the end may yield; 1e-7 where some follow from others, as for rotors",
     ),
-    "guess": Key(Choice(tuple(GUESSES)), "rest", says="the initial guess of Newton's method"),
-    "first_weights": Key(
-        unread("a table of weights"),
-        None,
-        says="weights of objectives, by their kinds, from which continuation leads to those given",
-    ),
-    "free_end_time": Key(
-        Numbers((2,)),
-        None,
-        says="the shortest and the longest end time, which is then found; the end of the scenario, between them, is "
-        "its guess",
-    ),
-    "time_weight": Key(
-        Numbers(rule=NOT_NEGATIVE),
-        1.0,
-        says="with `free_end_time`, the weight of the duration over that of the scenario",
-    ),
+    "guess": Key(Choice(tuple(GUESSES)), "rest", (ControlFile, "guess")),
+    "first_weights": Key(unread("a table of weights"), None, (ControlFile, "easy")),
+    "free_end_time": Key(Numbers((2,)), None, (ControlFile, "free_end_time")),
+    "time_weight": Key(Numbers(rule=NOT_NEGATIVE), 1.0, (FreeEndTime, "weight")),
 }
 
 

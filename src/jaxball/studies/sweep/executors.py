@@ -217,11 +217,6 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def executor_of(workers: int) -> InThisProcess | Processes:
-    """Makes an executor with ``workers`` processes; this process itself for one worker."""
-    return InThisProcess() if workers == 1 else Processes(workers)
-
-
 def solve_all(executor: Any, tasks: Iterable[Task], ahead: int, stop: threading.Event) -> Iterator[ChunkResult]:
     """Returns the result of each task, in order of completion; at most ``ahead`` are submitted to the executor at a
     time.

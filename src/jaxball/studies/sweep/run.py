@@ -16,7 +16,6 @@ import numpy as np
 from jaxtyping import Array
 
 from ... import programs
-from ...files.scenario.solvers import SOLVERS
 from ...interface.arguments import require_flags, whole_number
 from ...interface.interruption import on_interrupt, stop_requested
 from ...interface.wording import duration, number_of
@@ -28,7 +27,7 @@ from ...simulation.ensemble import AbstractReduction, simulate_ensemble
 from ...simulation.ensemble.reductions import CONTACT as CONTACT_REDUCTIONS
 from ...simulation.events import AbstractEvent, Detachment
 from ...simulation.trajectory import Trajectory
-from .executors import Task, compute, executor_of, solve_all, solve_chunk, solve_chunk_elsewhere
+from .executors import InThisProcess, Processes, Task, compute, solve_all, solve_chunk, solve_chunk_elsewhere
 from .files import BYTES_OF_A_CHECKSUM, Damage, StudyError, list_chunks, remove_dead_parts
 from .outputs import Output, history_results, outputs_of
 from .progress import Progress, Stream, status_counts
@@ -63,6 +62,7 @@ def solve_in_lanes(batch: Batch, request: Request) -> dict[str, np.ndarray]:
     # Arrays that are the same in all rows are not repeated for each, and what depends on them alone is computed once.
     system, state, events = batch.unstack_shared()
     *axes, axes_of_events = batch.in_axes
+    settings: dict[str, Any] = {**first.settings, "rtol": batch.rtol, "atol": batch.atol}
     ensemble = simulate_ensemble(
         system,
         batch.times,
@@ -71,14 +71,7 @@ def solve_in_lanes(batch: Batch, request: Request) -> dict[str, np.ndarray]:
         in_axes=(*axes, axes_of_events | dict.fromkeys(others)),
         events=events | others,
         contact=batch.contact,
-        solver=SOLVERS[first.solver](),
-        rtol=batch.rtol,
-        atol=batch.atol,
-        step_to_times=first.step_to_times,
-        dae=first.dae,
-        project=first.project,
-        max_steps=first.max_steps,
-        max_step=first.max_step,
+        **settings,
         reductions=reductions,
         # As many for each call, so that all chunks share one compiled program.
         chunk=min(request.study.chunk, ROWS_OF_CALL if jax.default_backend() == "cpu" else ROWS_OF_CALL_ON_GPU),
@@ -200,7 +193,8 @@ def _running(executor: Any, workers: int) -> Iterator[Any]:
     if executor is not None:
         yield executor
         return
-    pool = executor_of(workers)
+    # One worker is this process itself.
+    pool = InThisProcess() if workers == 1 else Processes(workers)
     try:
         # A second Ctrl-C does not wait for the chunks being computed.
         with on_interrupt(pool.kill):

@@ -15,12 +15,12 @@ from jaxtyping import Float, Int
 
 from ...files.scenario import read_document
 from ...files.scenario.errors import ScenarioError, describe, each_of, key_error, raise_first, try_readers
-from ...files.scenario.files import with_defaults
+from ...files.scenario.files import ABOUT, OF_SCENARIO, with_defaults
 from ...files.scenario.imports import import_name
 from ...files.scenario.own import own_class, trying_class
 from ...files.scenario.paths import check_number, value_at, with_numbers
 from ...files.scenario.scenario import Scenario
-from ...files.scenario.sources import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
+from ...files.scenario.sources import document_of, naming, naming_scenario, scenario_document, text_of
 from ...files.scenario.table import Key, read_list, read_one_of, read_table
 from ...files.scenario.values import Choice, Flag, Integer, Numbers, Text, unread
 from ...interface.names import leave_to
@@ -106,48 +106,11 @@ def _read_find(value: Any, path: str, template: Scenario) -> Find:
     return Find(table["name"], kind, table[kind])
 
 
-FORMAT = 1
 LARGEST_CHUNK = 8192
 MOST_NUMBERS = 2**24  # in the states of a chunk
 NUMBERS_OF_A_STATE = 16  # about as many as for a ball with a few driven masses
 SMALLEST_CHUNK = 16
 ENOUGH_CHUNKS = 16  # for a small study
-KEYS = {
-    "format": Key(Integer(FORMAT, FORMAT), says="the version of the format"),
-    "title": Key(Text(), "", says="a one-line description"),
-    "scenario": Key(unread(SCENARIO, others=(Text(),)), says="a scenario, the name of a built-in one, or a file"),
-    "axes": Key(unread("a list of tables", AXES, forms=("list",)), says="what varies, each under [[axes]]"),
-    "save": Key(
-        Choice(("end", "times")), "end", says="the state at the end of each run, or at all of the scenario's save times"
-    ),
-    "contact": Key(
-        Flag(),
-        False,
-        says="whether to compute the extremes of the contact force, and whether the body would have left the plane",
-    ),
-    "detachment": Key(Flag(), False, says="whether a run ends where the body would leave the plane"),
-    "readings": Key(
-        Flag(),
-        False,
-        says="whether to keep the extremes of what the sensors read at the save times, and all readings where these "
-        "are saved",
-    ),
-    "within": Key(
-        Numbers(rule=POSITIVE),
-        BACK_WITHIN,
-        says="how small the weighted deviation of a run under feedback must be at the end to have returned",
-    ),
-    "find": Key(
-        unread("a list of names and tables", FINDS, forms=("list",), others=(Text(),)),
-        [],
-        says="what else to compute for each run",
-    ),
-    "chunk": Key(
-        Integer(1, 2**20),
-        None,
-        says="how many rows are solved and written together; by the size of the study if not given",
-    ),
-}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -156,15 +119,17 @@ class Study:
 
     The rows are the points of all axes crossed, the last axis changing fastest. Row k is computed from k alone.
 
-    - ``title``: a line that says what it is.
+    - ``title``: a one-line description.
     - ``document``: the scenario, as the TOML document of its file.
     - ``axes``: what changes: each axis has the paths of one or more numbers in the document.
-    - ``save``: "end" for the state at the end of each run, "times" for the states at all of the scenario's save times.
-    - ``contact``: whether to find the extremes of the contact force over each run, including μ_min.
-    - ``detachment``: whether a run ends where the ball would leave the plane.
-    - ``readings``: whether to keep what the sensors of the scenario read.
-    - ``within``: how close to its motion a run under feedback must end to have returned.
-    - ``finds``: other results to find in each run while it is computed.
+    - ``save``: the state at the end of each run, or at all of the scenario's save times. It is "end" or "times".
+    - ``contact``: whether to compute the extremes of the contact force, and whether the body would have left the plane.
+      The extremes are those over each run, including μ_min.
+    - ``detachment``: whether a run ends where the body would leave the plane.
+    - ``readings``: whether to keep the extremes of what the sensors read at the save times, and all readings where
+      these are saved.
+    - ``within``: how small the weighted deviation of a run under feedback must be at the end to have returned.
+    - ``finds``: what else to compute for each run.
     - ``chunk``: how many rows are solved and written together.
     """
 
@@ -306,6 +271,24 @@ class Study:
         **Raises:** :class:`StudyError` as :meth:`run`, and ``ValueError`` for fewer workers than one.
         """
         raise NotImplementedError
+
+
+KEYS = {
+    **ABOUT,
+    **OF_SCENARIO,
+    "axes": Key(unread("a list of tables", AXES, forms=("list",)), says="what varies, each under [[axes]]"),
+    "save": Key(Choice(("end", "times")), "end", (Study, "save")),
+    "contact": Key(Flag(), False, (Study, "contact")),
+    "detachment": Key(Flag(), False, (Study, "detachment")),
+    "readings": Key(Flag(), False, (Study, "readings")),
+    "within": Key(Numbers(rule=POSITIVE), BACK_WITHIN, (Study, "within")),
+    "find": Key(unread("a list of names and tables", FINDS, forms=("list",), others=(Text(),)), [], (Study, "finds")),
+    "chunk": Key(
+        Integer(1, 2**20),
+        None,
+        says="how many rows are solved and written together; by the size of the study if not given",
+    ),
+}
 
 
 def ends_at_detachment(settings: str) -> bool:

@@ -245,17 +245,10 @@ class Collocation(AbstractEquations):
         places = np.split(np.arange(self.size), np.cumsum([np.prod(shape) for shape in self.shapes])[:-1])
         self.places = Unknowns(*(indices.reshape(shape) for indices, shape in zip(places, self.shapes, strict=True)))
 
-    def with_changes(
-        self, mesh: Float[np.ndarray, " N_plus_one"] | None = None, barrier: float | None = None
-    ) -> "Collocation":
-        """Returns the equations on another mesh, or with another barrier."""
-        return Collocation(
-            self.problem,
-            self.mesh if mesh is None else mesh,
-            self.stages,
-            self.vary,
-            self.barrier if barrier is None else barrier,
-        )
+    def with_changes(self, **changes: Any) -> "Collocation":
+        """Returns the equations with other arguments, such as another mesh or barrier."""
+        names = ("problem", "mesh", "stages", "vary", "barrier")
+        return Collocation(**{name: getattr(self, name) for name in names} | changes)
 
     @property
     def size(self) -> int:

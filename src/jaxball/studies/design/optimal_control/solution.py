@@ -21,7 +21,6 @@ from ....files.scenario.scenario import Scenario
 from ....physics.body import System
 from ....physics.prescribed.schedules import PiecewiseAcceleration
 from ....physics.prescribed.signals import PiecewiseSignal
-from ....physics.state import BallState, DiskState
 from ....programs.batches import map_rows
 from ....simulation.equilibrium import imbalance
 from ..continuation import CORRECTION_TOLERANCE, Branch, follow, newton, solver
@@ -163,7 +162,7 @@ class Solution(NamedTuple):
         Newton's method finds no solution on a finer mesh.
         """
         before = self.collocation
-        collocation = Collocation((self.problem, problem), before.mesh, before.stages, Rolling.between, before.barrier)
+        collocation = before.with_changes(problem=(self.problem, problem), vary=Rolling.between)
         # The length of the branch is measured in the mean of the states, so that steps do not depend on the number of
         # intervals; multipliers have no part in it.
         knots = np.ravel(collocation.places.knots)
@@ -238,7 +237,7 @@ class Solution(NamedTuple):
             if np.max(excess) <= 1:
                 break
             finer = finer_mesh(collocation.mesh, excess, 1.0, collocation.stages + 1)
-            on_finer = collocation.with_changes(finer, max(barrier, AGAIN))
+            on_finer = collocation.with_changes(mesh=finer, barrier=max(barrier, AGAIN))
             try:
                 collocation, y = newton_from(on_finer, sharp.path, parameter)
             except DesignError:
@@ -293,9 +292,8 @@ class Solution(NamedTuple):
 
     def _centres(self, times: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k d"]:
         """Returns the geometric centre at ``times``, as :func:`locate_centre` has it."""
-        problem, states = rolling(self.problem), jnp.asarray(self.path.states(times))
-        unpacked = _unpack(problem, jnp.asarray(times), states)
-        return np.asarray(_centres(problem.packing.system, jnp.asarray(times), unpacked))
+        states = jnp.asarray(self.path.states(times))
+        return np.asarray(_centres_along(rolling(self.problem), jnp.asarray(times), states))
 
     @programs.compile_quickly()
     def scenario(self, title: str = "", saves: int = 201) -> Scenario:
@@ -374,8 +372,9 @@ def _off_balance(system: System, t, state) -> tuple[Float[Array, "2"], Float[Arr
 
 
 @programs.jit
-def _unpack(problem: Rolling, times, states) -> BallState | DiskState:
-    return map_rows(problem.packing.unpack, times, states)
+def _centres_along(problem: Rolling, times, states: Float[Array, "k n"]) -> Float[Array, "k d"]:
+    packing = problem.packing
+    return map_rows(lambda t, x: locate_centre(packing.system, t, packing.unpack(t, x)), times, states)
 
 
 @programs.filter_jit

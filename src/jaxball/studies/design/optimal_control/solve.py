@@ -41,7 +41,8 @@ class FreeEndTime(NamedTuple):
     """An end time that is to be found.
 
     - ``shortest``, ``longest``: its bounds.
-    - ``weight``: of the duration over that of the first mesh, beside the objectives.
+    - ``weight``: with ``free_end_time``, the weight of the duration over that of the scenario. It is that of the first
+      mesh.
     """
 
     shortest: float
@@ -161,7 +162,7 @@ def fix_end(solution: Solution) -> Solution:
     share = float(parts.knots[0, -1])
     problem = free.ending_after(to_array(share))
     mesh = float(free.start) + share * (collocation.mesh - float(free.start))
-    fixed = Collocation((problem, problem), mesh, collocation.stages, Rolling.between, collocation.barrier)
+    fixed = collocation.with_changes(problem=(problem, problem), mesh=mesh, vary=Rolling.between)
     # The multipliers of rates are of dx over the length of an interval, and those of inequalities densities over the
     # whole duration: neither depends on σ.
     y = fixed.join(
@@ -188,13 +189,18 @@ ALLOWED_SIMULATION_ERROR = 10.0
 class ControlFile(NamedTuple):
     """The content of a problem file with a table ``[control]``.
 
-    - ``problem``: the problem to be solved; ``easy``: the same with other weights, from which continuation starts, or
-      None.
+    - ``problem``: the problem to be solved.
+    - ``easy``: weights of objectives, by their kinds, from which continuation leads to those given. It is the problem
+      with these; None if there are none.
     - ``saves``: the number of save times of the scenario found.
-    - ``intervals``, ``tolerance``: of the first mesh, and of :func:`mesh_errors`.
-    - ``violation``: how much a constraint may be violated; ``barrier``: with which the search begins.
+    - ``intervals``: the number of intervals of the first mesh.
+    - ``tolerance``: the largest error of an interval, relative; the mesh is refined until none is larger.
+    - ``violation``: the largest violation of a constraint that is allowed.
+    - ``barrier``: with which the search begins.
+    - ``guess``: the initial guess of Newton's method.
     - ``units``: those of the scenario, if it states them.
-    - ``free_end_time``: if the end time is to be found, which has no ``easy`` problem.
+    - ``free_end_time``: the shortest and the longest end time, which is then found; the end of the scenario, between
+      them, is its guess. There is no ``easy`` problem then.
     """
 
     title: str

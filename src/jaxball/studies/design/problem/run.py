@@ -215,7 +215,12 @@ class Run(eqx.Module):
     @_once
     def on_rails(self) -> OnRails:
         """θ and its rates."""
-        return self._each(_on_rails)
+
+        def one(system, t, x):
+            along = along_rails(system, t, angles_in_state(system, t, x))
+            return OnRails(*along, rail_tangents(system, along.theta))
+
+        return self._each(one)
 
     @property
     @_once
@@ -275,11 +280,6 @@ def _of_surface(
 ) -> Any:
     surface = surface_under(system, t, state)
     return on_plane if surface is None else function(surface, t, system.radius, state.z)
-
-
-def _on_rails(system: System, t: Float[Array, ""], state: BallState | DiskState) -> OnRails:
-    along = along_rails(system, t, angles_in_state(system, t, state))
-    return OnRails(*along, rail_tangents(system, along.theta))
 
 
 def _plate_accelerations(system: System, t: Float[Array, ""], state: BallState | DiskState) -> Float[Array, " angles"]:

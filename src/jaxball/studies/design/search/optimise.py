@@ -65,12 +65,8 @@ class Point(NamedTuple):
 
     def where(self, which: np.ndarray, other: "Point") -> "Point":
         """Returns this point in the starts ``which``, and the other elsewhere."""
-        columns = which[:, None]
-        return Point(
-            np.where(columns, self.y, other.y),
-            np.where(which, self.value, other.value),
-            np.where(columns, self.gradient, other.gradient),
-        )
+        rows = (np.where(which if a.ndim == 1 else which[:, None], a, b) for a, b in zip(self, other, strict=True))
+        return Point(*rows)
 
 
 def bfgs(function: Function, y: Float[np.ndarray, "starts n"], evaluations: int, stationary: float) -> Point:
