@@ -25,10 +25,11 @@ from .values import Flag, Kind, Numbers, Text, require_conditions
 
 
 @contextlib.contextmanager
-def trying(path: str, argument: str = "function") -> Iterator[None]:
+def trying(path: str, argument: str = "function", must: str = "a function that fits here, but it") -> Iterator[None]:
     """Turns whatever a function raises within this block into an error of the key at ``path`` that names it.
 
-    An error of the ``argument`` by which Python takes it is reported as that of the key.
+    An error of the ``argument`` by which Python takes it is reported as that of the key. ``must`` says what the key
+    must name, and what raises.
     """
     try:
         yield
@@ -40,14 +41,8 @@ def trying(path: str, argument: str = "function") -> Iterator[None]:
         if sentence.startswith(prefix):
             end = "" if sentence.endswith((".", "?")) else "."
             raise ScenarioError(f"Key `{path}` {sentence.removeprefix(prefix)}{end}") from None
-        raise ScenarioError(
-            f"Key `{path}` must name a function that fits here, but it raises {_describe_error(error)}."
-        ) from error
-
-
-def _describe_error(error: Exception) -> str:
-    sentence = " ".join(str(error).split()).rstrip(".")
-    return f"{type(error).__name__}: {sentence}" if sentence else type(error).__name__
+        raised = ": ".join(filter(None, [type(error).__name__, sentence.rstrip(".")]))
+        raise ScenarioError(f"Key `{path}` must name {must} raises {raised}.") from error
 
 
 @dataclass(frozen=True)
@@ -275,15 +270,6 @@ def read_open(values: Any, path: str, family: Open) -> Any:
         return read_family(values, path, family)
 
 
-@contextlib.contextmanager
-def trying_class(path: str, named: str) -> Iterator[None]:
+def trying_class(path: str, named: str) -> contextlib.AbstractContextManager[None]:
     """Turns what a user's class raises into an error of the key at ``path`` that names it."""
-    try:
-        yield
-    except ScenarioError:
-        raise
-    except Exception as error:
-        raise ScenarioError(
-            f"Key `{path}` must name a class that these keys can make, but {describe(named)} raises "
-            f"{_describe_error(error)}."
-        ) from error
+    return trying(path, "", f"a class that these keys can make, but {describe(named)}")

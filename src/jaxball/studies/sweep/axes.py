@@ -114,23 +114,9 @@ def read_distribution(values: Any, path: str) -> Distribution:
     return Distribution(kind, first, second)
 
 
-def read_points(path: Path) -> tuple[tuple[str, ...], str, int]:
-    """Reads the names of a file's columns, the SHA-256 of its bytes, and how many rows it has.
-
-    **Raises:** :class:`StudyError` when it cannot be read, or holds something other than numbers.
-    """
-    try:
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise StudyError(
-            f'Key `points` must be a file that can be read, but "{path}" cannot: {error.strerror}.'
-        ) from None
-    names, table = _table(path, digest)
-    return names, digest, len(table)
-
-
 @functools.lru_cache(maxsize=4)
 def _table(path: Path, digest: str) -> tuple[tuple[str, ...], np.ndarray]:
+    """Reads the names of a file's columns and its rows; ``digest`` is the SHA-256 of its bytes."""
     # Imported here, because it belongs to the extra `sweep`.
     import pyarrow.csv
     import pyarrow.parquet
@@ -176,15 +162,21 @@ class Axis(Protocol):
 
 
 @dataclasses.dataclass(frozen=True)
-class Listed:
-    """One number, its values listed."""
+class _OfNumber:
+    """An axis of one number."""
 
     path: str
-    listed: tuple[float, ...]
 
     @property
     def paths(self) -> tuple[str, ...]:
         return (self.path,)
+
+
+@dataclasses.dataclass(frozen=True)
+class Listed(_OfNumber):
+    """One number, its values listed."""
+
+    listed: tuple[float, ...]
 
     @property
     def size(self) -> int:
@@ -195,18 +187,13 @@ class Listed:
 
 
 @dataclasses.dataclass(frozen=True)
-class Ranged:
+class Ranged(_OfNumber):
     """One number, its values, or their logarithms, equally spaced from ``first`` to ``last``."""
 
-    path: str
     first: float
     last: float
     size: int
     logarithmic: bool
-
-    @property
-    def paths(self) -> tuple[str, ...]:
-        return (self.path,)
 
     def values(self, indices: Int[np.ndarray, " points"]) -> Float[np.ndarray, "points numbers"]:
         share = indices / max(self.size - 1, 1)
@@ -336,10 +323,16 @@ def _read_design(table: dict[str, Any], path: str) -> Axis:
 
 def _from_file(table: dict[str, Any], path: str, folder: Path) -> Axis:
     file = (folder / table["points"]).resolve()
-    names, digest, size = read_points(file)
-    if not size:
+    try:
+        digest = hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError as error:
+        raise StudyError(
+            f'Key `points` must be a file that can be read, but "{file}" cannot: {error.strerror}.'
+        ) from None
+    names, rows = _table(file, digest)
+    if not len(rows):
         raise StudyError(f'Key `{path}.points` must be a file with one row or more, but "{file}" has none.')
-    return FromFile(file, digest, names, size)
+    return FromFile(file, digest, names, len(rows))
 
 
 def _read_zip(table: dict[str, Any], path: str, folder: Path) -> Axis:

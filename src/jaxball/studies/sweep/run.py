@@ -1,7 +1,6 @@
 """Runs or resumes a study, whose workers write each chunk to the store when it is done, or estimates its cost."""
 
 import contextlib
-import io
 import math
 import multiprocessing
 import shutil
@@ -32,7 +31,7 @@ from .files import BYTES_OF_A_CHECKSUM, Damage, StudyError, list_chunks, remove_
 from .outputs import Output, history_results, outputs_of
 from .progress import Progress, Stream, status_counts
 from .rows import Batch, Engine, Request
-from .store import POINTS_TOGETHER, Store, open_store, write_table
+from .store import POINTS_TOGETHER, Store, write_table
 from .study import Study
 
 # Rows that are computed together; results do not depend on it. A GPU has tens of thousands of threads.
@@ -115,25 +114,7 @@ class Outcome(NamedTuple):
     interrupted: bool
 
 
-def run(
-    study: Study,
-    out: str | Path,
-    *,
-    workers: int = 1,
-    executor: Any = None,
-    shard: tuple[int, int] = (1, 1),
-    engine: Engine | None = None,
-    stream: Stream | None = None,
-) -> Outcome:
-    _check(workers, shard)
-    store = open_store(Path(out).resolve(), study, outputs_of(study, study.template()))
-    words = STOPPING if stream is not None else ""
-    stream = io.StringIO() if stream is None else stream
-    with only_one(store.folder, shard, stream):
-        return _complete(store, shard, workers, executor, engine or solve_in_lanes, stream, words)
-
-
-def _complete(
+def complete(
     store: Store, shard: tuple[int, int], workers: int, executor: Any, engine: Engine, stream: Stream, words: str
 ) -> Outcome:
     """Computes what is missing in a shard of the store, and says ``words`` when a signal stops it."""
@@ -213,7 +194,7 @@ def _threads(workers: int) -> int:
     return max(1, cores() // workers)
 
 
-def _check(workers: int, shard: tuple[int, int]) -> None:
+def check_arguments(workers: int, shard: tuple[int, int]) -> None:
     # A worker that is still importing the script would wait for the store, and the script for the worker.
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         raise StudyError(

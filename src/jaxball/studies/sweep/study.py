@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import io
 import math
 import tomllib
 from collections import Counter
@@ -216,9 +217,8 @@ class Study:
         options = ", ".join(f"{name} = {getattr(self, name)}" for name in names)
         return {"scenario": tomli_w.dumps(self.document), "axes": axes, "settings": options}
 
-    # What can be done with a study is found there. These need modules built upon this one.
+    # What can be done with a study needs modules that are built upon this one.
 
-    @leave_to(".run")
     def run(
         self,
         out: str | Path,
@@ -251,7 +251,16 @@ class Study:
         :class:`StudyError` for a row that is invalid in this study and where float64 is not enabled,
         :class:`WorkerError` when a worker was killed, ``ValueError`` for invalid arguments.
         """
-        raise NotImplementedError
+        from .outputs import outputs_of
+        from .run import STOPPING, check_arguments, complete, only_one, solve_in_lanes
+        from .store import open_store
+
+        check_arguments(workers, shard)
+        store = open_store(Path(out).resolve(), self, outputs_of(self, self.template()))
+        words = STOPPING if stream is not None else ""
+        stream = io.StringIO() if stream is None else stream
+        with only_one(store.folder, shard, stream):
+            return complete(store, shard, workers, executor, engine or solve_in_lanes, stream, words)
 
     @leave_to(".run")
     def estimate(

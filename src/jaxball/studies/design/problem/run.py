@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ....files.scenario.scenario import Scenario
-from ....files.scenario.solvers import SOLVERS
 from ....interface.compat import current_trace
 from ....physics.body import System
 from ....physics.dynamics.coupling import join_coordinates, joint_forces, linkages
@@ -52,8 +51,7 @@ class Solve(NamedTuple):
     @classmethod
     def of(cls, scenario: Scenario, adjoint: diffrax.AbstractAdjoint | None = None) -> "Solve":
         """Returns the solver, the tolerances and the limits of steps that the scenario states."""
-        numbers = scenario.rtol, scenario.atol, scenario.max_steps
-        return cls(SOLVERS[scenario.solver](), *numbers, adjoint, scenario.max_step)
+        return cls(**{name: scenario.settings[name] for name in cls._fields if name != "adjoint"}, adjoint=adjoint)
 
 
 class OnRails(NamedTuple):
