@@ -102,7 +102,11 @@ class _Reader:
         """
         refuse_others(body, IN_BODY, "it has no counterpart here")
         for geom in body.findall("geom"):
-            refuse_contacts(geom)
+            if touches(geom):
+                raise MJCFError(
+                    f"Element {label(geom)} must have contype and conaffinity 0, because only the shell has contacts "
+                    "here."
+                )
         frame = outer.then(frame_of(body, self.settings.angles))
         # The joints of one body are a chain: each is on the one before.
         for element in body.findall("joint"):
@@ -183,14 +187,6 @@ def read_inside(
         if name not in names:
             raise MJCFError(f'Actuators must act on joints in the shell, but one acts on "{name}", which is not there.')
     return inside
-
-
-def refuse_contacts(geom: ET.Element) -> None:
-    """Raises a :class:`MJCFError` for a geom that others touch."""
-    if touches(geom):
-        raise MJCFError(
-            f"Element {label(geom)} must have contype and conaffinity 0, because only the shell has contacts here."
-        )
 
 
 def touches(geom: ET.Element) -> bool:

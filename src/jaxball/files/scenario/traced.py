@@ -89,14 +89,10 @@ class Outline:
         rest.pop("title", None)
         return cls(json.dumps(rest, default=lambda array: array.tolist()), paths)
 
+    @functools.partial(jax.jit, static_argnums=0)
     def build(self, values: Float[Array, " paths"]) -> Parts:
         """Builds the contents of the document with ``values`` at the paths, possible or not.
 
         **Raises:** :class:`~.errors.UntraceableError` where something depends on them that cannot be traced.
         """
-        return _build(self, values)
-
-
-@functools.partial(jax.jit, static_argnums=0)
-def _build(outline: Outline, values: Float[Array, " paths"]) -> Parts:
-    return trace(json.loads(outline.text), outline.paths, values)[0]
+        return trace(json.loads(self.text), self.paths, values)[0]

@@ -12,15 +12,14 @@ from jaxtyping import Array, Float
 from ...interface.arguments import call_with
 from ...numerics.declare import LENGTH, POSITIVE, number
 from ...numerics.vectors import norm, room
-from .objectives import AvoidObstacles, depths
+from .objectives import depths
 from .problem.requirements import (
     AbstractConstraint,
     AbstractRunningConstraint,
+    OfDiscs,
     OfFunction,
     Requirement,
     corner,
-    off_e1,
-    places,
 )
 from .problem.run import Run
 
@@ -88,7 +87,7 @@ class OnGround(AbstractRunningConstraint):
         return run.ground_to_spare(self.fit, self.reach)
 
 
-class ClearOfObstacles(AbstractRunningConstraint):
+class ClearOfObstacles(OfDiscs, AbstractRunningConstraint):
     """The geometric centre outside discs in the plane; shape (t, k).
 
     **Arguments:**
@@ -97,22 +96,16 @@ class ClearOfObstacles(AbstractRunningConstraint):
     - ``radii``: the radius of each, length, shape (k,).
     """
 
-    centres: Float[Array, "k 2"] = eqx.field(converter=places("centres"))
-    radii: Float[Array, " k"] = eqx.field(converter=number(LENGTH, POSITIVE))
-
     def __call__(self, run: Run):
         return depths(run, self.centres, self.radii)
 
     def margins(self, run: Run):
         return -room(run.z[:, None] - self.centres[None], self.radii[None]) / run.length
 
-    def unreachable_by_disk(self):
-        return off_e1(self.centres)
-
 
 def discs_to_avoid(requirements: Iterable[Requirement]) -> tuple[tuple[Float[np.ndarray, "2"], float], ...]:
     """Lists the centre and radius of each disc in the plane that the geometric centre must stay out of."""
-    avoiding = [item for item in requirements if isinstance(item, AvoidObstacles | ClearOfObstacles)]
+    avoiding = [item for item in requirements if isinstance(item, OfDiscs)]
     return tuple(
         disc for item in avoiding for disc in zip(np.asarray(item.centres), map(float, item.radii), strict=True)
     )

@@ -11,19 +11,19 @@ from jaxtyping import Array, Bool, Float
 
 from ... import programs
 from ...interface.arguments import call_with, require_value
-from ...numerics.declare import LENGTH, POSITIVE, TIME, number, number_or_none
+from ...numerics.declare import POSITIVE, TIME, number, number_or_none
 from ...numerics.vectors import ROUNDING_SQUARED, norm
 from ...simulation.equilibrium import imbalance
 from .problem.requirements import (
     AbstractCurve,
     AbstractObjective,
     AbstractRunningObjective,
+    OfDiscs,
     OfFunction,
     Requirement,
     along,
     off_e1,
     place,
-    places,
 )
 from .problem.run import Run
 
@@ -238,7 +238,7 @@ def target_path(requirements: Iterable[Requirement]) -> Float[np.ndarray, "k 2"]
     return np.asarray(followed[-1].curve.points(POINTS_DRAWN)) if followed else None
 
 
-class AvoidObstacles(AbstractRunningObjective):
+class AvoidObstacles(OfDiscs, AbstractRunningObjective):
     """The mean of Σ softplus(depth / softness)² over discs in the plane that the geometric centre should avoid.
 
     It is smooth: it extends outside a disc by a few times ``softness``, which is in radii of the shell. For an upright
@@ -251,16 +251,11 @@ class AvoidObstacles(AbstractRunningObjective):
     - ``softness``: the distance from a disc within which it is penalised, in radii of the shell.
     """
 
-    centres: Float[Array, "k 2"] = eqx.field(converter=places("centres"))
-    radii: Float[Array, " k"] = eqx.field(converter=number(LENGTH, POSITIVE))
     softness: Float[Array, ""] = eqx.field(converter=number(rule=POSITIVE), default=0.1)
 
     def integrand(self, run: Run):
         inside = jax.nn.softplus(depths(run, self.centres, self.radii) / self.softness)
         return jnp.sum(inside**2, axis=-1)
-
-    def unreachable_by_disk(self):
-        return off_e1(self.centres)
 
 
 def depths(run: Run, centres: Float[Array, "k 2"], radii: Float[Array, " k"]) -> Float[Array, "t k"]:

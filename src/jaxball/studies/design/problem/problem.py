@@ -380,13 +380,15 @@ class Problem:
         progress of another problem or of other settings; :class:`~jaxball.files.results.OutputError` where it is no
         folder.
         """
-        from ..search.design import run_search
+        from ..search.design import FEW_EVALUATIONS, run_search
         from ..search.program import Settings
 
+        settings = Settings() if settings is None else settings
         folder = None if folder is None else Path(folder)
         if folder is not None:
             check_folder(folder)
-        return run_search(self, Settings() if settings is None else settings, folder, say)
+        with programs.compile_quickly(settings.evaluations_at_most <= FEW_EVALUATIONS):
+            return run_search(self, settings, folder, say)
 
     @leave_to("..search.verify")
     def verify(self, y: Float[np.ndarray, " n"]) -> "Verified":

@@ -51,7 +51,8 @@ class Solve(NamedTuple):
     @classmethod
     def of(cls, scenario: Scenario, adjoint: diffrax.AbstractAdjoint | None = None) -> "Solve":
         """Returns the solver, the tolerances and the limits of steps that the scenario states."""
-        return cls(**{name: scenario.settings[name] for name in cls._fields if name != "adjoint"}, adjoint=adjoint)
+        stated = {name: value for name, value in scenario.settings.items() if name in cls._fields}
+        return cls(**stated, adjoint=adjoint)
 
 
 class OnRails(NamedTuple):

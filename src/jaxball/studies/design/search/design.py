@@ -15,7 +15,6 @@ from ....interface.printing import repr_html
 from ....interface.wording import number_of
 from ....programs.identity.fingerprints import fingerprint
 from ....programs.identity.names import NoNameError
-from ....programs.program import compile_quickly
 from ..problem.problem import Evaluation, Problem
 from .optimise import Merit, Optimiser, Progress, load_progress, save_progress
 from .program import Settings, Shooting
@@ -99,12 +98,7 @@ def identify_search(problem: Problem, settings: Settings) -> str:
 
 
 def run_search(problem: Problem, settings: Settings, folder: Path | None, say: Callable[[str], None]) -> Design:
-    """Searches as :meth:`Problem.optimise` does."""
-    with compile_quickly(settings.evaluations_at_most <= FEW_EVALUATIONS):
-        return _run_search(problem, settings, folder, say)
-
-
-def _run_search(problem: Problem, settings: Settings, folder: Path | None, say: Callable[[str], None]) -> Design:
+    """Searches as :meth:`Problem.optimise` does, with the progress in a ``folder``."""
     began, identity = time.perf_counter(), identify_search(problem, settings)
     program = Shooting(problem, settings.intervals)
     optimiser = Optimiser(program, settings)
