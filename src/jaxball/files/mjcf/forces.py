@@ -17,9 +17,8 @@ from ...physics.mechanisms import (
     Spring,
 )
 from .drives import Recording
-from .elements import LIMITS, MJCFError, label, number, numbers
+from .elements import LIMITS, MJCFError, Settings, label, number, numbers
 from .schema import ACTUATORS
-from .settings import Settings
 
 GEARS = 6  # of which a hinge and a slide use the first
 

@@ -31,6 +31,7 @@ from .elements import (
     Frame,
     Inertial,
     MJCFError,
+    Settings,
     frame_between,
     frame_of,
     label,
@@ -41,7 +42,6 @@ from .elements import (
 )
 from .forces import gear_of, joint_of, law_of, read_springs
 from .sensors import Site
-from .settings import Settings
 
 IN_BODY = ("inertial", "joint", "geom", "body", "site", "camera", "light")
 

@@ -28,21 +28,23 @@ from .elements import (
     Inertial,
     Inertias,
     MJCFError,
+    Settings,
     Source,
     frame_of,
     label,
     number,
     numbers,
+    read_settings,
     read_xml,
     refuse_others,
     refuse_values,
     refuse_what_holds,
+    word_of,
 )
 from .forces import read_actuators
 from .inside import IN_BODY, Inside, bits_of, read_inside, replace_ratios, touches
 from .schema import apply_defaults, check_names, check_values, notes_of
 from .sensors import read_sensors
-from .settings import Settings, read_settings, word_of
 from .writing import ROOT, TIMES
 
 TOP = ("compiler", "option", "default", "worldbody", "actuator", "keyframe", "contact", "sensor")
