@@ -295,24 +295,6 @@ SOLIDS = {
 HOLLOW = Solid(1, lambda s: 4 * np.pi * s[0] ** 2, lambda s: np.full(3, 2 / 3 * s[0] ** 2))
 
 
-class Inertias(NamedTuple):
-    """How a file gives the inertias of its bodies: ``from_geoms`` is true, false, or auto, where a body states none."""
-
-    angles: Angles
-    from_geoms: str
-
-    def of(self, body: ET.Element) -> Inertial | None:
-        """Returns the inertia of a body in its own frame, None if it has none.
-
-        **Raises:** :class:`MJCFError` for a geom whose mass is not computed here.
-        """
-        stated = None if self.from_geoms == "true" else _read_inertial(body, self.angles)
-        if stated or self.from_geoms == "false":
-            return stated
-        parts = [part for part in (_part(geom, self.angles) for geom in body.findall("geom")) if part is not None]
-        return combine(parts) if parts else None
-
-
 def _part(geom: ET.Element, angles: Angles) -> Inertial | None:
     # Before its shape: what has no mass may be a mesh.
     if geom.get("mass") is not None and number(geom, "mass") == 0:
@@ -362,7 +344,8 @@ AXES = set("xyzXYZ")
 class Settings(NamedTuple):
     """What holds for a whole file.
 
-    - ``inertias``: how it gives inertias, and angles.
+    - ``angles``: how it gives angles.
+    - ``from_geoms``: whether inertias are those of geoms: true, false, or auto, where a body states none.
     - ``autolimits``: whether a range is a limit without a word that says so.
     - ``gravity``: the acceleration.
     - ``disabled``: the flags of ``<option>`` that are disabled.
@@ -370,16 +353,24 @@ class Settings(NamedTuple):
     - ``alignfree``: whether a free body without bodies in it moves in its principal axes.
     """
 
-    inertias: Inertias
+    angles: Angles
+    from_geoms: str
     autolimits: bool
     gravity: Float[np.ndarray, "3"]
     disabled: frozenset[str]
     idle_groups: frozenset[int]
     alignfree: bool
 
-    @property
-    def angles(self) -> Angles:
-        return self.inertias.angles
+    def inertial_of(self, body: ET.Element) -> Inertial | None:
+        """Returns the inertia of a body in its own frame, None if it has none.
+
+        **Raises:** :class:`MJCFError` for a geom whose mass is not computed here.
+        """
+        stated = None if self.from_geoms == "true" else _read_inertial(body, self.angles)
+        if stated or self.from_geoms == "false":
+            return stated
+        parts = [part for part in (_part(geom, self.angles) for geom in body.findall("geom")) if part is not None]
+        return combine(parts) if parts else None
 
     def limits(self, element: ET.Element, what: str) -> tuple[float, float] | None:
         """Reads the limits of an element: of its control (``ctrl``), its force, or of a joint (an empty ``what``).
@@ -434,8 +425,8 @@ def read_settings(root: ET.Element) -> Settings:
     if "gravity" in disabled:
         gravity = np.zeros(3)
     unit = 1.0 if angle == "radian" else np.pi / 180
-    inertias = Inertias(Angles(unit, sequence), from_geoms)
-    return Settings(inertias, autolimits == "true", gravity, disabled, idle_groups, alignfree == "true")
+    angles, switches = Angles(unit, sequence), (autolimits == "true", gravity, disabled, idle_groups)
+    return Settings(angles, from_geoms, *switches, alignfree == "true")
 
 
 def word_of(element: ET.Element, name: str, words: tuple[str, ...], default: str | None = None) -> str:

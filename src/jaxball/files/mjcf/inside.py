@@ -144,7 +144,7 @@ class _Reader:
         return _Carrier(tree, before + 1)
 
     def _masses(self, body: ET.Element, frame: Frame) -> Iterator[CarriedMass]:
-        inertial = self.settings.inertias.of(body)
+        inertial = self.settings.inertial_of(body)
         # The least that MuJoCo requires of a body that moves; `_add_least` writes it, and it stands for nothing.
         if inertial is None or (inertial.mass <= MINVAL and np.all(inertial.moments <= MINVAL)):
             return

@@ -26,7 +26,6 @@ from .elements import (
     Angles,
     Frame,
     Inertial,
-    Inertias,
     MJCFError,
     Settings,
     Source,
@@ -123,7 +122,7 @@ def read_mjcf(source: Source, *, times: Numbers | None = None, contact: bool = F
     settings, key = read_settings(root), root.find("keyframe/key")
     shell, plane, sphere = _outside(root, settings)
     _check_alignment(shell, key, settings)
-    body_frame = _own_frame(shell, sphere, settings.inertias)
+    body_frame = _own_frame(shell, sphere, settings)
     actuators = [element for group in root.findall("actuator") for element in group]
     recordings = read_recordings(root)
     controls = _controls(actuators, key, recordings)
@@ -177,8 +176,8 @@ def _read_inside(
     in_ball = body_frame.inertial._replace(axes=body_frame.inverse.then(body_frame.inertial.axes))
 
     def read() -> tuple[Inside, list[str]]:
-        actuated = read_actuators(actuators, controls, settings)
-        return read_inside(shell, body_frame.inverse, settings, actuated.forces), actuated.notes
+        forces, notes = read_actuators(actuators, controls, settings)
+        return read_inside(shell, body_frame.inverse, settings, forces), notes
 
     inside, notes = read()
     # Ratios of damping need the inertias of all that has been read.
@@ -305,11 +304,11 @@ def _surface(plane: ET.Element, sphere: ET.Element) -> Surface:
     return Surface(condim, friction)
 
 
-def _own_frame(shell: ET.Element, sphere: ET.Element, inertias: Inertias) -> OwnFrame:
+def _own_frame(shell: ET.Element, sphere: ET.Element, settings: Settings) -> OwnFrame:
     """Returns the frame of the ball in the frame of the element: at the centre of the sphere, along the
     principal axes.
     """
-    inertia = inertias.of(shell)
+    inertia = settings.inertial_of(shell)
     if inertia is None:
         raise MJCFError(f"Element {label(shell)} must have an <inertial>, or geoms with a mass, but it has none.")
     # The axes must be the principal ones, as a ball here has only three moments.

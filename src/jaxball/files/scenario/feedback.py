@@ -20,7 +20,7 @@ from .errors import ScenarioError, describe, each_of, key_error
 from .own import module_of
 from .paths import check_number, with_numbers
 from .solve import SaveTimes
-from .table import Family, Key, Module, join, keys_of, read_family, read_list, write_family
+from .table import Family, Key, Module, join, keys_of, read_list, write_family
 from .values import Integer, Names, Nested, Numbers, WholeNumber, is_traced_document, unread
 
 if TYPE_CHECKING:
@@ -247,11 +247,6 @@ KEYS = {
         says="the filter by which feedback knows the state; if not given, it knows it exactly",
     ),
 }
-
-
-def read_feedback(values: Any, path: str) -> AbstractFeedbackSettings:
-    """Reads the settings of the feedback that holds the motion of the scenario."""
-    return read_family(values, path, FEEDBACK)
 
 
 def write_settings(

@@ -40,11 +40,11 @@ from .errors import ScenarioError, all_problems, each_of, raise_first, try_reade
 from .events import KEYS as EVENT_KEYS, check_events_of, read_events, write_events
 from .feedback import (
     ESTIMATOR,
+    FEEDBACK,
     KEYS as FEEDBACK_KEYS,
     AbstractFeedbackSettings,
     EstimatorSettings,
     check_feedback,
-    read_feedback,
     write_settings,
 )
 from .grounds import ReadPlate, write_targets
@@ -57,7 +57,7 @@ from .paths import has_path, key_of, numbers_of, value_at, with_values
 from .scenario import Scenario
 from .solve import SOLVE, TIMES, SaveTimes, check_dae, read_times, write_times
 from .sources import SCENARIO, document_of, naming, scenario_text
-from .table import Key, keeping_defaults, keys_of, read_table, write_table
+from .table import Key, keeping_defaults, keys_of, read_family, read_table, write_table
 from .units import UNITS_KEY, Units, check_units_of_logs, write_units
 from .values import Choice, Integer, Text, namespace, unread
 
@@ -223,7 +223,7 @@ def read_contents(document: dict[str, Any]) -> Contents:
         "initial": lambda: read_initial(document.get("initial", {}), "initial", kind),
         "sensors": lambda: read_sensors(document.get("sensors", {}), "sensors"),
         "events": lambda: read_events(document.get("events", {}), "events"),
-        "feedback": lambda: read_feedback(document["feedback"], "feedback") if "feedback" in document else None,
+        "feedback": lambda: read_family(document["feedback"], "feedback", FEEDBACK) if "feedback" in document else None,
         "estimator": lambda: ESTIMATOR.read(document["estimator"], "estimator") if "estimator" in document else None,
     }
     read, errors = try_readers(*readers.values())

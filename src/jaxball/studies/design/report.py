@@ -188,9 +188,8 @@ def _path_figure(
 ) -> Axes:
     """Draws the paths before and after, each with its times, and their targets; for a disk, positions over time."""
     times, path = after
-    followed = [item for item in requirements if isinstance(item, FollowTrajectory | FollowCurve)]
     if path.ndim == 1:
-        targets = [item.targets(jnp.asarray(times)) for item in followed if isinstance(item, FollowTrajectory)]
+        targets = [item.targets(jnp.asarray(times)) for item in requirements if isinstance(item, FollowTrajectory)]
         target = (times, np.asarray(targets[0])[:, 0]) if targets else None
         return plot.place_in_time(dict(zip(names, (before, after), strict=True)), target)
     return plot.designed_path(before[1], path, target_path(requirements), discs_to_avoid(requirements), names=names)

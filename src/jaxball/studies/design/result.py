@@ -83,8 +83,8 @@ def provenance(source: Source | None, elapsed: float, resumed: bool = False) -> 
     """Returns the parts of a report that say how it was made; ``elapsed`` is in seconds."""
     versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in PACKAGES)
     by = "By" if source is None else f"By `{source.command}`, with"
-    parts = [["## How it was made"]]
-    parts.append([f"{by} {versions}, in {duration(elapsed)}{', all runs of the search together' * resumed}."])
+    time = f"in {duration(elapsed)}{', all runs of the search together' * resumed}"
+    parts = [["## How it was made"], [f"{by} {versions}, {time}."]]
     if source is not None:
         parts.append([f"The problem is `{COPY}`, a copy of the file that was read."])
     return parts

@@ -31,19 +31,13 @@ def random(indices: Int[np.ndarray, " points"], count: int, dimension: int, seed
     return (words >> np.uint64(11)).astype(float) * 2.0**-53
 
 
-def latin_hypercube(indices: Int[np.ndarray, " points"], count: int, dimension: int, seed: int) -> np.ndarray:
-    """Draws a Latin hypercube of ``count`` points: in each dimension, one point in each of ``count`` equal
-    intervals.
-    """
-    return _cube("LatinHypercube", count, dimension, seed)[indices]
-
-
-def sobol(indices: Int[np.ndarray, " points"], count: int, dimension: int, seed: int) -> np.ndarray:
-    """Returns the first ``count`` points, a power of two, of Sobol's sequence, scrambled."""
-    return _cube("Sobol", count, dimension, seed)[indices]
-
-
-DESIGNS: Mapping[str, Design] = {"random": random, "latin-hypercube": latin_hypercube, "sobol": sobol}
+# A Latin hypercube has one point in each of ``count`` equal intervals of each dimension. Of Sobol's sequence, which is
+# scrambled, it is the first ``count`` points, a power of two.
+DESIGNS: Mapping[str, Design] = {
+    "random": random,
+    "latin-hypercube": lambda indices, *numbers: _cube("LatinHypercube", *numbers)[indices],
+    "sobol": lambda indices, *numbers: _cube("Sobol", *numbers)[indices],
+}
 
 
 # Each of these points depends on all the others; a process usually needs only one design.

@@ -339,7 +339,7 @@ class Collocation(AbstractEquations):
 
     def problem_at(self, parameter: float) -> Any:
         """Returns the problem at a λ."""
-        return _compile_partial(_vary, self.vary)(self.problem, jnp.asarray(parameter))
+        return _compile_partial(self.vary)(self.problem, jnp.asarray(parameter))
 
     @functools.cached_property
     def _soft(self) -> bool:
@@ -412,10 +412,6 @@ def _compile_partial(function: Callable[..., Any], *arguments: Any) -> programs.
 
 def _over_nodes(function: Callable[..., Any], *rows: np.ndarray) -> Any:
     return in_batches(lambda batch: function(*batch), rows, NODES)
-
-
-def _vary(vary: Vary, problem: Any, parameter) -> AbstractControlProblem:
-    return vary(problem, parameter)
 
 
 def _along(name: str, vary: Vary, problem: Any, parameter, times, states, controls):

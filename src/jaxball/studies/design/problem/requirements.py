@@ -225,6 +225,15 @@ def along(curve: AbstractCurve, s: Float[Array, " n"]) -> Float[Array, "n 2"]:
     return jax.vmap(curve)(s)
 
 
+class OfCurve(Requirement):
+    """A requirement on the distance of the geometric centre from a curve."""
+
+    curve: AbstractCurve
+
+    def unreachable_by_disk(self):
+        return off_e1(self.curve.spanning_vectors())
+
+
 class Sigmoid(AbstractCurve):
     """From ``origin`` over ``length`` along e1, and over ``height`` along e2 by a logistic function, half way at s = ½.
 
