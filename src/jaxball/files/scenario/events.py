@@ -15,7 +15,7 @@ from ...simulation.events import DOWN, EITHER, UP, AbstractEvent, Detachment, Ev
 from .errors import ScenarioError, each_of
 from .imports import is_python_name
 from .own import Function, Open, names_own, read_own, trying, trying_class
-from .table import Family, Key, Module, join, keys_of, read_by_name, read_family, write_member
+from .table import Family, Key, Module, join, keys_of, read_by_name, read_family, write_family
 from .values import Choice, Flag, Integer, Numbers, Text, is_traced_document, unread
 
 DIRECTIONS = {"rising": UP, "falling": DOWN, "both": EITHER}
@@ -134,9 +134,4 @@ def _evaluate(event: AbstractEvent, path: str, system: AbstractSystem, t: Any, s
 
 def write_events(events: Mapping[str, AbstractEvent], path: str) -> dict[str, Any]:
     """Returns the tables of the events by name."""
-    return {name: _write_event(event, join(path, name)) for name, event in events.items()}
-
-
-def _write_event(event: AbstractEvent, path: str) -> dict[str, Any]:
-    kind, table = write_member(event, path, EVENTS)
-    return {"kind": kind, **table} if kind else table
+    return {name: write_family(event, join(path, name), EVENTS) for name, event in events.items()}

@@ -151,13 +151,8 @@ JOINTS: Family = {
 }
 
 
-def write_joint(joint: AbstractJoint, target: AbstractSchedule | None, path: str) -> dict[str, Any]:
-    """Returns the table of a joint, with the ``target`` that a law gives it."""
-    kind, table = write_member(joint, path, _GEOMETRY)
-    return {"kind": kind, **table, **_write_drive(joint.drive, target, path)}
-
-
 def _write_drive(drive: Drive, target: AbstractSchedule | None, path: str) -> dict[str, Any]:
+    """Returns the keys of the drive of a joint, with the ``target`` that a law gives it."""
     if isinstance(drive, AbstractJointForce):
         return {"force": _FORCE.kind.write(drive, join(path, "force"))}
     schedule = target if isinstance(drive, Accelerated) else drive
@@ -260,7 +255,7 @@ def _write_mechanism(item: Any, targets: Mapping[str, AbstractSchedule | None], 
     write_member(item, path, {"": Module(Mechanism, {})})  # raises for any other kind
     paths = [f"{path}.joints[{a}]" for a in range(item.n_joints)]
     joints = [
-        write_joint(joint, targets.get(joint_path), joint_path)
+        write_family(joint, joint_path, _GEOMETRY) | _write_drive(joint.drive, targets.get(joint_path), joint_path)
         for joint, joint_path in zip(item.joints, paths, strict=True)
     ]
     masses = [

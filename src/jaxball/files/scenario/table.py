@@ -209,9 +209,11 @@ def write_member(item: Any, path: str, family: Family) -> tuple[str, dict[str, A
 
 
 def write_family(item: Any, path: str, family: Family) -> dict[str, Any]:
-    """Returns the table that describes an object of a family, its ``kind`` first."""
+    """Returns the table that describes an object of a family, its ``kind`` first, unless that is the one without a
+    name.
+    """
     kind, table = write_member(item, path, family)
-    return {"kind": kind, **table}
+    return {"kind": kind, **table} if kind else table
 
 
 def member_of(family: Family) -> Nested:

@@ -54,11 +54,9 @@ class Identification:
     @property
     def alike(self) -> list[tuple[str, ...]]:
         """Sets of parameters that the path cannot distinguish; a single one is not determined by it at all."""
-        sets = []
-        for combination in [*self.unseen, *self.uncertain]:
-            large = np.abs(combination) > 0.1 * np.max(np.abs(combination))
-            sets.append(tuple(name for name, part in zip(self.names, large, strict=True) if part))
-        return sets
+        sizes = np.abs([*self.unseen, *self.uncertain])
+        large = [size > 0.1 * np.max(size) for size in sizes]
+        return [tuple(name for name, part in zip(self.names, parts, strict=True) if part) for parts in large]
 
     _repr_html_ = repr_html
 
