@@ -64,11 +64,12 @@ class AbstractFeedbackSettings(abc.ABC):
     def along(self, run: "Trajectory[Any, Any]", sample: float, rtol: float, atol: float) -> "AbstractFeedback":
         """Returns the feedback along a run of the model."""
 
-    def checks(self, sampled: "SampledSystem") -> list[Callable[[], object]]:
-        """Returns functions that raise a ``ValueError`` for names and sizes that do not fit the robot.
+    def check(self, sampled: "SampledSystem") -> None:
+        """Raises a ``ValueError`` for names and sizes that do not fit the robot."""
+        each_of(*(functools.partial(_in_keys, check) for check in self._checks(sampled)))
 
-        They are independent, so that all that is wrong is named at once.
-        """
+    def _checks(self, sampled: "SampledSystem") -> list[Callable[[], object]]:
+        """Returns functions that raise, which are independent, so that all that is wrong is named at once."""
         from ...control.loop import limits_of
         from ...control.weights import by_name
 
@@ -112,11 +113,11 @@ class RegulatorSettings(AbstractFeedbackSettings):
 
         return tvlqr(run, self.Q, self.R, self.Qf, sample=sample, inputs=self.inputs, rtol=rtol, atol=atol)
 
-    def checks(self, sampled):
+    def _checks(self, sampled):
         from ...control.weights import require_positive, weight_matrix
 
         return [
-            *super().checks(sampled),
+            *super()._checks(sampled),
             lambda: weight_matrix("Q", self.Q, sampled.directions),
             lambda: require_positive("R", weight_matrix("R", self.R, sampled.inputs), strictly=True),
             lambda: self.Qf is None or weight_matrix("Qf", self.Qf, sampled.directions),
@@ -363,7 +364,7 @@ def _check_fit(
     sample = (times.end - times.start) / (times.count - 1)
     sampled = _in_keys(SampledSystem.of, system, sample, feedback.inputs)
     each_of(
-        *(functools.partial(_in_keys, check) for check in feedback.checks(sampled)),
+        lambda: feedback.check(sampled),
         lambda: estimator is None or _check_estimator(estimator, sampled, sensors),
     )
 

@@ -422,9 +422,7 @@ class DesignSpace:
         raise NotImplementedError
 
 
-@programs.jit
-def _numbers(bounds: Bounds, z: Float[Array, " n"]) -> Float[Array, " n"]:
-    return bounds.numbers(z)
+_numbers = programs.jit(Bounds.numbers)
 
 
 @programs.filter_jit
