@@ -16,7 +16,6 @@ from jaxtyping import Array, Float, Int
 from .... import programs
 from ....interface.arguments import require_count
 from ....interface.names import leave_to
-from ....interface.output import check_folder
 from ....numerics.arrays import Numbers, to_array
 from ....physics.body import System
 from ....physics.state import BallState, DiskState
@@ -357,8 +356,9 @@ class Problem:
         require_count("Argument `y`", unknowns.shape, self.space.size, "variable")
         return unknowns
 
-    # What can be done with a problem needs modules that are built upon this one.
+    # What can be done with a problem is found there. These need modules built upon this one.
 
+    @leave_to("..search.design")
     def optimise(
         self,
         settings: "Settings | None" = None,
@@ -380,15 +380,7 @@ class Problem:
         progress of another problem or of other settings; :class:`~jaxball.files.results.OutputError` where it is no
         folder.
         """
-        from ..search.design import FEW_EVALUATIONS, run_search
-        from ..search.program import Settings
-
-        settings = Settings() if settings is None else settings
-        folder = None if folder is None else Path(folder)
-        if folder is not None:
-            check_folder(folder)
-        with programs.compile_quickly(settings.evaluations_at_most <= FEW_EVALUATIONS):
-            return run_search(self, settings, folder, say)
+        raise NotImplementedError
 
     @leave_to("..search.verify")
     def verify(self, y: Float[np.ndarray, " n"]) -> "Verified":

@@ -10,11 +10,12 @@ import numpy as np
 import tomli_w
 from jaxtyping import Float
 
-from ....interface.output import write_text
+from ....interface.output import check_folder, write_text
 from ....interface.printing import repr_html
 from ....interface.wording import number_of
 from ....programs.identity.fingerprints import fingerprint
 from ....programs.identity.names import NoNameError
+from ....programs.program import compile_quickly
 from ..problem.problem import Evaluation, Problem
 from .optimise import Merit, Optimiser, Progress, load_progress, save_progress
 from .program import Settings, Shooting
@@ -86,6 +87,21 @@ class Design:
         return self.problem.space.document_of(self.numbers)
 
 
+def optimise(
+    problem: Problem,
+    settings: Settings | None = None,
+    folder: str | Path | None = None,
+    *,
+    say: Callable[[str], None] = lambda line: None,
+) -> Design:
+    settings = Settings() if settings is None else settings
+    if folder is not None:
+        folder = Path(folder)
+        check_folder(folder)
+    with compile_quickly(settings.evaluations_at_most <= FEW_EVALUATIONS):
+        return _run_search(problem, settings, folder, say)
+
+
 def identify_search(problem: Problem, settings: Settings) -> str:
     """Returns what a search depends on, in a few letters, so that it is not resumed for another problem.
 
@@ -97,8 +113,7 @@ def identify_search(problem: Problem, settings: Settings) -> str:
         return secrets.token_hex()
 
 
-def run_search(problem: Problem, settings: Settings, folder: Path | None, say: Callable[[str], None]) -> Design:
-    """Searches as :meth:`Problem.optimise` does, with the progress in a ``folder``."""
+def _run_search(problem: Problem, settings: Settings, folder: Path | None, say: Callable[[str], None]) -> Design:
     began, identity = time.perf_counter(), identify_search(problem, settings)
     program = Shooting(problem, settings.intervals)
     optimiser = Optimiser(program, settings)
