@@ -14,6 +14,7 @@ from jaxball.studies.design.search.optimise import Merit, Optimiser, bfgs, newto
 from jaxball.studies.design.search.program import (
     METHODS,
     AbstractProgram,
+    AbstractTerms,
     Multipliers,
     augmented_lagrangian,
     by_gauss_newton,
@@ -96,7 +97,7 @@ def test_quadratic_in_few_evaluations():
     assert len(count) < 60
 
 
-class HockSchittkowski71(AbstractProgram):
+class HockSchittkowski71(AbstractTerms, AbstractProgram):
     """min x1 x4 (x1 + x2 + x3) + x3 with x1 x2 x3 x4 ≥ 25, Σ x² = 40, 1 ≤ x ≤ 5; its minimum is 17.0140173."""
 
     bounds = Bounds(np.full(4, 1.0), np.full(4, 5.0), np.full(4, 2.0))
@@ -142,7 +143,7 @@ def test_constrained_problem_71_of_hock_and_schittkowski(method):
     np.testing.assert_allclose(x, [1.0, 4.742999, 3.821151, 1.379408], atol=1e-4)
 
 
-class Parabola(AbstractProgram):
+class Parabola(AbstractTerms, AbstractProgram):
     """min (x − 3)² with x ≤ 1, from x = 0."""
 
     weights = np.ones(1)  # pyright: ignore[reportAssignmentType]

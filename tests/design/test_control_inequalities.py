@@ -6,7 +6,7 @@ import pytest
 from jaxtyping import Array, Float
 
 from jaxball.studies.design import DesignError, optimal_control
-from jaxball.studies.design.optimal_control import solution as module
+from jaxball.studies.design.optimal_control import refinement as module
 from jaxball.studies.design.optimal_control.collocation import multiplier, slack
 from jaxball.studies.design.optimal_control.solution import solve_near
 from tests.support.differences import slope

@@ -19,7 +19,7 @@ from jaxball.studies.design.optimal_control.solve import (
     BARRIER_OF_TIME,
     FreeEndTime,
     fix_end,
-    solve_from_guess_with_free_end,
+    solve_from_guess,
 )
 from tests.support.sentences import refuses
 
@@ -115,7 +115,8 @@ def test_the_least_curvature_is_by_the_end_time_as_well():
     T, c = 5.0, 1 / (2.0 * (1.0 + WHEEL))
     q = 6 * PLACE * (1.0 + WHEEL + INERTIA) / T**2
     free = FreeEndTime(1.0, 20.0, 4 * c**2 * q**2 / 3)
-    rough = solve_from_guess_with_free_end(rolling(None, effort=design.JointEffort()), MESH, free)
+    problem = rolling(None, effort=design.JointEffort())
+    rough = solve_from_guess(problem, MESH, 3, 1e-6, optimal_control.Rolling.at_rest, BARRIER_OF_TIME, free)
     found = rough.sharpen()
     assert fix_end(found).path.mesh[-1] == pytest.approx(T, rel=1e-6)
     assert found.least_curvature() == pytest.approx(20 * c**2 * q**2 / (4 * q**2 + 3), rel=1e-5)

@@ -9,7 +9,6 @@ import jaxball
 from jaxball.simulation.equilibrium import imbalance
 from jaxball.studies import design
 from jaxball.studies.design import optimal_control
-from jaxball.studies.design.optimal_control.schedules import signals_of, system_of
 from jaxball.studies.design.problem.run import Run
 from tests.support.sentences import refuses
 
@@ -105,7 +104,7 @@ def test_a_joint_that_is_accelerated_finds_the_same_torque(driven):
     np.testing.assert_allclose(other.places(times), driven.places(times), atol=1e-5)
     np.testing.assert_allclose(other.means()["effort"], driven.means()["effort"], rtol=1e-6)
     run = other.scenario().simulate(rtol=1e-11, atol=1e-11, throw=True)
-    torque = jax.vmap(signals_of(driven)[0])(run.times[:-1])
+    torque = jax.vmap(driven.signals()[0])(run.times[:-1])
     np.testing.assert_allclose(run.observables.joint_efforts[:-1, 0], torque, atol=1e-4)
 
 
@@ -124,7 +123,7 @@ def test_a_rotor_rolls_a_disk_as_a_double_integrator_does():
     found = problem.solve(MESH)
     times = np.linspace(0.0, END, 21)[:-1]
     torque = -6 * (inertia + (1.0 + m)) * PLACE * (1 - 2 * times / END) / END**2
-    np.testing.assert_allclose(jax.vmap(signals_of(found)[0])(times), torque, atol=1e-8)
+    np.testing.assert_allclose(jax.vmap(found.signals()[0])(times), torque, atol=1e-8)
 
 
 @pytest.mark.slow
@@ -134,7 +133,7 @@ def test_a_limit_holds_and_is_kept(driven):
     limit = 0.95 * free
     problem = climb(jaxball.Motor(0.0, limit=limit) + jaxball.Damper(0.0), [LEAN - SLOPE])
     found = problem.solve(MESH).sharpen()
-    largest = np.max(np.abs(system_of(found).mechanisms[0].drives[0].terms[0].signal(jnp.asarray(0.0))))
+    largest = np.max(np.abs(found.scenario().system.mechanisms[0].drives[0].terms[0].signal(jnp.asarray(0.0))))
     unit, allowed = 1.0 + MASS, 1e-5  # a tenth of what constraints may be violated by
     assert limit * (1 - 1e-5) < largest < limit + allowed * unit
     seen = found.resimulate()

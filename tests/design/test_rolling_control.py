@@ -239,7 +239,7 @@ def test_ctrl_c_leaves_the_last_motion(tmp_path, capsys, easy, monkeypatch):
 
 def test_ctrl_c_before_a_motion_is_found(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
-    monkeypatch.setattr("jaxball.studies.design.optimal_control.schedules.solve_from_guess", interrupted)
+    monkeypatch.setattr("jaxball.studies.design.optimal_control.solve.solve_from_guess", interrupted)
     assert command(tmp_path, PROBLEM) == 130
     told = "compiling, and solving from the guess\njaxball: Stopped; no motion was found yet.\n"
     assert capsys.readouterr().err == told

@@ -63,7 +63,7 @@ def test_each_method_that_is_left_to_another_module_has_the_signature_of_its_fun
             module = importlib.import_module(".".join(("jaxball", *path.relative_to(SOURCE).with_suffix("").parts)))
             for kind in filter(inspect.isclass, vars(module).values()):
                 found |= {one.__qualname__: one for one in vars(kind).values() if hasattr(one, "left_to")}
-    assert {"TrajectoryMethods.plot", "Study.run", "Solution.sharpen"} <= set(found)
+    assert {"TrajectoryMethods.plot", "Study.estimate", "Rolling.rolling_along"} <= set(found)
     for name, method in found.items():
         module, package, attribute = method.left_to
         function = getattr(importlib.import_module(module, package), attribute)

@@ -17,7 +17,8 @@ import jaxball
 from jaxball import Ball, BallState, Disk, DiskState, load_scenario, simulate
 from jaxball.interface.names import public_packages
 from jaxball.interface.printing import SIZE, as_html, sketch_of
-from jaxball.studies.design.optimal_control.schedules import Controlled, Resimulated
+from jaxball.studies.design.optimal_control.solution import Resimulated
+from jaxball.studies.design.optimal_control.solve import Controlled
 from jaxball.studies.design.result import Result
 from jaxball.studies.design.search.verify import GradientCheck
 from jaxball.studies.sweep.axes import Listed

@@ -9,10 +9,10 @@ import pytest
 
 import jaxball
 from jaxball import BallState, Contact, DiskState, Scenario, ScenarioError, read_scenario, write_scenario
-from jaxball.files.scenario.traced import Structure
 from jaxball.physics import LimitSurface, ReleasedState, SmoothedCoulomb
 from jaxball.physics.contact.body_on_plane import BodyOnPlane
 from tests.support.sentences import refuses
+from tests.support.structure import Structure
 
 from .documents import BALL, DISK
 from .test_round_trip import same_objects

@@ -25,9 +25,9 @@ from jaxball import (
 )
 from jaxball.files.scenario.paths import with_numbers
 from jaxball.files.scenario.sources import builtin_text
-from jaxball.files.scenario.traced import Structure
 from tests.support import corpus
 from tests.support.sentences import refuses
+from tests.support.structure import Structure
 
 from .documents import BALL, DISK, edited
 from .test_round_trip import same_objects

@@ -14,7 +14,7 @@ from jaxball.files.scenario.errors import UntraceableError
 from jaxball.files.scenario.files import read_contents
 from jaxball.files.scenario.paths import numbers_of, value_at, with_numbers
 from jaxball.files.scenario.sources import builtin_text
-from jaxball.files.scenario.traced import Parts, Structure
+from jaxball.files.scenario.traced import Parts
 from jaxball.numerics.arrays import arrays_of
 from jaxball.studies.sweep import StudyError, read_study, rows
 from jaxball.studies.sweep.axes import Listed, Zipped
@@ -22,6 +22,7 @@ from jaxball.studies.sweep.rows import read_rows
 from jaxball.studies.sweep.study import Study
 from tests.scenario.documents import BALL, DISK, edited, with_motion, with_rail, with_schedule
 from tests.support.sentences import refuses
+from tests.support.structure import Structure
 from tests.sweep.studies import study
 
 PULSE = '{ kind = "pulse", theta = 0.3, height = 0.5, rate = 0.1, start = 0.1, hold = 0.5, end = 1.5 }'

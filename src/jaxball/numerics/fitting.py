@@ -5,6 +5,7 @@ The estimators of parameters use it: ``design.identify`` and ``estimation.fittin
 
 import functools
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -26,7 +27,7 @@ def find_determined(singular_values: Float[np.ndarray, " n"]) -> Bool[np.ndarray
     return singular_values > UNSEEN * singular_values[0]
 
 
-def where_finite(residuals: Residuals) -> Residuals:
+def where_finite(residuals: Callable[[tuple[float, ...]], tuple[Any, Any]]) -> Residuals:
     """Returns the same function of residuals, kept for the last unknowns, with residuals that are all NaN where the
     Jacobian is not finite.
     """

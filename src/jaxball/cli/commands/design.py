@@ -49,7 +49,7 @@ def _progress(options: argparse.Namespace, line: Line) -> Callable[[str], None]:
 
 
 def _control(options: argparse.Namespace, problem_file: Any, source: Any) -> int:
-    from ...studies.design.optimal_control.schedules import solve_control
+    from ...studies.design.optimal_control.solve import solve_control
     from ...studies.design.report import objectives_in_units, violation, write_control_report, write_design
     from ...studies.design.search.design import SCENARIO
 

@@ -199,7 +199,7 @@ def _content(scenario: "Scenario", trajectory: "Trajectory[Any, Any]") -> dict[s
         content["law_changes"] = _law_changes(trajectory)
     if trajectory.events:
         content["events"] = {name: _summary(seen) for name, seen in trajectory.events.items()}
-    return content | history_summary(trajectory.history)
+    return content | history_summary(trajectory.history.of_body)
 
 
 def _summary(seen: "Occurrences") -> dict[str, Any]:

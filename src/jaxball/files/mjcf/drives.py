@@ -224,7 +224,7 @@ class Recording(NamedTuple):
         if not self.varies:
             return ConstantRate(float(self.values[0]))
         if lag <= 0:
-            return Waypoints(self.times, self.values, _end_rates(CubicSpline(self.times, self.values)))
+            return Waypoints(self.times, self.values, CubicSpline(self.times, self.values)(self.times[[0, -1]], 1))
         theta = _follow(CubicSpline(self.times, self.values), lag)
         rates = (self.values - theta) / lag
         return Waypoints(self.times, theta, rates[[0, -1]])
@@ -235,10 +235,6 @@ class Recording(NamedTuple):
             return ConstantRate(0.0, rate=float(self.values[0]))
         theta = CubicSpline(self.times, self.values).antiderivative()(self.times)
         return Waypoints(self.times, theta, self.values[[0, -1]])
-
-
-def _end_rates(spline: CubicSpline) -> Float[np.ndarray, "2"]:
-    return spline(spline.x[[0, -1]], 1)
 
 
 def _follow(spline: CubicSpline, lag: float) -> Float[np.ndarray, " T"]:

@@ -1,7 +1,7 @@
-"""Elements of MuJoCo's files: the numbers in their attributes, defaults of their classes, frames and inertias.
+"""Elements of MuJoCo's files: the numbers in their attributes, frames and inertias, and what holds for a whole file.
 
-A file is read from its path or its text. Where a body states no inertia, it is that of its geoms, as in MuJoCo. The
-readers of :mod:`jaxball.files.urdf` use all of this as well.
+A file is read from its path or its text. Where a body states no inertia, it is that of its geoms, as in MuJoCo; what
+<compiler> and <option> say are its settings. The readers of :mod:`jaxball.files.urdf` use elements as well.
 """
 
 import os
@@ -217,7 +217,7 @@ def _turn_by_euler(sequence: str, angles: Float[np.ndarray, "3"]) -> Float[np.nd
     return turn
 
 
-def read_inertial(body: ET.Element, angles: Angles) -> Inertial | None:
+def _read_inertial(body: ET.Element, angles: Angles) -> Inertial | None:
     """Reads the inertia that a body states, in its own frame; None if it states none."""
     element = body.find("inertial")
     if element is None:
@@ -295,32 +295,6 @@ SOLIDS = {
 HOLLOW = Solid(1, lambda s: 4 * np.pi * s[0] ** 2, lambda s: np.full(3, 2 / 3 * s[0] ** 2))
 
 
-class Inertias(NamedTuple):
-    """How a file gives the inertias of its bodies: ``from_geoms`` is true, false, or auto, where a body states none."""
-
-    angles: Angles
-    from_geoms: str
-
-    def of(self, body: ET.Element) -> Inertial | None:
-        """Returns the inertia of a body in its own frame, None if it has none.
-
-        **Raises:** :class:`MJCFError` for a geom whose mass is not computed here.
-        """
-        stated = None if self.from_geoms == "true" else read_inertial(body, self.angles)
-        return stated if stated or self.from_geoms == "false" else inertial_of_geoms(body, self.angles)
-
-
-def inertial_of_geoms(body: ET.Element, angles: Angles) -> Inertial | None:
-    """Computes the inertia of the geoms of a body in its frame; None where they have no mass.
-
-    **Raises:** :class:`MJCFError` for a geom with a mass whose shape is none of these.
-    """
-    parts = [part for part in (_part(geom, angles) for geom in body.findall("geom")) if part is not None]
-    if not parts:
-        return None
-    return combine(parts)
-
-
 def _part(geom: ET.Element, angles: Angles) -> Inertial | None:
     # Before its shape: what has no mass may be a mesh.
     if geom.get("mass") is not None and number(geom, "mass") == 0:
@@ -361,6 +335,110 @@ def _place(geom: ET.Element, kind: str, count: int, angles: Angles) -> tuple[Fra
     # A capsule and a cylinder are bodies of revolution: which end is which does not matter.
     frame, half = frame_between(geom)
     return frame, np.array([numbers(geom, "size")[0], half])
+
+
+SWITCHES = ("enable", "disable")
+AXES = set("xyzXYZ")
+
+
+class Settings(NamedTuple):
+    """What holds for a whole file.
+
+    - ``angles``: how it gives angles.
+    - ``from_geoms``: whether inertias are those of geoms: true, false, or auto, where a body states none.
+    - ``autolimits``: whether a range is a limit without a word that says so.
+    - ``gravity``: the acceleration.
+    - ``disabled``: the flags of ``<option>`` that are disabled.
+    - ``idle_groups``: the groups of actuators that exert no force.
+    - ``alignfree``: whether a free body without bodies in it moves in its principal axes.
+    """
+
+    angles: Angles
+    from_geoms: str
+    autolimits: bool
+    gravity: Float[np.ndarray, "3"]
+    disabled: frozenset[str]
+    idle_groups: frozenset[int]
+    alignfree: bool
+
+    def inertial_of(self, body: ET.Element) -> Inertial | None:
+        """Returns the inertia of a body in its own frame, None if it has none.
+
+        **Raises:** :class:`MJCFError` for a geom whose mass is not computed here.
+        """
+        stated = None if self.from_geoms == "true" else _read_inertial(body, self.angles)
+        if stated or self.from_geoms == "false":
+            return stated
+        parts = [part for part in (_part(geom, self.angles) for geom in body.findall("geom")) if part is not None]
+        return combine(parts) if parts else None
+
+    def limits(self, element: ET.Element, what: str) -> tuple[float, float] | None:
+        """Reads the limits of an element: of its control (``ctrl``), its force, or of a joint (an empty ``what``).
+
+        None where it has none, or does not keep to them.
+
+        **Raises:** :class:`MJCFError` for a range that is none, and where the file does not say whether it is a limit.
+        """
+        text = element.get(f"{what}range")
+        word = word_of(element, f"{what}limited", ("auto", "true", "false"))
+        if word == "false" or (text is None and word == "auto"):
+            return None
+        low, high = numbers(element, f"{what}range", count=2)
+        if word == "auto" and not self.autolimits:
+            raise MJCFError(
+                f"Element {label(element)} must have `{what}limited` beside `{what}range`, because the file has "
+                "`autolimits` false, but it is missing."
+            )
+        if low < high:
+            return float(low), float(high)
+        # As in MuJoCo, where "0 0" says that there is no limit.
+        if word == "auto":
+            return None
+        raise MJCFError(f'Attribute `{what}range` of {label(element)} must increase, but it is "{text}".')
+
+
+def read_settings(root: ET.Element) -> Settings:
+    """Reads the settings of a file; what a later element states replaces what an earlier one does.
+
+    **Raises:** :class:`MJCFError` for words that are none of MuJoCo's.
+    """
+    angle, sequence, from_geoms, autolimits, alignfree = "degree", "xyz", "auto", "true", "false"
+    for compiler in root.findall("compiler"):
+        from_geoms = word_of(compiler, "inertiafromgeom", ("auto", "true", "false"), from_geoms)
+        angle = word_of(compiler, "angle", ("degree", "radian"), angle)
+        autolimits = word_of(compiler, "autolimits", ("true", "false"), autolimits)
+        alignfree = word_of(compiler, "alignfree", ("true", "false"), alignfree)
+        sequence = compiler.get("eulerseq", sequence)
+        if len(sequence) != 3 or not set(sequence) <= AXES:
+            raise MJCFError(
+                "Attribute `eulerseq` of <compiler> must be three of the letters x, y, z, in capitals for fixed axes, "
+                f'but it is "{sequence}".'
+            )
+    gravity, flags, idle_groups = np.array([0.0, 0.0, -9.81]), dict[str, str](), frozenset[int]()
+    for option in root.findall("option"):
+        gravity = numbers(option, "gravity", gravity)
+        groups = option.get("actuatorgroupdisable")
+        idle_groups = idle_groups if groups is None else frozenset(map(int, numbers(option, "actuatorgroupdisable")))
+        for element in option.findall("flag"):
+            flags |= {name: word_of(element, name, SWITCHES) for name in element.attrib}
+    disabled = frozenset(name for name, word in flags.items() if word == "disable")
+    if "gravity" in disabled:
+        gravity = np.zeros(3)
+    unit = 1.0 if angle == "radian" else np.pi / 180
+    angles, switches = Angles(unit, sequence), (autolimits == "true", gravity, disabled, idle_groups)
+    return Settings(angles, from_geoms, *switches, alignfree == "true")
+
+
+def word_of(element: ET.Element, name: str, words: tuple[str, ...], default: str | None = None) -> str:
+    """Reads an attribute that is one of some words; the first of them, unless a default is given, where it is missing.
+
+    **Raises:** :class:`MJCFError` for another word.
+    """
+    word = element.get(name, words[0] if default is None else default)
+    if word not in words:
+        listed = ", ".join(f'"{choice}"' for choice in words)
+        raise MJCFError(f'Attribute `{name}` of {label(element)} must be one of {listed}, but it is "{word}".')
+    return word
 
 
 Source = str | os.PathLike[str]

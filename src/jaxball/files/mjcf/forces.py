@@ -17,18 +17,10 @@ from ...physics.mechanisms import (
     Spring,
 )
 from .drives import Recording
-from .elements import LIMITS, MJCFError, label, number, numbers
+from .elements import LIMITS, MJCFError, Settings, label, number, numbers
 from .schema import ACTUATORS
-from .settings import Settings
 
 GEARS = 6  # of which a hinge and a slide use the first
-
-
-class Actuated(NamedTuple):
-    """The forces of actuators by the names of their joints, and a sentence for each thing that was left out."""
-
-    forces: dict[str, list[AbstractJointForce]]
-    notes: list[str]
 
 
 class Law(NamedTuple):
@@ -83,12 +75,18 @@ def linear(element: ET.Element, name: str) -> float:
     return float(coefficients[0])
 
 
-def read_actuators(actuators: list[ET.Element], controls: list[Recording], settings: Settings) -> Actuated:
-    """Reads the forces of actuators, with the controls that they keep.
+Forces = dict[str, list[AbstractJointForce]]
+
+
+def read_actuators(
+    actuators: list[ET.Element], controls: list[Recording], settings: Settings
+) -> tuple[Forces, list[str]]:
+    """Reads the forces of actuators, with the controls that they keep, by the names of their joints, and a sentence
+    for each thing that was left out.
 
     **Raises:** :class:`MJCFError` for an actuator whose force is none of those that joints have here.
     """
-    forces: dict[str, list[AbstractJointForce]] = {}
+    forces: Forces = {}
     notes, still = [], []
     for element, control in zip(actuators, controls, strict=True):
         within = None if "clampctrl" in settings.disabled else settings.limits(element, "ctrl")
@@ -107,7 +105,7 @@ def read_actuators(actuators: list[ET.Element], controls: list[Recording], setti
             )
     if still:
         notes.append(f"No force of {all_of(still)} was imported, because the <option> of the file disables it.")
-    return Actuated(forces, notes)
+    return forces, notes
 
 
 def joint_of(actuator: ET.Element) -> str:

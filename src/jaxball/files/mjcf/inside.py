@@ -31,6 +31,7 @@ from .elements import (
     Frame,
     Inertial,
     MJCFError,
+    Settings,
     frame_between,
     frame_of,
     label,
@@ -39,9 +40,8 @@ from .elements import (
     refuse_others,
     text_of,
 )
-from .forces import Law, gear_of, joint_of, law_of, read_springs
+from .forces import gear_of, joint_of, law_of, read_springs
 from .sensors import Site
-from .settings import Settings
 
 IN_BODY = ("inertial", "joint", "geom", "body", "site", "camera", "light")
 
@@ -102,7 +102,11 @@ class _Reader:
         """
         refuse_others(body, IN_BODY, "it has no counterpart here")
         for geom in body.findall("geom"):
-            refuse_contacts(geom)
+            if touches(geom):
+                raise MJCFError(
+                    f"Element {label(geom)} must have contype and conaffinity 0, because only the shell has contacts "
+                    "here."
+                )
         frame = outer.then(frame_of(body, self.settings.angles))
         # The joints of one body are a chain: each is on the one before.
         for element in body.findall("joint"):
@@ -132,7 +136,7 @@ class _Reader:
             self.trees.append(tree)
         before = len(tree.joints) - 1
         name = element.get("name", "")
-        drive = _sum([*read_springs(element, self.settings), *self.forces.get(name, ())])
+        drive = sum_forces([*read_springs(element, self.settings), *self.forces.get(name, ())])
         # The joint before is the default, which scenarios do not state.
         on = None if carrier.joint == before else carrier.joint
         tree.joints.append(_joint(element, frame, drive, on))
@@ -140,19 +144,25 @@ class _Reader:
         return _Carrier(tree, before + 1)
 
     def _masses(self, body: ET.Element, frame: Frame) -> Iterator[CarriedMass]:
-        inertial = self.settings.inertias.of(body)
+        inertial = self.settings.inertial_of(body)
         # The least that MuJoCo requires of a body that moves; `_add_least` writes it, and it stands for nothing.
         if inertial is None or (inertial.mass <= MINVAL and np.all(inertial.moments <= MINVAL)):
             return
-        placed = frame.then(inertial.axes)
-        if np.all(inertial.moments <= MINVAL):
-            yield CarriedMass(inertial.mass, placed.shift)
-            return
         try:
-            axes = MatrixFrame(placed.turn)
-            yield from rigid_body_masses(inertial.mass, inertial.moments, centre=placed.shift, frame=axes)
+            yield from masses_of(inertial._replace(axes=frame.then(inertial.axes)))
         except ValueError as error:
             raise MJCFError(f"The inertia of {label(body)} is impossible: {error}") from None
+
+
+def masses_of(inertial: Inertial, joint: int = -1) -> list[CarriedMass]:
+    """Returns the masses with this inertia, which a ``joint`` carries: one where it has no moments.
+
+    **Raises:** ``ValueError`` for moments that no body has.
+    """
+    centre, axes = inertial.axes.shift, MatrixFrame(inertial.axes.turn)
+    if np.all(inertial.moments <= MINVAL):
+        return [CarriedMass(inertial.mass, centre, joint)]
+    return rigid_body_masses(inertial.mass, inertial.moments, centre=centre, frame=axes, joint=joint)
 
 
 def read_inside(
@@ -179,14 +189,6 @@ def read_inside(
     return inside
 
 
-def refuse_contacts(geom: ET.Element) -> None:
-    """Raises a :class:`MJCFError` for a geom that others touch."""
-    if touches(geom):
-        raise MJCFError(
-            f"Element {label(geom)} must have contype and conaffinity 0, because only the shell has contacts here."
-        )
-
-
 def touches(geom: ET.Element) -> bool:
     """Returns whether other geoms may touch a geom."""
     return any(bits_of(geom, name) for name in ("contype", "conaffinity"))
@@ -205,7 +207,8 @@ def _mechanism(tree: _Tree) -> Mechanism:
         raise MJCFError(f"The bodies on the joints {which} are no mechanism: {error}") from None
 
 
-def _sum(forces: Sequence[AbstractJointForce]) -> AbstractJointForce | None:
+def sum_forces(forces: Sequence[AbstractJointForce]) -> AbstractJointForce | None:
+    """Returns the sum of forces on a joint, or the only one; None without any."""
     if len(forces) < 2:
         return forces[0] if forces else None
     return JointForces(tuple(forces))
@@ -288,11 +291,7 @@ def _set_damping(actuator: ET.Element, inertia: float) -> None:
         del actuator.attrib["dampratio"]
         actuator.set("kv", text_of(damping))
     else:
-        actuator.set("biasprm", text_of(*_bias(law._replace(damping=damping))))
-
-
-def _bias(law: Law) -> tuple[float, float, float]:
-    return 0.0, -law.stiffness, -law.damping
+        actuator.set("biasprm", text_of(0.0, -law.stiffness, -damping))
 
 
 def _inertias(inertial: Inertial, inside: Inside, planar: bool) -> Float[np.ndarray, " joints"]:

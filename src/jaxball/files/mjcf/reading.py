@@ -26,23 +26,24 @@ from .elements import (
     Angles,
     Frame,
     Inertial,
-    Inertias,
     MJCFError,
+    Settings,
     Source,
     frame_of,
     label,
     number,
     numbers,
+    read_settings,
     read_xml,
     refuse_others,
     refuse_values,
     refuse_what_holds,
+    word_of,
 )
 from .forces import read_actuators
 from .inside import IN_BODY, Inside, bits_of, read_inside, replace_ratios, touches
 from .schema import apply_defaults, check_names, check_values, notes_of
 from .sensors import read_sensors
-from .settings import Settings, read_settings, word_of
 from .writing import ROOT, TIMES
 
 TOP = ("compiler", "option", "default", "worldbody", "actuator", "keyframe", "contact", "sensor")
@@ -67,17 +68,6 @@ class OwnFrame(NamedTuple):
         """The frame of the element in that of the ball."""
         turn = self.frame.turn.T
         return Frame(turn, -turn @ self.frame.shift)
-
-    def in_ball(self, frame: Frame) -> Frame:
-        """Returns a frame in that of the element as one in that of the ball."""
-        return self.inverse.then(frame)
-
-
-class Surface(NamedTuple):
-    """The friction of a geom: of how many dimensions, and its coefficients of sliding, spinning and rolling."""
-
-    condim: float
-    friction: Float[np.ndarray, "3"]
 
 
 class Imported(NamedTuple):
@@ -125,18 +115,18 @@ def read_mjcf(source: Source, *, times: Numbers | None = None, contact: bool = F
     settings, key = read_settings(root), root.find("keyframe/key")
     shell, plane, sphere = _outside(root, settings)
     _check_alignment(shell, key, settings)
-    body_frame = _own_frame(shell, sphere, settings.inertias)
+    body_frame = _own_frame(shell, sphere, settings)
     actuators = [element for group in root.findall("actuator") for element in group]
     recordings = read_recordings(root)
     controls = _controls(actuators, key, recordings)
     inside, notes = _read_inside(shell, body_frame, actuators, controls, settings)
     notes = [*_notes(shell, actuators, key, root.findall("contact/pair"), settings), *notes]
     notes += notes_of([plane, sphere, *(joint for joint in inside.elements if number(joint, "frictionloss", 0.0))])
-    surface = _surface(plane, sphere)
-    system = _system(shell, sphere, body_frame, settings, inside, surface)
+    friction = _friction(plane, sphere)
+    system = _system(shell, sphere, body_frame, settings, inside, float(friction[2]))
     state = _state(system, shell, body_frame, settings.angles, key, inside.joints)
     rolls = not contact and _rolls(system, state)
-    law = None if rolls else Contact(friction=surface.friction[0])
+    law = None if rolls else Contact(friction=friction[0])
     if law is not None and "frictionloss" not in settings.disabled:
         for joint in inside.elements:
             refuse_values(joint, ("frictionloss",), "joints cannot stick in a body that slips and flies")
@@ -176,13 +166,11 @@ def _read_inside(
     shell: ET.Element, body_frame: OwnFrame, actuators: list[ET.Element], controls: list[Recording], settings: Settings
 ) -> tuple[Inside, list[str]]:
     """Reads what is in the shell, with the forces of actuators, and a sentence for each thing that was left out."""
-    in_ball = Inertial(
-        body_frame.inertial.mass, body_frame.in_ball(body_frame.inertial.axes), body_frame.inertial.moments
-    )
+    in_ball = body_frame.inertial._replace(axes=body_frame.inverse.then(body_frame.inertial.axes))
 
     def read() -> tuple[Inside, list[str]]:
-        actuated = read_actuators(actuators, controls, settings)
-        return read_inside(shell, body_frame.inverse, settings, actuated.forces), actuated.notes
+        forces, notes = read_actuators(actuators, controls, settings)
+        return read_inside(shell, body_frame.inverse, settings, forces), notes
 
     inside, notes = read()
     # Ratios of damping need the inertias of all that has been read.
@@ -290,30 +278,32 @@ def _touching(parent: ET.Element, kind: str) -> ET.Element:
     return geoms[0]
 
 
-def _surface(plane: ET.Element, sphere: ET.Element) -> Surface:
-    """Returns the friction of the geom with the higher priority, else the larger of the two, as MuJoCo has it."""
+def _friction(plane: ET.Element, sphere: ET.Element) -> Float[np.ndarray, "3"]:
+    """Returns the coefficients of sliding, spinning and rolling of the geom with the higher priority, else the larger
+    of the two, as MuJoCo has it; 0 for those that it does not heed.
+    """
     highest = max(number(geom, "priority", 0.0) for geom in (plane, sphere))
     deciding = [geom for geom in (plane, sphere) if number(geom, "priority", 0.0) == highest]
     # Coefficients that are left out at the end are MuJoCo's.
     coefficients = [numbers(geom, "friction") if geom.get("friction") else np.zeros(0) for geom in deciding]
     friction = np.max([np.append(values, FRICTION[len(values) :])[:3] for values in coefficients], axis=0)
     condim = max(number(geom, "condim", 3.0) for geom in deciding)
-    # A contact of one dimension has a normal force alone.
-    friction[0] = friction[0] if condim > 1 else 0.0
-    # MuJoCo heeds friction against spinning from 4 dimensions on, and against rolling with 6.
-    if condim >= 4 and friction[1] > LEAST_FRICTION:
+    # A contact of one dimension has a normal force alone; MuJoCo heeds friction against spinning from 4 dimensions on,
+    # and against rolling with 6.
+    friction = np.where([condim > 1, condim >= 4, condim == 6], friction, 0.0)
+    if friction[1] > LEAST_FRICTION:
         raise MJCFError(
             f"The friction of {label(plane)} and {label(sphere)} against spinning must be 0, because it has no "
             f"counterpart here, but it is {friction[1]:g}."
         )
-    return Surface(condim, friction)
+    return friction
 
 
-def _own_frame(shell: ET.Element, sphere: ET.Element, inertias: Inertias) -> OwnFrame:
+def _own_frame(shell: ET.Element, sphere: ET.Element, settings: Settings) -> OwnFrame:
     """Returns the frame of the ball in the frame of the element: at the centre of the sphere, along the
     principal axes.
     """
-    inertia = inertias.of(shell)
+    inertia = settings.inertial_of(shell)
     if inertia is None:
         raise MJCFError(f"Element {label(shell)} must have an <inertial>, or geoms with a mass, but it has none.")
     # The axes must be the principal ones, as a ball here has only three moments.
@@ -326,10 +316,9 @@ def _system(
     body_frame: OwnFrame,
     settings: Settings,
     inside: Inside,
-    surface: Surface,
+    dry: float,
 ) -> System:
     radius, g = float(numbers(sphere, "size")[0]), float(np.linalg.norm(settings.gravity))
-    dry = surface.friction[2] if surface.condim == 6 else 0.0
     arguments: dict[str, Any] = {
         "mass": body_frame.inertial.mass,
         "radius": radius,

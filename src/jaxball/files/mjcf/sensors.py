@@ -84,27 +84,22 @@ def read_sensors(root: ET.Element, sites: Mapping[str, Site], joints: Mapping[st
 
 
 def _read_sensor(element: ET.Element, sites: Mapping[str, Site], joints: Mapping[str, str]) -> AbstractSensor:
-    for kind, tag in OF_JOINTS.items():
-        if element.tag == tag:
-            return kind(on=_find_part(element, "joint", joints))
+    kind = {tag: kind for kind, tag in {**OF_JOINTS, **AT_SITES}.items()}.get(element.tag)
+    if kind is None:
+        tags = ", ".join(f"<{tag}>" for tag in (*AT_SITES.values(), *OF_JOINTS.values()))
+        raise MJCFError(f"Element {label(element)} must be one of {tags}, because others have no counterpart here.")
+    if kind in OF_JOINTS:
+        return kind(on=_find_part(element, "joint", joints))
     if element.tag == "framepos" and (element.get("objtype") != "site" or element.get("reftype") is not None):
         raise MJCFError(
             f"Element {label(element)} must be the place of a site in space, with `objtype` site and no `reftype`, "
             "but it is another."
         )
-    for kind, tag in AT_SITES.items():
-        if element.tag == tag:
-            site = _find_part(element, "objname" if kind is Position else "site", sites)
-            if kind is Position:
-                return Position(at=site.frame.shift, on=site.on)
-            axes = MatrixFrame(site.frame.turn)
-            return (
-                Gyroscope(on=site.on, frame=axes)
-                if kind is Gyroscope
-                else Accelerometer(at=site.frame.shift, on=site.on, frame=axes)
-            )
-    tags = ", ".join(f"<{tag}>" for tag in (*AT_SITES.values(), *OF_JOINTS.values()))
-    raise MJCFError(f"Element {label(element)} must be one of {tags}, because others have no counterpart here.")
+    site = _find_part(element, "objname" if kind is Position else "site", sites)
+    # A gyroscope reads the same everywhere on a part, and the place of a site has no axes.
+    place: dict[str, Any] = {} if kind is Gyroscope else {"at": site.frame.shift}
+    axes: dict[str, Any] = {} if kind is Position else {"frame": MatrixFrame(site.frame.turn)}
+    return kind(on=site.on, **place, **axes)
 
 
 def _find_part(element: ET.Element, attribute: str, parts: Mapping[str, Any]) -> Any:

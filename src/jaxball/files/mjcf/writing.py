@@ -36,22 +36,25 @@ LARGEST_EXTENT = 100.0  # the same: a file has every height as text
 TIMES_AT_REST = 16  # of a scenario, at which a ground must be where it is at the start
 
 
-def check_ground(system: System, times: Float[np.ndarray, " T"]) -> None:
+def _refuse(refused: bool, key: str, must: str, why: str) -> None:
+    """Raises a :class:`MJCFError` where the value of a key is one that MJCF cannot express."""
+    if refused:
+        raise MJCFError(f"Key `{key}` must be {must} to be written as MJCF, {why}.")
+
+
+def _check_ground(system: System, times: Float[np.ndarray, " T"]) -> None:
     """Raises a :class:`MJCFError` for a ground that MJCF cannot express."""
     ground = system.ground
     if isinstance(ground, AbstractSurface):
         _check_surface(ground, times)
-    if ground is not None and ground.belt is not None:
-        raise MJCFError("Key `ground.belt` must be left out to be written as MJCF, which has no belts.")
+    _refuse(ground is not None and ground.belt is not None, "ground.belt", "left out", "which has no belts")
     if not isinstance(ground, Ground):
         return
-    if ground.motion is not None:
-        raise MJCFError("Key `ground.motion` must be left out to be written as MJCF, where the plane stays at rest.")
-    if ground.turntable is not None and not isinstance(ground.turntable.turning, ConstantRate):
-        raise MJCFError(
-            "Key `ground.turntable.turning` must be a constant rate to be written as MJCF, where a heavy disk turns "
-            f"freely, but it is a {type(ground.turntable.turning).__name__}."
-        )
+    _refuse(ground.motion is not None, "ground.motion", "left out", "where the plane stays at rest")
+    if ground.turntable is not None:
+        turning = ground.turntable.turning
+        why = f"where a heavy disk turns freely, but it is a {type(turning).__name__}"
+        _refuse(not isinstance(turning, ConstantRate), "ground.turntable.turning", "a constant rate", why)
 
 
 def _check_surface(ground: AbstractSurface, times: Float[np.ndarray, " T"]) -> None:
@@ -244,10 +247,8 @@ def to_mjcf(
             f"Key `kind` must be a ball or a disk to be written as MJCF, but the system is {a(type(system).__name__)}."
         )
     require_flags(any_units=any_units)
-    _check(system)
-    check_ground(system, scenario.times)
-    _check_friction(scenario)
-    _check_units(scenario, any_units)
+    _check(scenario, system, any_units)
+    _check_ground(system, scenario.times)
     root = ET.Element("mujoco", model=scenario.title or system.title)
     add(root, "compiler", angle="radian", autolimits="true")
     up = np.array([0.0, 0.0, 1.0]) if system.ground is None else np.asarray(system.ground.up())
@@ -290,62 +291,38 @@ def _scenario_of(robot: Scenario | AbstractSystem | Trajectory) -> Scenario:
     return Scenario(robot.title, robot, robot.default_state(), TIMES)
 
 
-def _check_units(scenario: Scenario, any_units: bool) -> None:
-    """Raises a :class:`MJCFError` for stated units that other programs would not read the file in."""
-    units = scenario.units
-    if any_units or units is None or units.is_dimensionless or units.is_si:
-        return
-    raise MJCFError(
-        f"Key `units` must be m, kg, s to be written as MJCF, which does not say its units, but it is {units}; convert "
-        "the numbers, or write them as they are with any_units=True, or --any-units."
-    )
-
-
-def _check(system: System) -> None:
-    """Raises a :class:`MJCFError` for what acts on a body and has no counterpart in MJCF."""
-    if system.force is not None:
-        raise MJCFError(
-            "Key `force` must be left out to be written as MJCF, which has no forces that are given in time."
-        )
-    if system.own_states is not None:
-        raise MJCFError(
-            "Key `own_states` must be left out to be written as MJCF, which has no states that are functions of a "
-            "user's own."
-        )
+def _check(scenario: Scenario, system: System, any_units: bool) -> None:
+    """Raises a :class:`MJCFError` for what acts on a body and has no counterpart in MJCF, for friction that depends on
+    the slip speed or on the spin, and for stated units that other programs would not read the file in.
+    """
+    no_states = "which has no states that are functions of a user's own"
+    _refuse(system.force is not None, "force", "left out", "which has no forces that are given in time")
+    _refuse(system.own_states is not None, "own_states", "left out", no_states)
     resistance = system.resistance
-    if resistance is None:
-        return
-    if not isinstance(resistance, Resistance):
-        raise MJCFError(
-            "Key `resistance` must be coefficients of jaxball's own to be written as MJCF, but it is a "
-            f"{type(resistance).__name__}."
-        )
-    if resistance.dry_spinning is not None:
-        raise MJCFError(
-            "Key `resistance.dry_spinning` must be left out to be written as MJCF, because it has no counterpart in "
-            "what is read back."
-        )
-    if resistance.static_dry is not None:
-        raise MJCFError(
-            "Key `resistance.static_dry` must be left out to be written as MJCF, whose friction against rolling is the "
-            "same at rest and at every rate."
-        )
-    for name in ("rolling", "spinning", "drag", "rotational_drag"):
-        if float(getattr(resistance, name)) != 0:
-            raise MJCFError(
-                f"Key `resistance.{name}` must be 0 to be written as MJCF, whose resistance to rolling is dry, but it "
-                f"is {float(getattr(resistance, name)):g}; leave it out, or give `resistance.dry`."
-            )
-
-
-def _check_friction(scenario: Scenario) -> None:
-    """Raises a :class:`MJCFError` for friction that depends on the slip speed, or on the spin."""
-    law = None if scenario.contact is None else scenario.contact.friction_law
-    if law is not None:
-        raise MJCFError(
-            "Key `contact.friction` must be a number to be written as MJCF, where friction depends neither on the slip "
-            f"speed nor on the spin, but it is a {type(law).__name__}; give its coefficient."
-        )
+    if resistance is not None:
+        what = f"but it is a {type(resistance).__name__}"
+        _refuse(not isinstance(resistance, Resistance), "resistance", "coefficients of jaxball's own", what)
+    if isinstance(resistance, Resistance):
+        why = "because it has no counterpart in what is read back"
+        _refuse(resistance.dry_spinning is not None, "resistance.dry_spinning", "left out", why)
+        why = "whose friction against rolling is the same at rest and at every rate"
+        _refuse(resistance.static_dry is not None, "resistance.static_dry", "left out", why)
+        for name in ("rolling", "spinning", "drag", "rotational_drag"):
+            value = float(getattr(resistance, name))
+            why = f"whose resistance to rolling is dry, but it is {value:g}; leave it out, or give `resistance.dry`"
+            _refuse(value != 0, f"resistance.{name}", "0", why)
+    law, units = None if scenario.contact is None else scenario.contact.friction_law, scenario.units
+    why = (
+        "where friction depends neither on the slip speed nor on the spin, but it is a "
+        f"{type(law).__name__}; give its coefficient"
+    )
+    _refuse(law is not None, "contact.friction", "a number", why)
+    why = (
+        f"which does not say its units, but it is {units}; convert the numbers, or write them as they are with "
+        "any_units=True, or --any-units"
+    )
+    as_read = any_units or units is None or units.is_dimensionless or units.is_si
+    _refuse(not as_read, "units", "m, kg, s", why)
 
 
 def _notes(scenario: Scenario, links: Links) -> tuple[str, ...]:

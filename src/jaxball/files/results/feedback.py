@@ -12,7 +12,7 @@ from ...control.loop import FeedbackHistory
 from ...numerics.arrays import arrays_of, to_array
 from ...physics.hybrid import AbstractHistory
 from ...simulation.variables import Variable
-from .variables import Variables, describe_fields, history_attributes, history_summary, history_values, switch_values
+from .variables import Variables, describe_fields, history_attributes, history_values
 
 INPUTS, BIASES = "feedback_inputs", "estimate_biases"  # attributes that tell such runs, with names one after the other
 BETWEEN = ", "
@@ -54,16 +54,6 @@ def _of_states(prefix: str, words: str, states: Any) -> Variables:
         )
         for name, leaf in arrays_of(states).items()
     }
-
-
-@switch_values.register
-def _of_modes(history: FeedbackHistory, of_state: Mapping[str, Variable]) -> Variables:
-    return switch_values(history.modes, of_state)
-
-
-@history_summary.register
-def _summary_of_modes(history: FeedbackHistory) -> dict[str, Any]:
-    return history_summary(history.modes)
 
 
 @history_attributes.register

@@ -247,7 +247,7 @@ def _over_time(trajectory: Trajectory[Any, Any], sensors: Sensors) -> Variables:
 
 def _of_switches(trajectory: Trajectory[Any, Any]) -> Variables:
     """Returns every variable of the switches between modes, with its array."""
-    variables = switch_values(trajectory.history, describe_fields(trajectory.state))
+    variables = switch_values(trajectory.history.of_body, describe_fields(trajectory.state))
     return with_units_of_own(variables, trajectory.system)
 
 

@@ -148,24 +148,17 @@ def labels(system: Any, sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
 
     Along ``driven`` are the numbers of the driven masses or, where joints are among what is driven, the names of all.
     """
-    coordinates = {name: np.arange(size) for name, size in sizes.items()}
-    if "coordinate" in sizes:
-        coordinates["coordinate"] = np.asarray(system.coordinates)
-    if "driven" in sizes:
-        coordinates["driven"] = np.asarray(
-            system.driven if len(system.driven) == len(system.coordinates) else system.coordinates
-        )
-    if "own_state" in sizes:
-        coordinates["own_state"] = np.asarray(system.own_states.names)
-    if "sticking" in sizes:
-        coordinates["sticking"] = np.asarray(system.sticking)
-    if "rail" in sizes:
-        coordinates["rail"] = np.asarray([f"masses[{index}]" for index in system.on_rails])
-    if "joint" in sizes:
-        coordinates["joint"] = np.asarray(
-            [f"mechanisms[{k}].joints[{a}]" for k, item in enumerate(system.mechanisms) for a in range(item.n_joints)]
-        )
-    return coordinates
+    named: dict[str, Callable[[], Any]] = {
+        "coordinate": lambda: system.coordinates,
+        "driven": lambda: system.driven if len(system.driven) == len(system.coordinates) else system.coordinates,
+        "own_state": lambda: system.own_states.names,
+        "sticking": lambda: system.sticking,
+        "rail": lambda: [f"masses[{index}]" for index in system.on_rails],
+        "joint": lambda: [
+            f"mechanisms[{k}].joints[{a}]" for k, item in enumerate(system.mechanisms) for a in range(item.n_joints)
+        ],
+    }
+    return {name: np.asarray(named[name]()) if name in named else np.arange(size) for name, size in sizes.items()}
 
 
 def event_values(events: Mapping[str, Occurrences]) -> dict[str, Variables]:

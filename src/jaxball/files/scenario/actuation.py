@@ -1,7 +1,7 @@
 """What moves masses on rails, joints and the angles of a plate, in a scenario file: their schedules, or a law."""
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from ...interface.wording import all_of, number_of
@@ -70,13 +70,6 @@ def check_factors(values: Any, path: str, names: Sequence[str], joints: Sequence
 Targets = tuple[AbstractSchedule | None, ...]
 
 
-class Actuation(NamedTuple):
-    """The masses that a law drives (None for all on rails), and the law for given schedules."""
-
-    masses: tuple[int, ...] | None
-    law: Callable[[tuple[AbstractSchedule, ...]], AbstractLaw] | None
-
-
 _WHICH = Key(
     Indices(empty=True),
     None,
@@ -84,17 +77,16 @@ _WHICH = Key(
     "accelerated",
 )
 _GAINS = module_of(Servo).keys
+# Each makes the masses that a law drives (None for all on rails), and the law for given schedules.
 FORMS: Family = {
-    "prescribed": Module(type(None), {}, build=lambda: Actuation(None, None)),
-    "integrated": Module(
-        FollowSchedules, {"masses": _WHICH}, build=lambda masses=None: Actuation(masses, FollowSchedules)
-    ),
+    "prescribed": Module(type(None), {}, build=lambda: (None, None)),
+    "integrated": Module(FollowSchedules, {"masses": _WHICH}, build=lambda masses=None: (masses, FollowSchedules)),
     "servo": Module(
         Servo,
         {**_GAINS, "masses": _WHICH},
-        build=lambda masses=None, **gains: Actuation(masses, lambda targets: Servo(targets, **gains)),
+        build=lambda masses=None, **gains: (masses, lambda targets: Servo(targets, **gains)),
     ),
-    "linear": Module(LinearLaw, LINEAR, build=lambda **factors: Actuation(None, lambda targets: LinearLaw(**factors))),
+    "linear": Module(LinearLaw, LINEAR, build=lambda **factors: (None, lambda targets: LinearLaw(**factors))),
 }
 
 

@@ -40,7 +40,7 @@ from .errors import ScenarioError, each_of, key_error
 from .grounds import GROUNDS, read_ground
 from .mechanisms import MOST_EXPONENT
 from .motions import FRAME, HARMONIC_FORCE
-from .own import FUNCTION, Open, Parts, module_of, modules_of, names_own, read_own, trying, trying_class
+from .own import FUNCTION, Open, Parts, module_of, modules_of, names_own, read_open, read_own, trying, trying_class
 from .table import (
     Family,
     Key,
@@ -72,26 +72,14 @@ if TYPE_CHECKING:
 
 SHAPES = Open(
     AbstractShape,
-    {
-        "ellipsoid": module_of(Ellipsoid),
-        "function": module_of(SupportFunction, keys=FUNCTION),
-    },
+    {"ellipsoid": module_of(Ellipsoid), "function": module_of(SupportFunction, keys=FUNCTION)},
     lambda shape: require_function("shape", shape.height, (), Gamma=a_vector()),
 )
 
 
-def _read_shape(values: Any, path: str) -> AbstractShape:
-    if names_own(values):
-        return read_own(values, path, SHAPES)
-    with trying(join(path, "function")):
-        return read_family(values, path, SHAPES)
-
-
-def _write_shape(value: Any, path: str) -> Any:
-    return write_family(value, path, SHAPES)
-
-
-SHAPE = Nested(_read_shape, _write_shape, tables=keys_of(SHAPES))
+SHAPE = Nested(
+    functools.partial(read_open, family=SHAPES), functools.partial(write_family, family=SHAPES), tables=keys_of(SHAPES)
+)
 
 
 def _check_resistance(values: dict[str, Any], path: str) -> None:
@@ -218,13 +206,7 @@ BODIES: Family = {
     name: module_of(body, {AbstractShape: SHAPE}, required=("radius", "gravity"))
     for name, body in {"ball": Ball, "disk": Disk, "convex-body": ConvexBody}.items()
 }
-FORCES = Open(
-    AbstractWrench,
-    {
-        "": HARMONIC_FORCE,
-        "function": module_of(FunctionWrench, keys=FUNCTION),
-    },
-)
+FORCES = Open(AbstractWrench, {"": HARMONIC_FORCE, "function": module_of(FunctionWrench, keys=FUNCTION)})
 
 
 def _check_names(values: dict[str, Any], path: str) -> None:

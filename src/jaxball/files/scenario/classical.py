@@ -36,22 +36,13 @@ from ...physics.system import AbstractState, AbstractSystem
 from .body import read_resistance, write_surroundings
 from .errors import ScenarioError, key_error
 from .initial import AXIS_AND_ANGLE, OMEGA, PLACE, VERSOR, read_orientation
-from .motions import SERIES, WAVES, check_lengths, wave_arguments
+from .motions import SERIES, WAVES, waves_of
 from .own import Open, module_of, modules_of, trying_class
-from .table import Key, Keys, Module, join, read_one_of, read_table, write_member, write_table
+from .table import Key, Keys, join, read_one_of, read_table, write_member, write_table
 from .values import Nested, Numbers, require_condition
 
-_AXIS = Module(
-    HarmonicAxis,
-    {
-        "constant": Key(Numbers((3,))),
-        **WAVES,
-        "amplitude": Key(Numbers((None, 3)), (), says="a row for each sinusoid"),
-    },
-    build=lambda **keys: HarmonicAxis(**wave_arguments(**keys)),
-    attributes=SERIES,
-    check=check_lengths,
-)
+_AMPLITUDE = Key(Numbers((None, 3)), (), says="a row for each sinusoid")
+_AXIS = waves_of(HarmonicAxis, {"constant": Key(Numbers((3,))), **WAVES, "amplitude": _AMPLITUDE}, SERIES)
 # A family of one, so that a FunctionAxis is refused by name when a file is written.
 _XI = Nested(_AXIS.read, lambda item, path: write_member(item, path, {"harmonic": _AXIS})[1], tables={"": _AXIS.keys})
 

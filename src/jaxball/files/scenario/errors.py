@@ -18,9 +18,9 @@ class UntraceableError(ScenarioError):
     """A traced number of a document determines something that cannot be traced."""
 
 
-def key_error(path: str, must: str, got: str) -> ScenarioError:
-    """Returns the error of the key at ``path``, which says what it must be and what it is."""
-    return ScenarioError(f"Key `{path}` must be {must}, but it is {got}.")
+def key_error(path: str, must: str, got: str, error: type[ScenarioError] = ScenarioError) -> ScenarioError:
+    """Returns the ``error`` of the key at ``path``, which says what it must be and what it is."""
+    return error(f"Key `{path}` must be {must}, but it is {got}.")
 
 
 def describe(value: Any) -> str:

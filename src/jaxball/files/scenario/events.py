@@ -12,26 +12,25 @@ from ...numerics.declare import POSITIVE
 from ...physics.contact.law import Contact
 from ...physics.system import AbstractSystem
 from ...simulation.events import DOWN, EITHER, UP, AbstractEvent, Detachment, Event, Slip, check_events
-from .errors import ScenarioError, describe, each_of, key_error
+from .errors import ScenarioError, each_of
 from .imports import is_python_name
 from .own import Function, Open, names_own, read_own, trying, trying_class
-from .table import Family, Key, Module, join, keys_of, read_by_name, read_family, write_member
-from .values import Choice, Flag, Integer, Numbers, is_traced_document, unread
+from .table import Family, Key, Module, join, keys_of, read_by_name, read_family, write_family
+from .values import Choice, Flag, Integer, Numbers, Text, is_traced_document, unread
 
 DIRECTIONS = {"rising": UP, "falling": DOWN, "both": EITHER}
 MOST_KEPT = 10**6
 
 
 @dataclass(frozen=True)
-class _Quantity:
+class _Quantity(Text):
     """What crosses a level: a number of the run by its name, or a function that can be imported."""
 
     words: str = 'the name of a number, such as "z[0]" or "normal_force", or a function, as "module:function"'
 
     def read(self, value: Any, path: str) -> Any:
-        if not isinstance(value, str):
-            raise key_error(path, self.words, describe(value))
-        return Function().read(value, path) if is_python_name(value) else value
+        text = super().read(value, path)
+        return Function().read(text, path) if is_python_name(text) else text
 
     def write(self, value: Any, path: str) -> str:
         return value if isinstance(value, str) else Function().write(value, path)
@@ -135,9 +134,4 @@ def _evaluate(event: AbstractEvent, path: str, system: AbstractSystem, t: Any, s
 
 def write_events(events: Mapping[str, AbstractEvent], path: str) -> dict[str, Any]:
     """Returns the tables of the events by name."""
-    return {name: _write_event(event, join(path, name)) for name, event in events.items()}
-
-
-def _write_event(event: AbstractEvent, path: str) -> dict[str, Any]:
-    kind, table = write_member(event, path, EVENTS)
-    return {"kind": kind, **table} if kind else table
+    return {name: write_family(event, join(path, name), EVENTS) for name, event in events.items()}

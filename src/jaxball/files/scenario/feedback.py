@@ -2,10 +2,11 @@
 
 import abc
 import contextlib
+import functools
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Array
@@ -19,7 +20,7 @@ from .errors import ScenarioError, describe, each_of, key_error
 from .own import module_of
 from .paths import check_number, with_numbers
 from .solve import SaveTimes
-from .table import Family, Key, Module, join, keys_of, read_family, read_list, write_family
+from .table import Family, Key, Module, join, keys_of, read_list, write_family
 from .values import Integer, Names, Nested, Numbers, WholeNumber, is_traced_document, unread
 
 if TYPE_CHECKING:
@@ -65,12 +66,17 @@ class AbstractFeedbackSettings(abc.ABC):
 
     def check(self, sampled: "SampledSystem") -> None:
         """Raises a ``ValueError`` for names and sizes that do not fit the robot."""
+        each_of(*(functools.partial(_in_keys, check) for check in self._checks(sampled)))
+
+    def _checks(self, sampled: "SampledSystem") -> list[Callable[[], object]]:
+        """Returns functions that raise, which are independent, so that all that is wrong is named at once."""
         from ...control.loop import limits_of
         from ...control.weights import by_name
 
-        by_name("start", self.start, sampled.directions)
-        if self.limits is not None:
-            limits_of(sampled, self.limits)
+        return [
+            lambda: by_name("start", self.start, sampled.directions),
+            lambda: self.limits is None or limits_of(sampled, self.limits),
+        ]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -107,19 +113,15 @@ class RegulatorSettings(AbstractFeedbackSettings):
 
         return tvlqr(run, self.Q, self.R, self.Qf, sample=sample, inputs=self.inputs, rtol=rtol, atol=atol)
 
-    def check(self, sampled):
+    def _checks(self, sampled):
         from ...control.weights import require_positive, weight_matrix
 
-        def of_inputs() -> None:
-            require_positive("R", weight_matrix("R", self.R, sampled.inputs), strictly=True)
-
-        each_of(
-            # Independent, so that all wrong weights are named at once.
-            lambda: _in_keys(super(RegulatorSettings, self).check, sampled),
-            lambda: _in_keys(weight_matrix, "Q", self.Q, sampled.directions),
-            lambda: _in_keys(of_inputs),
-            lambda: self.Qf is None or _in_keys(weight_matrix, "Qf", self.Qf, sampled.directions),
-        )
+        return [
+            *super()._checks(sampled),
+            lambda: weight_matrix("Q", self.Q, sampled.directions),
+            lambda: require_positive("R", weight_matrix("R", self.R, sampled.inputs), strictly=True),
+            lambda: self.Qf is None or weight_matrix("Qf", self.Qf, sampled.directions),
+        ]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -248,19 +250,6 @@ KEYS = {
 }
 
 
-class HeldRun(NamedTuple):
-    """The run that feedback holds, by the parts of a scenario that determine it."""
-
-    system: System
-    times: SaveTimes
-    solve: Mapping[str, Any]
-
-
-def read_feedback(values: Any, path: str) -> AbstractFeedbackSettings:
-    """Reads the settings of the feedback that holds the motion of the scenario."""
-    return read_family(values, path, FEEDBACK)
-
-
 def write_settings(
     feedback: AbstractFeedbackSettings | None, estimator: EstimatorSettings | None
 ) -> dict[str, dict[str, Any]]:
@@ -273,7 +262,9 @@ def check_feedback(
     feedback: AbstractFeedbackSettings | None,
     estimator: EstimatorSettings | None,
     sensors: Mapping[str, AbstractSensor],
-    held: HeldRun,
+    system: System,
+    times: SaveTimes,
+    solve: Mapping[str, Any],
     document: Mapping[str, Any],
     read: Callable[[dict[str, Any]], object],
 ) -> None:
@@ -289,10 +280,10 @@ def check_feedback(
     if is_traced_document():
         return
     each_of(
-        lambda: _check_solve(document, held.solve),
-        lambda: sample_of(held.times.array(held.times.count)),
+        lambda: _check_solve(document, solve),
+        lambda: sample_of(times.array(times.count)),
         lambda: check_model(feedback.model, document, read),
-        lambda: _check_fit(feedback, estimator, held, sensors),
+        lambda: _check_fit(feedback, estimator, system, times, sensors),
     )
 
 
@@ -364,16 +355,16 @@ def document_of_model(model: Named, document: Mapping[str, Any]) -> dict[str, An
 def _check_fit(
     feedback: AbstractFeedbackSettings,
     estimator: EstimatorSettings | None,
-    held: HeldRun,
+    system: System,
+    times: SaveTimes,
     sensors: Mapping[str, AbstractSensor],
 ) -> None:
     from ...control.sampled import SampledSystem
 
-    times = held.times
     sample = (times.end - times.start) / (times.count - 1)
-    sampled = _in_keys(SampledSystem.of, held.system, sample, feedback.inputs)
+    sampled = _in_keys(SampledSystem.of, system, sample, feedback.inputs)
     each_of(
-        lambda: _in_keys(feedback.check, sampled),
+        lambda: feedback.check(sampled),
         lambda: estimator is None or _check_estimator(estimator, sampled, sensors),
     )
 

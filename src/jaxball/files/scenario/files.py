@@ -4,7 +4,7 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -13,7 +13,6 @@ import tomli_w
 from ...interface.arguments import require
 from ...physics.body import System
 from ...physics.contact.law import Contact
-from ...physics.dynamics.parameters import PointMass
 from ...physics.prescribed.motion import Driven
 from ...physics.sensors import AbstractSensor
 from ...physics.system import AbstractSystem
@@ -41,25 +40,24 @@ from .errors import ScenarioError, all_problems, each_of, raise_first, try_reade
 from .events import KEYS as EVENT_KEYS, check_events_of, read_events, write_events
 from .feedback import (
     ESTIMATOR,
+    FEEDBACK,
     KEYS as FEEDBACK_KEYS,
     AbstractFeedbackSettings,
     EstimatorSettings,
-    HeldRun,
     check_feedback,
-    read_feedback,
     write_settings,
 )
 from .grounds import ReadPlate, write_targets
 from .imports import is_python_name
 from .initial import INITIAL, balance_schedules, initial_state, read_initial, release, write_initial
 from .logs import with_logs
-from .mechanisms import MECHANISM, ReadMechanism, joints_in_state, read_mechanisms, write_mechanisms
+from .mechanisms import MECHANISM, joints_in_state, read_mechanisms, write_mechanisms
 from .motions import MASSES, read_masses, write_masses
 from .paths import has_path, key_of, numbers_of, value_at, with_values
 from .scenario import Scenario
 from .solve import SOLVE, TIMES, SaveTimes, check_dae, read_times, write_times
-from .sources import document_of, naming, scenario_text
-from .table import Key, keeping_defaults, keys_of, read_table, write_table
+from .sources import SCENARIO, document_of, naming, scenario_text
+from .table import Key, keeping_defaults, keys_of, read_family, read_table, write_table
 from .units import UNITS_KEY, Units, check_units_of_logs, write_units
 from .values import Choice, Integer, Text, namespace, unread
 
@@ -75,9 +73,16 @@ class _KindOfSystem(Choice):
 
 
 _START = "the state at the first of the times; at rest, upright and at the origin if not given"
-_SHARED = {
+# The keys that files of scenarios, studies and problems of design share, and those of the latter two.
+ABOUT = {
     "format": Key(Integer(FORMAT, FORMAT), says="the version of the format"),
     "title": Key(Text(), "", says="a one-line description"),
+}
+OF_SCENARIO = {
+    "scenario": Key(unread(SCENARIO, others=(Text(),)), says="a scenario, the name of a built-in one, or a file")
+}
+_SHARED = {
+    **ABOUT,
     "units": UNITS_KEY,
     "kind": Key(_KindOfSystem((*BODIES, *CLASSICAL)), says="the body or the classical system"),
     "time": Key(unread(tables=TIMES), says="the times to save"),
@@ -191,36 +196,8 @@ class Contents(NamedTuple):
         return Scenario(self.title, self.system, self.state, times, **self.solve, **others)
 
 
-_OfBody = tuple[dict[str, Any], dict[str, Any], SaveTimes, list[PointMass], list[ReadMechanism], dict[str, Any]]
-
-
-class _Tables(NamedTuple):
-    """The tables of a file about a body, each read by itself; None where one is missing or cannot be read.
-
-    - ``top``: the keys that are in no table; ``shell``: the arguments of the body for its shell.
-    """
-
-    top: dict[str, Any] | None
-    shell: dict[str, Any] | None
-    surroundings: dict[str, Any] | None
-    contact: Contact | None
-    times: SaveTimes | None
-    solve: dict[str, Any] | None
-    masses: list[PointMass] | None
-    mechanisms: list[ReadMechanism] | None
-    initial: dict[str, Any] | None
-    sensors: dict[str, AbstractSensor] | None
-    events: dict[str, AbstractEvent] | None
-    feedback: AbstractFeedbackSettings | None
-    estimator: EstimatorSettings | None
-
-    @property
-    def of_body(self) -> _OfBody | None:
-        """Those without which there is no body: top, shell, times, masses, mechanisms and initial; None if one is
-        missing.
-        """
-        needed = self.top, self.shell, self.times, self.masses, self.mechanisms, self.initial
-        return None if any(table is None for table in needed) else cast(Any, needed)
+# What is read by itself and without which there is no body: the keys that are in no table, and the tables themselves.
+_OF_BODY = ("top", "shell", "times", "masses", "mechanisms", "initial")
 
 
 def read_contents(document: dict[str, Any]) -> Contents:
@@ -246,15 +223,15 @@ def read_contents(document: dict[str, Any]) -> Contents:
         "initial": lambda: read_initial(document.get("initial", {}), "initial", kind),
         "sensors": lambda: read_sensors(document.get("sensors", {}), "sensors"),
         "events": lambda: read_events(document.get("events", {}), "events"),
-        "feedback": lambda: read_feedback(document["feedback"], "feedback") if "feedback" in document else None,
+        "feedback": lambda: read_family(document["feedback"], "feedback", FEEDBACK) if "feedback" in document else None,
         "estimator": lambda: ESTIMATOR.read(document["estimator"], "estimator") if "estimator" in document else None,
     }
     read, errors = try_readers(*readers.values())
-    tables = _Tables(**dict(zip(readers, read, strict=True)))
-    of_body = tables.of_body
-    if of_body is not None:
+    # None where one is missing or cannot be read.
+    tables = dict(zip(readers, read, strict=True))
+    if all(tables[name] is not None for name in _OF_BODY):
         # Errors elsewhere must not hide errors in the body.
-        contents, later = try_readers(lambda: _join_tables(kind, document, of_body, tables))
+        contents, later = try_readers(lambda: _join_tables(kind, document, tables))
         if not errors and not later:
             return contents[0]
         errors += later
@@ -262,11 +239,11 @@ def read_contents(document: dict[str, Any]) -> Contents:
     raise AssertionError("A part that could not be read has an error.")
 
 
-def _join_tables(kind: str, document: Mapping[str, Any], of_body: _OfBody, tables: _Tables) -> Contents:
+def _join_tables(kind: str, document: Mapping[str, Any], tables: Mapping[str, Any]) -> Contents:
     """Makes the contents of tables, which must fit each other."""
-    top, shell, times, masses, mechanisms, initial = of_body
+    top, shell, times, masses, mechanisms, initial = (tables[name] for name in _OF_BODY)
     check_units_of_logs(document, top["units"])
-    start, surroundings, angles = times.start, dict(tables.surroundings or {}), []
+    start, surroundings, angles = times.start, dict(tables["surroundings"] or {}), []
     ground = surroundings.get("ground")
     if isinstance(ground, ReadPlate):
         surroundings["ground"], angles = ground.ground, ground.angles
@@ -292,8 +269,8 @@ def _join_tables(kind: str, document: Mapping[str, Any], of_body: _OfBody, table
     state = initial_state(initial, "initial", kind, system.coordinates, actuated.targets, start, own_states)
     check_own_states(system, start, state)
     span = namespace(times.start, times.end).stack([times.start, times.end])
-    solve, sensors, events, contact = tables.solve or {}, tables.sensors, tables.events or {}, tables.contact
-    feedback, estimator, held = tables.feedback, tables.estimator, HeldRun(system, times, solve)
+    sensors, contact, feedback, estimator = (tables[name] for name in ("sensors", "contact", "feedback", "estimator"))
+    solve, events = tables["solve"] or {}, tables["events"] or {}
     _, first_state, _ = each_of(
         lambda: each_of(
             lambda: contact is None or check_contact(contact, "contact", system),
@@ -308,7 +285,7 @@ def _join_tables(kind: str, document: Mapping[str, Any], of_body: _OfBody, table
             lambda: (
                 solve
                 and sensors is not None
-                and check_feedback(feedback, estimator, sensors, held, document, read_contents)
+                and check_feedback(feedback, estimator, sensors, system, times, solve, document, read_contents)
             ),
             lambda: events and check_events_of(events, "events", system, contact, start, state),
         ),

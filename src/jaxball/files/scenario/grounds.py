@@ -23,12 +23,12 @@ from ...physics.grounds.ground import AbstractGround, Ground
 from ...physics.mechanisms import Accelerated
 from ...physics.prescribed.motion import AbstractPrescribedMotion
 from ...physics.prescribed.schedules import AbstractSchedule
-from .errors import ScenarioError, describe, key_error
+from .errors import ScenarioError
 from .mechanisms import JointInState
 from .motions import MOTIONS, SCHEDULE, SCHEDULES, read_motion, write_motion
-from .own import FUNCTION, Open, Parts, module_of, modules_of, names_own, read_own, trying
-from .table import Key, join, keys_of, read_family, read_list, read_one_of
-from .values import Nested, require_conditions
+from .own import FUNCTION, Open, Parts, module_of, modules_of, read_open
+from .table import Key, keys_of, read_list, read_one_of
+from .values import Checked, Nested, require_conditions
 
 _MOTION = Nested(lambda values, path: read_motion(*read_one_of(values, path, MOTIONS)), write_motion, tables=MOTIONS)
 _SCHEDULED: Parts = {AbstractSchedule: SCHEDULE.kind}
@@ -51,16 +51,14 @@ GROUND = module_of(Ground, _PARTS)
 
 
 @dataclasses.dataclass(frozen=True)
-class AnglesOfPlate:
+class AnglesOfPlate(Checked):
     """Names of angles of a plate, in their order."""
 
     names: tuple[str, ...] = ("about_e1", "about_e2")
     words: str = 'one or both of the names "about_e1" and "about_e2" in a list, in this order'
 
-    def read(self, value: Any, path: str) -> tuple[str, ...]:
-        if not isinstance(value, list) or not value or value != [name for name in self.names if name in value]:
-            raise key_error(path, self.words, describe(value))
-        return tuple(value)
+    def fits(self, value: Any) -> bool:
+        return isinstance(value, list) and value != [] and value == [name for name in self.names if name in value]
 
     def write(self, value: Any, path: str) -> list[str] | None:
         return list(value) or None
@@ -142,13 +140,8 @@ _TABLE_REFUSED = {
 
 def read_ground(values: Any, path: str, kind: str) -> AbstractGround | ReadPlate:
     """Reads the ground, a plate with the schedules that a law follows; only under a ball may it have a turntable."""
-    if names_own(values):
-        ground = read_own(values, path, GROUNDS)
-    elif isinstance(values, dict) and "kind" in values:
-        with trying(join(path, "function")):
-            ground = read_family(values, path, GROUNDS)
-    else:
-        ground = GROUND.read(values, path)
+    has_kind = isinstance(values, dict) and "kind" in values
+    ground = read_open(values, path, GROUNDS) if has_kind else GROUND.read(values, path)
     if kind == "convex-body" and not isinstance(ground, Ground):
         raise ScenarioError(
             f"Key `{path}` must be a plane under a convex body, whose contact with another ground would have to be "

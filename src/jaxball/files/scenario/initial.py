@@ -86,16 +86,8 @@ AXIS_AND_ANGLE = {
 OMEGA = {"Omega": Key(Numbers((3,), dimension=RATE), (0.0, 0.0, 0.0), says="the angular velocity Ω in body axes")}
 _CENTRE = "the position of the geometric centre, on a surface the coordinates of the contact point"
 PLACE = {"z": Key(Numbers((2,), dimension=LENGTH), (0.0, 0.0), says=_CENTRE)}
-_MOVING = {
-    **OMEGA,
-    **PLACE,
-    **_RELEASED,
-    **_DRIVEN,
-}
-_CHOICES = {
-    "versor": {**VERSOR, **_MOVING},
-    "axis": {**AXIS_AND_ANGLE, **_MOVING},
-}
+_MOVING = {**OMEGA, **PLACE, **_RELEASED, **_DRIVEN}
+_CHOICES = {"versor": {**VERSOR, **_MOVING}, "axis": {**AXIS_AND_ANGLE, **_MOVING}}
 _DISK = {
     "phi": Key(Numbers(dimension=ANGLE), 0.0, says="φ, from e1 to E1"),
     "phidot": Key(Numbers(dimension=RATE), 0.0, says="φ̇; with φ̇ > 0 it rolls towards −e1"),
@@ -286,10 +278,8 @@ def write_initial(system: System, state: State | ReleasedState) -> dict[str, Any
     if isinstance(state, ReleasedState):
         released, state = {"velocity": state.V, "height": state.height}, state.body
     if not isinstance(state, BallState | DiskState):
-        raise ScenarioError(
-            "Key `initial` must be a BallState or a DiskState to be written to a file, but it is a "
-            f"{type(state).__name__}."
-        )
+        must = "a BallState or a DiskState to be written to a file"
+        raise key_error("initial", must, f"a {type(state).__name__}")
     # A file has no key for an empty list.
     driven = {name: getattr(state, name) if system.coordinates else None for name in ("theta", "thetadot")}
     driven["own"] = state.own

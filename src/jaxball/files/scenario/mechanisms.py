@@ -1,5 +1,6 @@
 """The mechanisms of a scenario file: joints, their forces, and the masses that they carry."""
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -118,19 +119,12 @@ _DRIVES = {
 }
 
 
-class ReadJoint(NamedTuple):
-    """A joint, and the schedule that a law accelerating it follows, if there is one."""
-
-    joint: AbstractJoint
-    target: AbstractSchedule | None
-
-
-def _maker(module: Module) -> Callable[..., ReadJoint]:
-    def make(accelerated: bool, schedule=None, force=None, **geometry: Any) -> ReadJoint:
-        drive = Accelerated() if accelerated else schedule if force is None else force
-        return ReadJoint(module.type(**geometry, drive=drive), schedule if accelerated else None)
-
-    return make
+def _make_joint(
+    kind: type, accelerated: bool, schedule=None, force=None, **geometry: Any
+) -> tuple[AbstractJoint, AbstractSchedule | None]:
+    """Makes a joint, and returns the schedule that a law accelerating it follows too, if there is one."""
+    drive = Accelerated() if accelerated else schedule if force is None else force
+    return kind(**geometry, drive=drive), schedule if accelerated else None
 
 
 def _check_drive(table: dict[str, Any], path: str) -> None:
@@ -146,18 +140,19 @@ def _check_drive(table: dict[str, Any], path: str) -> None:
 
 _DRIVE = {"drive": "one of `schedule`, `force`, `accelerated`"}
 JOINTS: Family = {
-    kind: Module(module.type, {**module.keys, **_DRIVES}, build=_maker(module), check=_check_drive, elsewhere=_DRIVE)
+    kind: Module(
+        module.type,
+        {**module.keys, **_DRIVES},
+        build=functools.partial(_make_joint, module.type),
+        check=_check_drive,
+        elsewhere=_DRIVE,
+    )
     for kind, module in _GEOMETRY.items()
 }
 
 
-def write_joint(joint: AbstractJoint, target: AbstractSchedule | None, path: str) -> dict[str, Any]:
-    """Returns the table of a joint, with the ``target`` that a law gives it."""
-    kind, table = write_member(joint, path, _GEOMETRY)
-    return {"kind": kind, **table, **_write_drive(joint.drive, target, path)}
-
-
 def _write_drive(drive: Drive, target: AbstractSchedule | None, path: str) -> dict[str, Any]:
+    """Returns the keys of the drive of a joint, with the ``target`` that a law gives it."""
     if isinstance(drive, AbstractJointForce):
         return {"force": _FORCE.kind.write(drive, join(path, "force"))}
     schedule = target if isinstance(drive, Accelerated) else drive
@@ -260,7 +255,7 @@ def _write_mechanism(item: Any, targets: Mapping[str, AbstractSchedule | None], 
     write_member(item, path, {"": Module(Mechanism, {})})  # raises for any other kind
     paths = [f"{path}.joints[{a}]" for a in range(item.n_joints)]
     joints = [
-        write_joint(joint, targets.get(joint_path), joint_path)
+        write_family(joint, joint_path, _GEOMETRY) | _write_drive(joint.drive, targets.get(joint_path), joint_path)
         for joint, joint_path in zip(item.joints, paths, strict=True)
     ]
     masses = [

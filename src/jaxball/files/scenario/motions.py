@@ -41,10 +41,13 @@ from .logs import KIND as LOG
 from .own import Open, Parts, module_of, modules_of
 from .recorded import SCHEDULE_FROM_LOG, SIGNAL_OR_SCHEDULE_FROM_LOG
 from .table import (
+    Check,
     Family,
     Key,
     Keys,
     Module,
+    as_long_as,
+    at_least,
     join,
     keys_of,
     member_of,
@@ -100,19 +103,15 @@ WAVES = {
 }
 
 
-def waves_in_space(dimension: Dimension) -> Keys:
-    """Returns the keys of the sinusoids of a vector of this dimension."""
-    amplitude = Key(Numbers((None, 3), dimension=dimension, by_size=True), (), says="a row for each sinusoid")
-    return {**WAVES, "amplitude": amplitude}
-
-
-def _powers(dimension: Dimension) -> Keys:
-    """Returns the key of the coefficients of t, t², … of a vector of this dimension; those of t have the dimension of
-    its rate.
+def _waves_in_space(dimension: Dimension) -> Keys:
+    """Returns the keys of the sinusoids and of the coefficients of t, t², … of a vector of this dimension; those of t
+    have the dimension of its rate.
     """
+    amplitude = Key(Numbers((None, 3), dimension=dimension, by_size=True), (), says="a row for each sinusoid")
     rate = dimension._replace(time=dimension.time - 1)
     says = "the coefficients of t, t², …, each in the unit of the one before it over time"
-    return {"powers": Key(Numbers((None, 3), dimension=rate, by_size=True), None, says)}
+    powers = Key(Numbers((None, 3), dimension=rate, by_size=True), None, says)
+    return {**WAVES, "amplitude": amplitude, "powers": powers}
 
 
 SERIES = {name: f"series.{name}" for name in ("constant", *WAVES)}
@@ -121,14 +120,7 @@ PATH = {name: f"path.{name}" for name in ("constant", *WAVES, "powers")}
 
 def check_lengths(table: dict[str, Any], path: str) -> None:
     """Raises unless there is one amplitude for each frequency, and one phase if any."""
-    n = len(table["frequency"])
-    for name in ("amplitude", "phase"):
-        if len(table[name]) != n and not (name == "phase" and len(table[name]) == 0):
-            raise key_error(
-                join(path, name),
-                f"as long as `frequency`, which has {number_of(n, 'entry', 'entries')}",
-                f"one of {len(table[name])}",
-            )
+    as_long_as("frequency", "amplitude", *(["phase"] if len(table["phase"]) else []))(table, path)
 
 
 def wave_arguments(amplitude, frequency, phase, **others: Any) -> dict[str, Any]:
@@ -137,53 +129,35 @@ def wave_arguments(amplitude, frequency, phase, **others: Any) -> dict[str, Any]
     return {**others, **waves, "frequency": frequency}
 
 
-HARMONIC_FORCE = Module(
+def waves_of(kind: type, keys: Keys, attributes: Mapping[str, str], build: Callable[..., Any] | None = None) -> Module:
+    """Describes what has sinusoids, among other ``keys``; ``build`` makes it of their arguments if not its class."""
+    make = build or kind
+    return Module(kind, keys, lambda **given: make(**wave_arguments(**given)), attributes, check_lengths)
+
+
+HARMONIC_FORCE = waves_of(
     HarmonicForce,
-    {
-        "constant": Key(Numbers((3,), dimension=OF_FORCE), (0.0, 0.0, 0.0)),
-        **waves_in_space(OF_FORCE),
-        **_powers(OF_FORCE),
-    },
-    build=lambda **keys: HarmonicForce(**wave_arguments(**keys)),
-    attributes={**SERIES, "powers": "series.powers"},
-    check=check_lengths,
+    {"constant": Key(Numbers((3,), dimension=OF_FORCE), (0.0, 0.0, 0.0)), **_waves_in_space(OF_FORCE)},
+    {**SERIES, "powers": "series.powers"},
 )
-OSCILLATING = Module(
+OSCILLATING = waves_of(
     Oscillating,
     {
         "constant": Key(Numbers((3,), dimension=LENGTH, by_size=True), says="the constant part"),
-        **waves_in_space(LENGTH),
-        **_powers(LENGTH),
+        **_waves_in_space(LENGTH),
     },
-    build=lambda **keys: Oscillating(HarmonicSeries(**wave_arguments(**keys))),
-    attributes=PATH,
-    check=check_lengths,
+    PATH,
+    lambda **series: Oscillating(HarmonicSeries(**series)),
 )
-SINUSOIDS = Module(
+SINUSOIDS = waves_of(
     Sinusoids,
     {
         "theta": Key(Numbers(dimension=ANGLE), says="the constant part of θ"),
         "rate": Key(Numbers(dimension=RATE), 0.0),
         **WAVES,
     },
-    build=lambda **keys: Sinusoids(**wave_arguments(**keys)),
-    attributes={**SERIES, "theta": "series.constant"},
-    check=check_lengths,
+    {**SERIES, "theta": "series.constant"},
 )
-
-
-def _check_harmonics(table: dict[str, Any], path: str) -> None:
-    n, m = len(table["cosine"]), len(table["sine"])
-    if m != n:
-        raise key_error(join(path, "sine"), f"as long as `cosine`, which has {number_of(n, 'row')}", f"one of {m}")
-
-
-def _check_points(table: dict[str, Any], path: str) -> None:
-    n = len(table["points"])
-    if n < 3:
-        raise key_error(join(path, "points"), "a list of three points or more", f"one of {n}")
-
-
 _PLACED: Parts = {AbstractFrame: FRAME.kind}
 _RAILS: Family = {
     **modules_of(
@@ -196,8 +170,10 @@ _RAILS: Family = {
         },
         _PLACED,
     ),
-    "fourier": module_of(FourierRail, check=_check_harmonics),
-    "spline": module_of(SplineRail, attributes={"points": "points_on_rail"}, check=_check_points),
+    "fourier": module_of(FourierRail, check=as_long_as("cosine", "sine", entry=("row", "rows"))),
+    "spline": module_of(
+        SplineRail, attributes={"points": "points_on_rail"}, check=at_least("points", 3, "three points")
+    ),
 }
 RAILS = Open(
     AbstractRail, _RAILS, lambda rail: require_function("rail", rail.__call__, (3,), theta=a_number()), _PLACED
@@ -211,7 +187,7 @@ def _check_pulse(table: dict[str, Any], path: str) -> None:
         require(holds, join(path, later), f"{must} `{earlier}` = {first!r}", lambda second=second: repr(second))
 
 
-def row_for_each_interval(name: str, entry: str = "row") -> Callable[[dict[str, Any], str], None]:
+def row_for_each_interval(name: str, entry: str = "row") -> Check:
     """Returns the check that the list ``name`` of a table has an ``entry`` for each interval between its ``times``."""
 
     def check(table: dict[str, Any], path: str) -> None:
@@ -224,15 +200,8 @@ def row_for_each_interval(name: str, entry: str = "row") -> Callable[[dict[str, 
 
 
 def _check_waypoints(table: dict[str, Any], path: str) -> None:
-    times, values = len(table["times"]), len(table["theta"])
-    if times < 2:
-        raise key_error(join(path, "times"), "a list of two times or more", f"one of {times}")
-    if values != times:
-        raise key_error(
-            join(path, "theta"),
-            f"as long as `times`, which has {number_of(times, 'entry', 'entries')}",
-            f"one of {values}",
-        )
+    at_least("times", 2, "two times")(table, path)
+    as_long_as("times", "theta")(table, path)
 
 
 _SCHEDULES: Family = {

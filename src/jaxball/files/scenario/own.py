@@ -20,15 +20,16 @@ from ...numerics.arrays import to_array
 from ...numerics.declare import FINITE, Declared
 from .errors import ScenarioError, describe, key_error
 from .imports import import_name, is_python_name, name_of
-from .table import REQUIRED, Key, Keys, Module, OpenFamily, join
-from .values import Flag, Kind, Numbers, require_conditions
+from .table import REQUIRED, Check, Key, Keys, Module, OpenFamily, join, read_family
+from .values import Flag, Kind, Numbers, Text, require_conditions
 
 
 @contextlib.contextmanager
-def trying(path: str, argument: str = "function") -> Iterator[None]:
+def trying(path: str, argument: str = "function", must: str = "a function that fits here, but it") -> Iterator[None]:
     """Turns whatever a function raises within this block into an error of the key at ``path`` that names it.
 
-    An error of the ``argument`` by which Python takes it is reported as that of the key.
+    An error of the ``argument`` by which Python takes it is reported as that of the key. ``must`` says what the key
+    must name, and what raises.
     """
     try:
         yield
@@ -40,26 +41,18 @@ def trying(path: str, argument: str = "function") -> Iterator[None]:
         if sentence.startswith(prefix):
             end = "" if sentence.endswith((".", "?")) else "."
             raise ScenarioError(f"Key `{path}` {sentence.removeprefix(prefix)}{end}") from None
-        raise ScenarioError(
-            f"Key `{path}` must name a function that fits here, but it raises {_describe_error(error)}."
-        ) from error
-
-
-def _describe_error(error: Exception) -> str:
-    sentence = " ".join(str(error).split()).rstrip(".")
-    return f"{type(error).__name__}: {sentence}" if sentence else type(error).__name__
+        raised = ": ".join(filter(None, [type(error).__name__, sentence.rstrip(".")]))
+        raise ScenarioError(f"Key `{path}` must name {must} raises {raised}.") from error
 
 
 @dataclass(frozen=True)
-class Function:
+class Function(Text):
     """A function that can be imported."""
 
     words: str = 'a function that can be imported, as "module:function"'
 
     def read(self, value: Any, path: str) -> Callable[..., Any]:
-        if not isinstance(value, str):
-            raise key_error(path, self.words, describe(value))
-        return import_name(path, value)
+        return import_name(path, super().read(value, path))
 
     def write(self, value: Any, path: str) -> str:
         name = name_of(value, path)
@@ -199,7 +192,7 @@ def module_of(
     attributes: Mapping[str, str] = NONE,
     required: Collection[str] = (),
     build: Callable[..., Any] | None = None,
-    check: Callable[[dict[str, Any], str], None] | None = None,
+    check: Check | None = None,
 ) -> Module:
     """Describes how an object of a class stands in a file: each argument of the class is a key.
 
@@ -269,15 +262,14 @@ def read_own(values: Any, path: str, family: OpenFamily) -> Any:
     return item
 
 
-@contextlib.contextmanager
-def trying_class(path: str, named: str) -> Iterator[None]:
+def read_open(values: Any, path: str, family: Open) -> Any:
+    """Reads the object of an open family that a table describes, whose function must fit."""
+    if names_own(values):
+        return read_own(values, path, family)
+    with trying(join(path, "function")):
+        return read_family(values, path, family)
+
+
+def trying_class(path: str, named: str) -> contextlib.AbstractContextManager[None]:
     """Turns what a user's class raises into an error of the key at ``path`` that names it."""
-    try:
-        yield
-    except ScenarioError:
-        raise
-    except Exception as error:
-        raise ScenarioError(
-            f"Key `{path}` must name a class that these keys can make, but {describe(named)} raises "
-            f"{_describe_error(error)}."
-        ) from error
+    return trying(path, "", f"a class that these keys can make, but {describe(named)}")

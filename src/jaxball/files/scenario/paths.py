@@ -46,16 +46,20 @@ def numbers_of(document: Any, path: str = "", measured: bool = False) -> Iterato
     if it is ``measured``.
     """
     fixed = _FIXED_BESIDES if measured else _FIXED
-    if isinstance(document, Mapping):
-        for name, value in document.items():
-            # A key with dots or brackets would read as several steps.
-            step = name if re.fullmatch(_NAME, name) or not path else f"'{name}'"
-            yield from numbers_of(value, f"{path}.{step}" if path else step, measured)
-    elif isinstance(document, list):
-        for index, value in enumerate(document):
-            yield from numbers_of(value, f"{path}[{index}]", measured)
-    elif isinstance(document, int | float) and not isinstance(document, bool) and not fixed.fullmatch(path):
-        yield path
+    for entry, value in walk(document, path):
+        if isinstance(value, int | float) and not isinstance(value, bool) and not fixed.fullmatch(entry):
+            yield entry
+
+
+def walk(place: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Lists the paths of all entries below ``place``, each with its value, in the order of the document."""
+    named = place.items() if isinstance(place, Mapping) else enumerate(place) if isinstance(place, list) else ()
+    for name, value in named:
+        # A key with dots or brackets would read as several steps.
+        step = name if isinstance(name, int) or re.fullmatch(_NAME, name) or not path else f"'{name}'"
+        entry = f"{path}[{step}]" if isinstance(step, int) else f"{path}.{step}".removeprefix(".")
+        yield entry, value
+        yield from walk(value, entry)
 
 
 def check_number(
@@ -187,17 +191,8 @@ def _take_away(document: dict[str, Any], way: list[str | int], path: str) -> Non
     try:
         del _at(document, above)[last]
     except (LookupError, TypeError):
-        hint = did_you_mean(path, list(_paths(document)), quote="`")
+        hint = did_you_mean(path, [entry for entry, _ in walk(document)], quote="`")
         raise ScenarioError(f"Path `{path}` cannot be removed, because it is not in the scenario{hint}") from None
-
-
-def _paths(place: Any, path: str = "") -> Iterator[str]:
-    """Lists the paths of all entries below ``place``."""
-    named = place.items() if isinstance(place, Mapping) else enumerate(place) if isinstance(place, list) else ()
-    for step, below in named:
-        name = f"{path}[{step}]" if isinstance(step, int) else f"{path}.{step}".removeprefix(".")
-        yield name
-        yield from _paths(below, name)
 
 
 def _entry(place: Any, way: Sequence[str | int], path: str, missing: Any) -> Any:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...physics.prescribed.recorded import RecordedSchedule, RecordedSignal
-from .errors import ScenarioError
+from .errors import ScenarioError, key_error
 from .logs import TIME, VALUE, LogError, RecordedColumn, columns_of, text_of_file, text_of_log, with_stop
 from .table import Key, Module, join, read_table
 from .values import Choice, Flag, Text
@@ -49,10 +49,9 @@ class LogModule(Module):
 def _check_schedule(table: dict[str, Any], path: str) -> None:
     interpolation = table.pop("interpolation")
     if interpolation != RecordedSchedule.interpolation:
-        raise ScenarioError(
-            f'Key `{join(path, "interpolation")}` must be "spline", because a schedule has a rate and an acceleration, '
-            f'but it is "{interpolation}"; "previous" and "linear" are for signals, such as torques.'
-        )
+        must = '"spline", because a schedule has a rate and an acceleration'
+        got = f'"{interpolation}"; "previous" and "linear" are for signals, such as torques'
+        raise key_error(join(path, "interpolation"), must, got)
 
 
 @dataclass(frozen=True)
@@ -64,10 +63,8 @@ class SignalOrSchedule(LogModule):
         flag = self.keys["schedule"]
         if not flag.kind.read(values.get("schedule", flag.default), join(path, "schedule")):
             if settings.get("outside") == "continue":
-                raise ScenarioError(
-                    f'Key `{join(path, "outside")}` must be "refuse", "hold" or "zero" for a signal, but it is '
-                    f'"continue"; a schedule goes on at its rate, with `schedule = true`.'
-                )
+                got = '"continue"; a schedule goes on at its rate, with `schedule = true`'
+                raise key_error(join(path, "outside"), '"refuse", "hold" or "zero" for a signal', got)
             return SIGNAL_FROM_LOG.read(settings, path)
         return SCHEDULE_FROM_LOG.read(settings, path)
 

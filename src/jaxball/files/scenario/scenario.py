@@ -95,6 +95,12 @@ class Scenario:
         """Whether there is a law of contact, by which the body may slip, fly and bounce."""
         return self.contact is not None
 
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The solver, and how it solves, as arguments of :func:`jaxball.simulate`."""
+        names = ("rtol", "atol", "max_steps", "max_step", "step_to_times", "dae", "project")
+        return {"solver": SOLVERS[self.solver](), **{name: getattr(self, name) for name in names}}
+
     def friction_or(self, otherwise: float) -> float:
         """Returns the kinetic friction coefficient of the law of contact, or ``otherwise`` where the body
         always rolls.
@@ -149,14 +155,7 @@ class Scenario:
             self.system,
             self.times,
             self.state,
-            solver=SOLVERS[solver](),
-            rtol=used.rtol,
-            atol=used.atol,
-            max_steps=used.max_steps,
-            max_step=used.max_step,
-            step_to_times=self.step_to_times,
-            dae=self.dae,
-            project=self.project,
+            **used.settings,
             dense=dense,
             events=self._with(events),
             contact=self.contact,

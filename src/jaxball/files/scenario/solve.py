@@ -144,17 +144,12 @@ def check_dae(
     from ...simulation.arguments import system_to_solve  # here, because most files ask for no such form
 
     if isinstance(system, Disk):
-        raise ScenarioError(
-            "Key `solve.dae` must be false for a disk, whose state has no versor, but it is true; use a ball."
-        )
+        raise key_error("solve.dae", "false for a disk, whose state has no versor", "true; use a ball")
     if isinstance(system, NonholonomicParticle | VakonomicParticle | AbstractLagrangianSystem):
         named = "system with a Lagrangian" if isinstance(system, AbstractLagrangianSystem) else "particle"
-        raise ScenarioError(f"Key `solve.dae` must be false for a {named}, whose state has no versor, but it is true.")
+        raise key_error("solve.dae", f"false for a {named}, whose state has no versor", "true")
     if (solved := system_to_solve(system, contact)).is_hybrid:
-        raise ScenarioError(
-            f"Key `solve.dae` must be false for a {solved.title}, whose modes are differential equations, but it is "
-            "true."
-        )
+        raise key_error("solve.dae", f"false for a {solved.title}, whose modes are differential equations", "true")
     if solver not in KNOW_MASS_MATRICES:
         names = ", ".join(f'"{name}"' for name in KNOW_MASS_MATRICES)
         raise ScenarioError(

@@ -32,6 +32,8 @@ class Key:
 
 
 Keys = Mapping[str, Key]
+# Raises for values of a table that do not fit each other, given the values and the path.
+Check = Callable[[dict[str, Any], str], None]
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ class Module:
     - ``keys``: the keys of its table.
     - ``build``: makes the object from the values of the keys; the class itself if not given.
     - ``attributes``: where the object holds a key's value, if not under the same name; without ``build``, the argument.
-    - ``check``: raises for values that do not fit each other, given the values and the path.
+    - ``check``: of the values.
     - ``elsewhere``: what stands in a file for an argument of the class that is no key, in words.
     """
 
@@ -50,7 +52,7 @@ class Module:
     keys: Keys
     build: Callable[..., Any] | None = None
     attributes: Mapping[str, str] = field(default_factory=dict)
-    check: Callable[[dict[str, Any], str], None] | None = None
+    check: Check | None = None
     elsewhere: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self):
@@ -202,16 +204,16 @@ def write_member(item: Any, path: str, family: Family) -> tuple[str, dict[str, A
     if entry is not None:
         return entry[0], entry[1].write(item, path)
     names = ", ".join(member.type.__name__ for member in family.values())
-    raise ScenarioError(
-        f"Key `{path}` must be one of {names} to be written to a file, but it is a {type(item).__name__}; "
-        "keep a scenario that has Python functions as a Python script."
-    )
+    got = f"a {type(item).__name__}; keep a scenario that has Python functions as a Python script"
+    raise key_error(path, f"one of {names} to be written to a file", got)
 
 
 def write_family(item: Any, path: str, family: Family) -> dict[str, Any]:
-    """Returns the table that describes an object of a family, its ``kind`` first."""
+    """Returns the table that describes an object of a family, its ``kind`` first, unless that is the one without a
+    name.
+    """
     kind, table = write_member(item, path, family)
-    return {"kind": kind, **table}
+    return {"kind": kind, **table} if kind else table
 
 
 def member_of(family: Family) -> Nested:
@@ -236,6 +238,29 @@ def read_list(values: Any, path: str, read: Callable[[Any, str], Any], empty: bo
         heading = re.sub(r"\[\d+\]", "", path)  # as in TOML, where tables have no indices
         raise key_error(path, f"a list of tables, each under the heading [[{heading}]]", describe(values))
     return each_of(*(functools.partial(read, item, f"{path}[{index}]") for index, item in enumerate(values)))
+
+
+def as_long_as(other: str, *names: str, entry: tuple[str, str] = ("entry", "entries")) -> Check:
+    """Returns the check that the lists ``names`` of a table are as long as ``other``."""
+
+    def check(table: dict[str, Any], path: str) -> None:
+        n = len(table[other])
+        for name in names:
+            if len(table[name]) != n:
+                must = f"as long as `{other}`, which has {number_of(n, *entry)}"
+                raise key_error(join(path, name), must, f"one of {len(table[name])}")
+
+    return check
+
+
+def at_least(name: str, least: int, words: str) -> Check:
+    """Returns the check that the list ``name`` of a table has this many entries, which are ``words``, or more."""
+
+    def check(table: dict[str, Any], path: str) -> None:
+        if len(table[name]) < least:
+            raise key_error(join(path, name), f"a list of {words} or more", f"one of {len(table[name])}")
+
+    return check
 
 
 _NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import jax
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from ...physics.contact.law import Contact
 from ...physics.contact.released import ReleasedState
@@ -53,42 +53,16 @@ class Parts(NamedTuple):
         return cls(*main, contents.sensors, contents.events, loop)
 
 
-class Structure:
-    """A document as a traceable function of the numbers at ``paths``.
-
-    - ``document``: as in the file, including numbers at these paths.
-    - ``scenario``, ``parts``: its contents as it is.
-    - ``paths``: of numbers that do not determine how much is computed: see :func:`~.paths.check_number`.
-
-    **Raises:** :class:`~jaxball.ScenarioError` as :func:`~jaxball.files.scenario.read_document`; where ``values`` are
-    used, :class:`~.errors.UntraceableError` where something depends on them that cannot be traced.
-    """
-
-    def __init__(self, document: Mapping[str, Any], paths: tuple[str, ...]):
-        self.document, self.paths = dict(document), paths
-        contents = read_contents(self.document)
-        self.scenario, self.parts = contents.scenario(), Parts.of(contents, self.document)
-        self._build = jax.jit(lambda values: self.trace(values)[0])
-
-    def build(self, values: Float[Array, " paths"]) -> Parts:
-        """Builds the contents of the document with ``values`` at ``paths``, possible or not."""
-        return self._build(values)
-
-    def conditions(self, values: Float[Array, " paths"]) -> dict[str, Bool[Array, ""]]:
-        """Returns whether each rule that involves ``values`` holds, by the path of the rule's key."""
-        results: dict[str, Bool[Array, ""]] = {}
-        for path, holds in self.trace(values)[1].holds:
-            results[path] = results[path] & holds() if path in results else holds()
-        return results
-
-    def trace(self, values: Float[Array, " paths"]) -> tuple[Parts, Conditions]:
-        """Builds the parts from ``values``, which must be traced, and the conditions on them; other parts are known."""
-        return _trace(self.document, self.paths, values)
-
-
-def _trace(
+def trace(
     document: Mapping[str, Any], paths: tuple[str, ...], values: Float[Array, " paths"]
 ) -> tuple[Parts, Conditions]:
+    """Builds the parts of a document from ``values`` at ``paths``, which must be traced, and the conditions on them.
+
+    - ``paths``: of numbers that do not determine how much is computed: see :func:`~.paths.check_number`. Parts that do
+      not depend on them are known.
+
+    **Raises:** :class:`~.errors.UntraceableError` where something depends on them that cannot be traced.
+    """
     with collect_conditions() as conditions:
         traced = with_numbers(document, dict(zip(paths, values, strict=True)))
         return Parts.of(read_contents(traced), traced), conditions
@@ -115,14 +89,10 @@ class Outline:
         rest.pop("title", None)
         return cls(json.dumps(rest, default=lambda array: array.tolist()), paths)
 
+    @functools.partial(jax.jit, static_argnums=0)
     def build(self, values: Float[Array, " paths"]) -> Parts:
         """Builds the contents of the document with ``values`` at the paths, possible or not.
 
         **Raises:** :class:`~.errors.UntraceableError` where something depends on them that cannot be traced.
         """
-        return _build(self, values)
-
-
-@functools.partial(jax.jit, static_argnums=0)
-def _build(outline: Outline, values: Float[Array, " paths"]) -> Parts:
-    return _trace(json.loads(outline.text), outline.paths, values)[0]
+        return trace(json.loads(self.text), self.paths, values)[0]

@@ -14,9 +14,9 @@ from typing import Any
 from ...numerics.declare import ACCELERATION, EFFORT, Dimension
 from .errors import ScenarioError, describe, key_error
 from .logs import KIND as LOG
-from .paths import key_of, steps, value_at
+from .paths import key_of, steps, value_at, walk
 from .table import Key, read_table, write_table
-from .values import Choice, Nested, Numbers
+from .values import Checked, Choice, Nested, Numbers
 
 DIMENSIONLESS = "dimensionless"
 # Exponents of mass, length and time.
@@ -45,22 +45,20 @@ COMMON_UNITS = {
 
 
 @dataclass(frozen=True)
-class NameOfUnit:
+class NameOfUnit(Checked):
     """The name of one unit, without powers or numbers, such as ``"m"``; any but a common one of another quantity."""
 
     quantity: str
     words: str = 'the name of a unit, such as "m", "kg" or "s"'
 
+    def fits(self, value: Any) -> bool:
+        return isinstance(value, str) and bool(re.fullmatch(r"[^\W\d_]+", value))
+
     def read(self, value: Any, path: str) -> str:
-        if not isinstance(value, str) or not re.fullmatch(r"[^\W\d_]+", value):
-            raise key_error(path, self.words, describe(value))
         for quantity, names in COMMON_UNITS.items():
             if quantity != self.quantity and value in names:
                 raise key_error(path, f"a unit of {self.quantity}", f"{describe(value)}, which is one of {quantity}")
-        return value
-
-    def write(self, value: Any, path: str) -> str:
-        return value
+        return super().read(value, path)
 
 
 UNITS = {name: Key(NameOfUnit(name), says=f"the unit of {name}") for name in COMMON_UNITS}
@@ -231,31 +229,21 @@ def _of_coefficient(dimension: Dimension, path: str, name: str) -> Dimension:
 
 def check_units_of_logs(document: Mapping[str, Any], units: Units | None) -> None:
     """Raises a :class:`ScenarioError` for the first log whose ``unit`` is not that of its numbers in ``units``."""
-    _check_logs(document, units, "", document)
+    for path, value in walk(document):
+        if isinstance(value, Mapping) and value.get("kind") == LOG and isinstance(value.get("unit"), str):
+            _check_log(path, value["unit"], units, document)
 
 
-def _check_logs(value: Any, units: Units | None, path: str, document: Mapping[str, Any]) -> None:
-    if isinstance(value, list):
-        for k, item in enumerate(value):
-            _check_logs(item, units, f"{path}[{k}]", document)
-        return
-    if not isinstance(value, Mapping):
-        return
-    if value.get("kind") != LOG or not isinstance(value.get("unit"), str):
-        for name, item in value.items():
-            _check_logs(item, units, f"{path}.{name}" if path else name, document)
-        return
-    key, unit = f"{path}.unit", value["unit"]
+def _check_log(path: str, unit: str, units: Units | None, document: Mapping[str, Any]) -> None:
+    key = f"{path}.unit"
     if units is None:
         raise ScenarioError(
             f"Key `{key}` must be left out, or `units` must state those of the scenario, with which it is compared."
         )
     unit_choices = [units.of(words) for words in _dimensions_of_log(path, document)]
     if parse_unit(unit, units) not in [parse_unit(choice, units) for choice in unit_choices]:
-        raise ScenarioError(
-            f"Key `{key}` must be {' or '.join(map(describe, unit_choices))}, because nothing is converted, but it is "
-            f"{describe(unit)}; convert the column."
-        )
+        must = f"{' or '.join(map(describe, unit_choices))}, because nothing is converted"
+        raise key_error(key, must, f"{describe(unit)}; convert the column")
 
 
 def _dimensions_of_log(path: str, document: Mapping[str, Any]) -> tuple[str, ...]:

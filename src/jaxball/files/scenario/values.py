@@ -3,6 +3,7 @@
 A kind of value reads what the TOML parser returned, or raises one sentence, and writes it back.
 """
 
+import abc
 import concurrent.futures
 import contextlib
 import math
@@ -208,8 +209,26 @@ def kinds_of_numbers() -> AbstractContextManager[dict[str, Numbers]]:
     return keep_within(_KINDS_READ, {})
 
 
+class Checked(abc.ABC):
+    """A kind of value that is used as it stands in the file, but for lists, which become tuples."""
+
+    words: Any  # a text, or a property that is one
+
+    @abc.abstractmethod
+    def fits(self, value: Any) -> bool:
+        """Returns whether a value is of this kind."""
+
+    def read(self, value: Any, path: str) -> Any:
+        if not self.fits(value):
+            raise key_error(path, self.words, describe(value))
+        return tuple(value) if isinstance(value, list) else value
+
+    def write(self, value: Any, path: str) -> Any:
+        return list(value) if isinstance(value, tuple) else value
+
+
 @dataclass(frozen=True)
-class Integer:
+class Integer(Checked):
     """A whole number between two limits, both included."""
 
     least: int
@@ -219,10 +238,8 @@ class Integer:
     def words(self) -> str:
         return f"a whole number from {self.least} to {self.most}" if self.least < self.most else f"{self.least}"
 
-    def read(self, value: Any, path: str) -> int:
-        if not _is_integer(value) or not self.least <= value <= self.most:
-            raise key_error(path, self.words, describe(value))
-        return value
+    def fits(self, value: Any) -> bool:
+        return _is_integer(value) and self.least <= value <= self.most
 
     def write(self, value: Any, path: str) -> int:
         return int(value)
@@ -241,69 +258,52 @@ class WholeNumber(Integer):
 
 
 @dataclass(frozen=True)
-class Flag:
+class Flag(Checked):
     """True or false."""
 
     words: str = "true or false"
 
-    def read(self, value: Any, path: str) -> bool:
-        if not isinstance(value, bool):
-            raise key_error(path, self.words, describe(value))
-        return value
+    def fits(self, value: Any) -> bool:
+        return isinstance(value, bool)
 
     def write(self, value: Any, path: str) -> bool:
         return bool(value)
 
 
 @dataclass(frozen=True)
-class Indices:
+class Indices(Checked):
     """Masses by index, counted from 0; the list may be empty only if that is allowed."""
 
     words: str = "a list of increasing whole numbers, one or more, each the number of a mass counted from 0"
     empty: bool = False
 
-    def read(self, value: Any, path: str) -> tuple[int, ...]:
+    def fits(self, value: Any) -> bool:
         good = isinstance(value, list) and all(_is_integer(item) and item >= 0 for item in value)
-        if not good or sorted(set(value)) != value or not (value or self.empty):
-            raise key_error(path, self.words, describe(value))
-        return tuple(value)
-
-    def write(self, value: Any, path: str) -> list[int]:
-        return list(value)
+        return good and sorted(set(value)) == value and bool(value or self.empty)
 
 
 @dataclass(frozen=True)
-class Text:
+class Text(Checked):
     """A text."""
 
     words: str = "a text"
 
-    def read(self, value: Any, path: str) -> str:
-        if not isinstance(value, str):
-            raise key_error(path, self.words, describe(value))
-        return value
-
-    def write(self, value: Any, path: str) -> str:
-        return value
+    def fits(self, value: Any) -> bool:
+        return isinstance(value, str)
 
 
 @dataclass(frozen=True)
-class Names:
+class Names(Checked):
     """Names, one or more."""
 
     words: str = "a list of names"
 
-    def read(self, value: Any, path: str) -> tuple[str, ...]:
-        if not isinstance(value, list) or not value or not all(isinstance(name, str) for name in value):
-            raise key_error(path, self.words, describe(value))
-        return tuple(value)
-
-    def write(self, value: Any, path: str) -> list[str]:
-        return list(value)
+    def fits(self, value: Any) -> bool:
+        return isinstance(value, list) and value != [] and all(isinstance(name, str) for name in value)
 
 
 @dataclass(frozen=True)
-class Choice:
+class Choice(Checked):
     """One of several names."""
 
     names: tuple[str, ...]
@@ -312,15 +312,13 @@ class Choice:
     def words(self) -> str:
         return one_of([f'"{name}"' for name in self.names])
 
-    def read(self, value: Any, path: str) -> str:
-        if not isinstance(value, str) or value not in self.names:
-            if isinstance(value, str) and nearest(value, self.names):
-                raise ScenarioError(f"Key `{path}` cannot be {describe(value)}{did_you_mean(value, self.names)}")
-            raise key_error(path, self.words, describe(value))
-        return value
+    def fits(self, value: Any) -> bool:
+        return isinstance(value, str) and value in self.names
 
-    def write(self, value: Any, path: str) -> str:
-        return value
+    def read(self, value: Any, path: str) -> str:
+        if isinstance(value, str) and not self.fits(value) and nearest(value, self.names):
+            raise ScenarioError(f"Key `{path}` cannot be {describe(value)}{did_you_mean(value, self.names)}")
+        return super().read(value, path)
 
 
 @dataclass(frozen=True)

@@ -15,15 +15,13 @@ from ...physics.mechanisms import (
     CarriedMass,
     Damper,
     Hinge,
-    JointForces,
     JointFriction,
     Mechanism,
     Slider,
-    rigid_body_masses,
 )
-from ...physics.prescribed.frames import MatrixFrame
 from ...physics.state import BallState
-from ..mjcf.elements import Frame, Inertial, Source, label
+from ..mjcf.elements import Frame, Source, label
+from ..mjcf.inside import masses_of, sum_forces
 from ..mjcf.reading import Imported
 from ..mjcf.writing import TIMES
 from ..scenario.scenario import Scenario
@@ -219,15 +217,8 @@ class _Inside:
         outer = joint.child if forward else joint.parent
         inertia = self.tree.inertial(outer)
         if inertia is not None:
-            self.masses += _masses(inertia._replace(axes=self.into.then(inertia.axes)), before + 1)
+            self.masses += masses_of(inertia._replace(axes=self.into.then(inertia.axes)), before + 1)
         return [(further, outer, before + 1) for further in self._joints_on(outer, joint)]
-
-
-def _masses(inertia: Inertial, joint: int) -> list[CarriedMass]:
-    if not np.any(inertia.moments):
-        return [CarriedMass(inertia.mass, inertia.axes.shift, joint)]
-    axes = MatrixFrame(inertia.axes.turn)
-    return rigid_body_masses(inertia.mass, inertia.moments, centre=inertia.axes.shift, frame=axes, joint=joint)
 
 
 def _axis(joint: Joint) -> np.ndarray:
@@ -249,7 +240,7 @@ def _forces(joint: Joint) -> AbstractJointForce | None:
         if value < 0:
             raise URDFError(f"The `{name}` of {label(joint.element)} must be 0 or positive, but it is {value:g}.")
         forces += [kind(value)] if value else []
-    return JointForces(tuple(forces)) if len(forces) > 1 else forces[0] if forces else None
+    return sum_forces(forces)
 
 
 def _notes(robot: ET.Element, tree: Tree, shapes: dict[str, list[Shape]]) -> list[str]:

@@ -12,15 +12,14 @@ from jaxtyping import Array, Float
 from ...interface.arguments import call_with
 from ...numerics.declare import LENGTH, POSITIVE, number
 from ...numerics.vectors import norm, room
-from .objectives import AvoidObstacles, depths
+from .objectives import depths
 from .problem.requirements import (
     AbstractConstraint,
     AbstractRunningConstraint,
+    OfDiscs,
     OfFunction,
     Requirement,
     corner,
-    off_e1,
-    places,
 )
 from .problem.run import Run
 
@@ -88,7 +87,7 @@ class OnGround(AbstractRunningConstraint):
         return run.ground_to_spare(self.fit, self.reach)
 
 
-class ClearOfObstacles(AbstractRunningConstraint):
+class ClearOfObstacles(OfDiscs, AbstractRunningConstraint):
     """The geometric centre outside discs in the plane; shape (t, k).
 
     **Arguments:**
@@ -97,22 +96,16 @@ class ClearOfObstacles(AbstractRunningConstraint):
     - ``radii``: the radius of each, length, shape (k,).
     """
 
-    centres: Float[Array, "k 2"] = eqx.field(converter=places("centres"))
-    radii: Float[Array, " k"] = eqx.field(converter=number(LENGTH, POSITIVE))
-
     def __call__(self, run: Run):
         return depths(run, self.centres, self.radii)
 
     def margins(self, run: Run):
         return -room(run.z[:, None] - self.centres[None], self.radii[None]) / run.length
 
-    def unreachable_by_disk(self):
-        return off_e1(self.centres)
-
 
 def discs_to_avoid(requirements: Iterable[Requirement]) -> tuple[tuple[Float[np.ndarray, "2"], float], ...]:
     """Lists the centre and radius of each disc in the plane that the geometric centre must stay out of."""
-    avoiding = [item for item in requirements if isinstance(item, AvoidObstacles | ClearOfObstacles)]
+    avoiding = [item for item in requirements if isinstance(item, OfDiscs)]
     return tuple(
         disc for item in avoiding for disc in zip(np.asarray(item.centres), map(float, item.radii), strict=True)
     )
@@ -164,18 +157,16 @@ class _Limit(AbstractRunningConstraint):
     most: Float[Array, ""] = eqx.field(converter=number(rule=POSITIVE))
 
     @abc.abstractmethod
-    def vectors(self, run: Run) -> Float[Array, "t n d"]:
-        """Returns v."""
-
-    @abc.abstractmethod
-    def unit(self, run: Run) -> Float[Array, "..."]:
-        """Returns the unit of violations; one for all vectors, or one for each, shape (1, n)."""
+    def limited(self, run: Run) -> tuple[Float[Array, "t n d"], Float[Array, "..."]]:
+        """Returns v, and the unit of violations: one for all vectors, or one for each, shape (1, n)."""
 
     def __call__(self, run: Run):
-        return (norm(self.vectors(run)) - self.most) / self.unit(run)
+        vectors, unit = self.limited(run)
+        return (norm(vectors) - self.most) / unit
 
     def margins(self, run: Run):
-        return room(self.vectors(run), self.most) / self.unit(run)
+        vectors, unit = self.limited(run)
+        return room(vectors, self.most) / unit
 
 
 class SpeedLimit(_Limit):
@@ -186,11 +177,8 @@ class SpeedLimit(_Limit):
     - ``most``: the largest speed of each mass relative to the body, length/time.
     """
 
-    def vectors(self, run: Run):
-        return run.masses.chidot
-
-    def unit(self, run: Run):
-        return run.length / run.time_unit
+    def limited(self, run: Run):
+        return run.masses.chidot, run.length / run.time_unit
 
 
 class AccelerationLimit(_Limit):
@@ -201,11 +189,8 @@ class AccelerationLimit(_Limit):
     - ``most``: the largest acceleration of each mass relative to the body, length/time².
     """
 
-    def vectors(self, run: Run):
-        return run.masses.chiddot
-
-    def unit(self, run: Run):
-        return jnp.abs(run.system.gravity)
+    def limited(self, run: Run):
+        return run.masses.chiddot, jnp.abs(run.system.gravity)
 
 
 class JointEffortLimit(_Limit):
@@ -216,11 +201,8 @@ class JointEffortLimit(_Limit):
     - ``most``: the largest effort, mass length²/time² for a torque, mass length/time² for a force.
     """
 
-    def vectors(self, run: Run):
-        return run.joint_efforts[..., None]
-
-    def unit(self, run: Run):
-        return run.effort_units[None]
+    def limited(self, run: Run):
+        return run.joint_efforts[..., None], run.effort_units[None]
 
 
 class ForceLimit(_Limit):
@@ -231,11 +213,8 @@ class ForceLimit(_Limit):
     - ``most``: the largest force, mass length/time².
     """
 
-    def vectors(self, run: Run):
-        return run.forces_along[..., None]
-
-    def unit(self, run: Run):
-        return run.weight
+    def limited(self, run: Run):
+        return run.forces_along[..., None], run.weight
 
 
 def _differences(run: Run) -> Float[Array, "t pairs 3"]:
@@ -334,12 +313,7 @@ def distance(
     safe = jnp.where(crossing, determinant, 1.0)
     s, t = (uv * vw - vv * uw) / safe, (uu * vw - uv * uw) / safe
     within = crossing & (s >= 0) & (s <= 1) & (t >= 0) & (t <= 1)
-    ends = [
-        _of_end(a, b, v, vv),
-        _of_end(to_a, b, v, vv),
-        _of_end(b, a, u, uu),
-        _of_end(to_b, a, u, uu),
-    ]
+    ends = [*(_of_end(end, b, v, vv) for end in (a, to_a)), *(_of_end(end, a, u, uu) for end in (b, to_b))]
     nearest = jnp.min(jnp.stack(ends))
     return jnp.where(within, norm(w + s * u - t * v), nearest)
 

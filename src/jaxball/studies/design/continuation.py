@@ -339,18 +339,15 @@ class _Corrector:
         # Not past the end: λ − end has kept its sign.
         if there is None or end is None or (at.Y[-1] - end) * (there.Y[-1] - end) > 0:
             return there, False
-        return self.at_parameter(at, there, end), True
-
-    def at_parameter(self, at: _Point, there: _Point, parameter: float) -> _Point | None:
-        """Finds the point with λ = ``parameter`` between two neighbours."""
-        share = (parameter - at.Y[-1]) / (there.Y[-1] - at.Y[-1])
+        # The point with λ = end between these two.
+        share = (end - at.Y[-1]) / (there.Y[-1] - at.Y[-1])
         guess = at.Y + share * (there.Y - at.Y)
-        guess[-1] = parameter
+        guess[-1] = end
         solved = self._correct(guess, self._fix_parameter(guess))
         if solved is None:
-            return None
+            return None, True
         length = at.length + share * (there.length - at.length)
-        return _Point(solved[0], self._tangent(solved[0], self.metric * at.tangent), length)
+        return _Point(solved[0], self._tangent(solved[0], self.metric * at.tangent), length), True
 
     def fold(self, after: int, at: _Point, there: _Point) -> Fold:
         """Finds where dλ/ds = 0 between two neighbours, by the Illinois method."""

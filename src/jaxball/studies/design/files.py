@@ -5,14 +5,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import numpy as np
 
 from ...files.scenario import read_document
 from ...files.scenario.body import rolling_state
 from ...files.scenario.errors import ScenarioError, describe, each_of, key_error, raise_first, try_readers
-from ...files.scenario.sources import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
+from ...files.scenario.files import ABOUT, OF_SCENARIO
+from ...files.scenario.sources import document_of, naming, naming_scenario, scenario_document, text_of
 from ...files.scenario.table import Key, Keys, join, read_list, read_table
-from ...files.scenario.values import Choice, Integer, Kind, Nested, Numbers, Text, unread
+from ...files.scenario.values import Choice, Integer, Kind, Nested, Numbers, unread
 from ...numerics.arrays import to_array
 from ...numerics.declare import NOT_NEGATIVE, POSITIVE
 from ...physics.body import System
@@ -21,8 +21,7 @@ from .kinds import CONSTRAINTS, OBJECTIVES, PLANE, Plane, Requirements, plane_of
 from .optimal_control.collocation import BARRIER
 from .optimal_control.problem import VIOLATION
 from .optimal_control.rolling import Rolling
-from .optimal_control.schedules import ControlFile
-from .optimal_control.solve import BARRIER_OF_TIME, FreeEndTime, Guess
+from .optimal_control.solve import BARRIER_OF_TIME, ControlFile, FreeEndTime, Guess
 from .problem.problem import Perturbations, Problem
 from .problem.requirements import (
     AbstractRunningConstraint,
@@ -31,14 +30,12 @@ from .problem.requirements import (
 from .problem.space import DesignError, DesignSpace, Variable
 from .search.program import COUNTS, METHODS, MOST, Settings
 
-FORMAT = 1
 CONTROL_TABLE = "control"
 LIST = "a list of tables"
 # The keys of problems of either kind.
 SHARED = {
-    "format": Key(Integer(FORMAT, FORMAT), says="the version of the format"),
-    "title": Key(Text(), "", says="a one-line description"),
-    "scenario": Key(unread(SCENARIO, others=(Text(),)), says="a scenario, the name of a built-in one, or a file"),
+    **ABOUT,
+    **OF_SCENARIO,
     "objectives": Key(
         unread(LIST, OBJECTIVES.keys(PLANE), forms=("list",)), says="what is minimised, each under [[objectives]]"
     ),
@@ -70,11 +67,7 @@ _SETTINGS = {
 SEARCH_KEYS = {
     **SHARED,
     "variables": Key(unread(LIST, {"": _VARIABLE}, forms=("list",)), says="what is sought, each under [[variables]]"),
-    "robust": Key(
-        unread(tables={"": _ROBUST}),
-        None,
-        says="perturbed balls for which the design must work as well; none if not given",
-    ),
+    "robust": Key(unread(tables={"": _ROBUST}), None, (Problem, "perturbations")),
     "search": Key(unread(tables={"": _SETTINGS}), None, says="settings of the search"),
 }
 GUESSES: dict[str, Guess] = {"rest": Rolling.at_rest, "rolling-along": Rolling.rolling_along}
@@ -84,13 +77,9 @@ _CONTROL = {
         None,
         says="how far the centre of mass is below the geometric centre at the end, in radii; free if not given",
     ),
-    "intervals": Key(Integer(2, 10**5), 20, says="the number of intervals of the first mesh"),
-    "tolerance": Key(
-        Numbers(rule=POSITIVE),
-        1e-6,
-        says="the largest error of an interval, relative; the mesh is refined until none is larger",
-    ),
-    "violation": Key(Numbers(rule=POSITIVE), VIOLATION, says="the largest violation of a constraint that is allowed"),
+    "intervals": Key(Integer(2, 10**5), 20, (ControlFile, "intervals")),
+    "tolerance": Key(Numbers(rule=POSITIVE), 1e-6, (ControlFile, "tolerance")),
+    "violation": Key(Numbers(rule=POSITIVE), VIOLATION, (ControlFile, "violation")),
     "barrier": Key(
         Numbers(rule=POSITIVE),
         None,
@@ -102,23 +91,10 @@ _CONTROL = {
         0.0,
         says="how much conditions at the end may yield; 1e-7 where some follow from others, as for rotors",
     ),
-    "guess": Key(Choice(tuple(GUESSES)), "rest", says="the initial guess of Newton's method"),
-    "first_weights": Key(
-        unread("a table of weights"),
-        None,
-        says="weights of objectives, by their kinds, from which continuation leads to those given",
-    ),
-    "free_end_time": Key(
-        Numbers((2,)),
-        None,
-        says="the shortest and the longest end time, which is then found; the end of the scenario, between them, is "
-        "its guess",
-    ),
-    "time_weight": Key(
-        Numbers(rule=NOT_NEGATIVE),
-        1.0,
-        says="with `free_end_time`, the weight of the duration over that of the scenario",
-    ),
+    "guess": Key(Choice(tuple(GUESSES)), "rest", (ControlFile, "guess")),
+    "first_weights": Key(unread("a table of weights"), None, (ControlFile, "easy")),
+    "free_end_time": Key(Numbers((2,)), None, (ControlFile, "free_end_time")),
+    "time_weight": Key(Numbers(rule=NOT_NEGATIVE), 1.0, (FreeEndTime, "weight")),
 }
 
 
@@ -220,21 +196,12 @@ def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlF
     _require(objectives, OBJECTIVES, AbstractRunningObjective, "means over the run")
     _require(constraints, CONSTRAINTS, AbstractRunningConstraint, "constraints at each time")
     ends = {name: control[name] for name in ("place", "depth", "softness")}
-    times = (scenario.times[0], scenario.times[-1])
-    problem = Rolling(system, times, objectives, state, **ends, constraints=constraints)
-    return ControlFile(
-        title=table["title"],
-        problem=problem,
-        easy=None if control["first_weights"] is None else _easy(problem, control["first_weights"]),
-        saves=int(np.size(scenario.times)),
-        intervals=control["intervals"],
-        tolerance=float(control["tolerance"]),
-        violation=float(control["violation"]),
-        barrier=float((BARRIER_OF_TIME if free else BARRIER) if control["barrier"] is None else control["barrier"]),
-        guess=GUESSES[control["guess"]],
-        units=scenario.units,
-        free_end_time=free,
-    )
+    problem = Rolling(system, scenario.times[[0, -1]], objectives, state, **ends, constraints=constraints)
+    easy = None if control["first_weights"] is None else _easy(problem, control["first_weights"])
+    barrier = (BARRIER_OF_TIME if free else BARRIER) if control["barrier"] is None else control["barrier"]
+    tolerance, violation, barrier = map(float, (control["tolerance"], control["violation"], barrier))
+    how = control["intervals"], tolerance, violation, barrier, GUESSES[control["guess"]]
+    return ControlFile(table["title"], problem, easy, scenario.times.size, *how, scenario.units, free)
 
 
 def _free_end_time(control: dict[str, Any], given: dict[str, Any], times: tuple[float, float]) -> FreeEndTime | None:

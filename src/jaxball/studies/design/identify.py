@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from ... import programs
 from ...interface.printing import repr_html
 from ...numerics.arrays import to_numpy
-from ...numerics.fitting import Residuals, find_determined, fit_unknowns, where_finite
+from ...numerics.fitting import find_determined, fit_unknowns, where_finite
 from .problem.requirements import places
 from .problem.run import Run, Solve, run_of
 from .problem.space import DesignError, DesignSpace, Parametrisation
@@ -54,11 +54,9 @@ class Identification:
     @property
     def alike(self) -> list[tuple[str, ...]]:
         """Sets of parameters that the path cannot distinguish; a single one is not determined by it at all."""
-        sets = []
-        for combination in [*self.unseen, *self.uncertain]:
-            large = np.abs(combination) > 0.1 * np.max(np.abs(combination))
-            sets.append(tuple(name for name, part in zip(self.names, large, strict=True) if part))
-        return sets
+        sizes = np.abs([*self.unseen, *self.uncertain])
+        large = [size > 0.1 * np.max(size) for size in sizes]
+        return [tuple(name for name, part in zip(self.names, parts, strict=True) if part) for parts in large]
 
     _repr_html_ = repr_html
 
@@ -79,11 +77,16 @@ def identify(
     quantity: Callable[[Run], Float[Array, "T *d"]] | None = None,
 ) -> Identification:
     path = to_numpy(path, "path")
-    times = space.scenario.times
+    times, solve = space.scenario.times, Solve.of(space.scenario, diffrax.ForwardMode())
     if quantity is None:
-        _require_positions(space, path)
+        place = np.shape(space.placed.z)
+        shape, each = (times.size, *place), f"{'two numbers' if place else 'one number'} each"
+        must = f"be a position for each of the {times.size} save times, {each}"
     else:
-        _require_shape(space, path, quantity)
+        shape = jax.eval_shape(lambda y: quantity(run_of(space.candidate(y), solve)), jnp.asarray(space.start)).shape
+        must = f"have the shape {shape} of the quantity at the {times.size} save times"
+    if path.shape != shape:
+        raise DesignError(f"Argument `path` must {must}, but its shape is {path.shape}.")
     unknown = np.flatnonzero(~np.isfinite(path.reshape(times.size, -1)).all(axis=1))
     if unknown.size:
         others = unknown.size - 1
@@ -94,8 +97,9 @@ def identify(
         )
     if quantity is None:
         path = np.asarray(places("path")(path))
-    evaluate = _residuals(space, path, _position if quantity is None else quantity)
-
+    recorded, seen = jnp.asarray(path), space.parametrisation
+    of_run = _position if quantity is None else quantity
+    evaluate = where_finite(lambda y: _residuals_and_slopes(seen, recorded, jnp.asarray(y), solve, of_run))
     if not np.all(np.isfinite(evaluate(tuple(space.start))[0])):
         raise DesignError(
             "The scenario must be simulated to its end at the start of the identification, but it is not."
@@ -104,44 +108,8 @@ def identify(
     return _estimate(space, y, *evaluate(tuple(y)), converged)
 
 
-def _require_positions(space: DesignSpace, path: np.ndarray) -> None:
-    times = space.scenario.times
-    place = np.shape(space.placed.z)
-    if path.shape != (times.size, *place):
-        raise DesignError(
-            f"Argument `path` must be a position for each of the {times.size} save times, "
-            f"{'two numbers' if place else 'one number'} each, but its shape is {path.shape}."
-        )
-
-
-def _require_shape(space: DesignSpace, path: np.ndarray, quantity: Callable[[Run], Array]) -> None:
-    solve = Solve.of(space.scenario, diffrax.ForwardMode())
-    shape = jax.eval_shape(lambda y: quantity(run_of(space.candidate(y), solve)), jnp.asarray(space.start)).shape
-    if path.shape != shape:
-        raise DesignError(
-            f"Argument `path` must have the shape {shape} of the quantity at the {space.scenario.times.size} save "
-            f"times, but its shape is {path.shape}."
-        )
-
-
 def _position(run: Run) -> Float[Array, "T 2"]:
     return run.z
-
-
-def _residuals(
-    space: DesignSpace, path: Float[np.ndarray, "T *d"], quantity: Callable[[Run], Float[Array, "T *d"]]
-) -> Residuals:
-    """Returns the function for the residuals at given unknowns and their Jacobian, by one program; NaN where either is
-    not finite.
-    """
-    solve = Solve.of(space.scenario, diffrax.ForwardMode())
-    recorded, seen = jnp.asarray(path), space.parametrisation
-
-    def evaluate(y: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
-        residuals, slopes = _residuals_and_slopes(seen, recorded, jnp.asarray(y), solve, quantity)
-        return np.asarray(residuals), np.asarray(slopes)
-
-    return where_finite(evaluate)
 
 
 # No closure of a call: scenarios and paths that differ in numbers alone share one program.

@@ -8,7 +8,18 @@ import numpy as np
 
 from ...files.scenario.errors import key_error
 from ...files.scenario.own import FUNCTION, Open, module_of, names_own, trying
-from ...files.scenario.table import Family, Key, Keys, join, keys_of, member_of, read_family
+from ...files.scenario.table import (
+    Check,
+    Family,
+    Key,
+    Keys,
+    as_long_as,
+    at_least,
+    join,
+    keys_of,
+    member_of,
+    read_family,
+)
 from ...files.scenario.values import Flag, Numbers
 from ...interface.arguments import require_callable_with
 from ...numerics.declare import NOT_ALL_ZERO, Rule
@@ -21,8 +32,6 @@ from .problem.requirements import (
     Sigmoid,
     Through,
 )
-
-Check = Callable[[dict[str, Any], str], None]
 
 _ON_LINE = ", because a disk rolls along e1"
 _FLAT = Rule("finite", lambda x: (x == 0).all(), f" that is 0{_ON_LINE}")
@@ -90,7 +99,7 @@ def _modules(kinds: Mapping[str, type], keys: Keys, checks: Mapping[str, Check])
 def curves(plane: Plane) -> Family:
     """Returns the curves that a path can follow."""
     keys = {"origin": Key(plane.place, (0.0, 0.0)), "height": plane.height, "points": Key(plane.places)}
-    through = module_of(Through, keys=keys, attributes={"points": "through"}, check=_check_points)
+    through = module_of(Through, keys=keys, attributes={"points": "through"}, check=at_least("points", 2, "two points"))
     return {**_modules({"sigmoid": Sigmoid, "figure-eight": FigureEight}, keys, {}), "through": through}
 
 
@@ -119,18 +128,6 @@ def _check_function(values: dict[str, Any], path: str) -> None:
         require_callable_with("function", values["function"], values["parameters"], "run")
 
 
-def _check_points(values: dict[str, Any], path: str) -> None:
-    n = len(values["points"])
-    if n < 2:
-        raise key_error(join(path, "points"), "a list of two points or more", f"one of {n}")
-
-
-def _check_discs(values: dict[str, Any], path: str) -> None:
-    n, m = len(values["centres"]), len(values["radii"])
-    if m != n:
-        raise key_error(join(path, "radii"), f"as long as `centres`, which has {n} entries", f"one of {m}")
-
-
 def _check_times(values: dict[str, Any], path: str) -> None:
     start, end = values["start"], values["end"]
     if start is not None and end is not None and not start < end:
@@ -144,8 +141,7 @@ def _check_corners(values: dict[str, Any], path: str) -> None:
 
 
 _CHECKS: dict[str, Check] = {
-    "avoid-obstacles": _check_discs,
-    "clear-of-obstacles": _check_discs,
+    **dict.fromkeys(("avoid-obstacles", "clear-of-obstacles"), as_long_as("centres", "radii")),
     "function": _check_function,
     "running-function": _check_function,
 }

@@ -11,19 +11,19 @@ from jaxtyping import Array, Bool, Float
 
 from ... import programs
 from ...interface.arguments import call_with, require_value
-from ...numerics.declare import LENGTH, POSITIVE, TIME, number, number_or_none
+from ...numerics.declare import POSITIVE, TIME, number, number_or_none
 from ...numerics.vectors import ROUNDING_SQUARED, norm
 from ...simulation.equilibrium import imbalance
 from .problem.requirements import (
-    AbstractCurve,
     AbstractObjective,
     AbstractRunningObjective,
+    OfCurve,
+    OfDiscs,
     OfFunction,
     Requirement,
     along,
     off_e1,
     place,
-    places,
 )
 from .problem.run import Run
 
@@ -122,7 +122,7 @@ class Duration(AbstractObjective):
         return f"time {value * time:.4g}"
 
 
-class FollowTrajectory(AbstractRunningObjective):
+class FollowTrajectory(OfCurve, AbstractRunningObjective):
     """The mean of |z(t) − c(s(t))|² / r²: the curve followed in time.
 
     s goes from 0 at ``start`` to 1 at ``end`` at a constant rate, or with ``rest_to_rest`` by 10 u³ − 15 u⁴ + 6 u⁵.
@@ -135,7 +135,6 @@ class FollowTrajectory(AbstractRunningObjective):
     - ``end``: when it ends, a time; if not given, with the run.
     """
 
-    curve: AbstractCurve
     rest_to_rest: Bool[Array, ""] = eqx.field(converter=jnp.asarray, default=False)
     start: Float[Array, ""] | None = eqx.field(converter=number_or_none(TIME), default=None)
     end: Float[Array, ""] | None = eqx.field(converter=number_or_none(TIME), default=None)
@@ -159,9 +158,6 @@ class FollowTrajectory(AbstractRunningObjective):
     def in_units(self, value, length, time):
         return f"root mean square distance {length * math.sqrt(value):.4g}"
 
-    def unreachable_by_disk(self):
-        return off_e1(self.curve.spanning_vectors())
-
 
 @programs.filter_jit
 def _targets(objective: FollowTrajectory, times: Float[Array, " t"]) -> Float[Array, "t 2"]:
@@ -171,7 +167,7 @@ def _targets(objective: FollowTrajectory, times: Float[Array, " t"]) -> Float[Ar
     return along(objective.curve, jnp.where(objective.rest_to_rest, u**3 * (10 - 15 * u + 6 * u**2), u))
 
 
-class FollowCurve(AbstractObjective):
+class FollowCurve(OfCurve, AbstractObjective):
     """The curve followed at any speed: mean squared distances, over r², of the path from the curve and back.
 
     The first mean is over the length of the path, so that it does not matter how long the ball stays anywhere; the
@@ -184,7 +180,6 @@ class FollowCurve(AbstractObjective):
     - ``samples``: the number of points of the curve.
     """
 
-    curve: AbstractCurve
     samples: int = eqx.field(static=True, default=200)
 
     def __call__(self, run: Run):
@@ -210,9 +205,6 @@ class FollowCurve(AbstractObjective):
         # Two mean squares: there and back.
         return f"root mean square distance {length * math.sqrt(value / 2):.4g}"
 
-    def unreachable_by_disk(self):
-        return off_e1(self.curve.spanning_vectors())
-
 
 class LargestDistance(FollowCurve):
     """The largest distance between path and curve, in radii, which evens out the error along the curve.
@@ -234,11 +226,11 @@ class LargestDistance(FollowCurve):
 
 def target_path(requirements: Iterable[Requirement]) -> Float[np.ndarray, "k 2"] | None:
     """Returns points of the curve to follow, the last one if there are several, and None if there is none."""
-    followed = [item for item in requirements if isinstance(item, FollowTrajectory | FollowCurve)]
+    followed = [item for item in requirements if isinstance(item, OfCurve)]
     return np.asarray(followed[-1].curve.points(POINTS_DRAWN)) if followed else None
 
 
-class AvoidObstacles(AbstractRunningObjective):
+class AvoidObstacles(OfDiscs, AbstractRunningObjective):
     """The mean of Σ softplus(depth / softness)² over discs in the plane that the geometric centre should avoid.
 
     It is smooth: it extends outside a disc by a few times ``softness``, which is in radii of the shell. For an upright
@@ -251,16 +243,11 @@ class AvoidObstacles(AbstractRunningObjective):
     - ``softness``: the distance from a disc within which it is penalised, in radii of the shell.
     """
 
-    centres: Float[Array, "k 2"] = eqx.field(converter=places("centres"))
-    radii: Float[Array, " k"] = eqx.field(converter=number(LENGTH, POSITIVE))
     softness: Float[Array, ""] = eqx.field(converter=number(rule=POSITIVE), default=0.1)
 
     def integrand(self, run: Run):
         inside = jax.nn.softplus(depths(run, self.centres, self.radii) / self.softness)
         return jnp.sum(inside**2, axis=-1)
-
-    def unreachable_by_disk(self):
-        return off_e1(self.centres)
 
 
 def depths(run: Run, centres: Float[Array, "k 2"], radii: Float[Array, " k"]) -> Float[Array, "t k"]:

@@ -29,8 +29,8 @@ from ...simulation.trajectory import Trajectory
 from .constraints import discs_to_avoid
 from .objectives import FollowCurve, FollowTrajectory, LargestDistance, target_path
 from .optimal_control.rolling import Rolling, rolling
-from .optimal_control.schedules import Controlled
 from .optimal_control.solution import POINTS_OF_INTERVAL, Solution
+from .optimal_control.solve import Controlled
 from .problem.problem import worst
 from .problem.requirements import Requirement
 from .problem.run import RAIL_SAMPLES, Run
@@ -188,9 +188,8 @@ def _path_figure(
 ) -> Axes:
     """Draws the paths before and after, each with its times, and their targets; for a disk, positions over time."""
     times, path = after
-    followed = [item for item in requirements if isinstance(item, FollowTrajectory | FollowCurve)]
     if path.ndim == 1:
-        targets = [item.targets(jnp.asarray(times)) for item in followed if isinstance(item, FollowTrajectory)]
+        targets = [item.targets(jnp.asarray(times)) for item in requirements if isinstance(item, FollowTrajectory)]
         target = (times, np.asarray(targets[0])[:, 0]) if targets else None
         return plot.place_in_time(dict(zip(names, (before, after), strict=True)), target)
     return plot.designed_path(before[1], path, target_path(requirements), discs_to_avoid(requirements), names=names)

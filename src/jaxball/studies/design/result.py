@@ -13,7 +13,7 @@ from ...files.results.saving import PACKAGES
 from ...files.scenario import read_document
 from ...files.scenario.files import load_scenario
 from ...files.scenario.scenario import Scenario
-from ...files.scenario.sources import naming, scenario_document
+from ...files.scenario.sources import document_of, naming, scenario_document, text_of
 from ...interface.output import OutputError, write_text
 from ...interface.printing import repr_html
 from ...interface.wording import duration, number_of
@@ -83,8 +83,8 @@ def provenance(source: Source | None, elapsed: float, resumed: bool = False) -> 
     """Returns the parts of a report that say how it was made; ``elapsed`` is in seconds."""
     versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in PACKAGES)
     by = "By" if source is None else f"By `{source.command}`, with"
-    parts = [["## How it was made"]]
-    parts.append([f"{by} {versions}, in {duration(elapsed)}{', all runs of the search together' * resumed}."])
+    time = f"in {duration(elapsed)}{', all runs of the search together' * resumed}"
+    parts = [["## How it was made"], [f"{by} {versions}, {time}."]]
     if source is not None:
         parts.append([f"The problem is `{COPY}`, a copy of the file that was read."])
     return parts
@@ -141,15 +141,9 @@ def load_result(folder: str | Path) -> Result:
         )
     after = load_scenario(folder / SCENARIO)
     with naming(folder / COPY):
-        title, before, requirements = _problem(_load_copy(folder / COPY), folder)
+        text = text_of(folder / COPY, "problem file", DesignError)
+        title, before, requirements = _problem(document_of(text, "problem", DesignError), folder)
     return Result(title or after.title, before, after, target_path(requirements), discs_to_avoid(requirements))
-
-
-def _load_copy(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise DesignError(f"a problem must be a TOML document, but it is not: {error}.") from None
 
 
 def _problem(document: dict[str, Any], folder: Path) -> tuple[str, Scenario, list[Requirement]]:

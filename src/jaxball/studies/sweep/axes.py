@@ -31,19 +31,13 @@ def random(indices: Int[np.ndarray, " points"], count: int, dimension: int, seed
     return (words >> np.uint64(11)).astype(float) * 2.0**-53
 
 
-def latin_hypercube(indices: Int[np.ndarray, " points"], count: int, dimension: int, seed: int) -> np.ndarray:
-    """Draws a Latin hypercube of ``count`` points: in each dimension, one point in each of ``count`` equal
-    intervals.
-    """
-    return _cube("LatinHypercube", count, dimension, seed)[indices]
-
-
-def sobol(indices: Int[np.ndarray, " points"], count: int, dimension: int, seed: int) -> np.ndarray:
-    """Returns the first ``count`` points, a power of two, of Sobol's sequence, scrambled."""
-    return _cube("Sobol", count, dimension, seed)[indices]
-
-
-DESIGNS: Mapping[str, Design] = {"random": random, "latin-hypercube": latin_hypercube, "sobol": sobol}
+# A Latin hypercube has one point in each of ``count`` equal intervals of each dimension. Of Sobol's sequence, which is
+# scrambled, it is the first ``count`` points, a power of two.
+DESIGNS: Mapping[str, Design] = {
+    "random": random,
+    "latin-hypercube": lambda indices, *numbers: _cube("LatinHypercube", *numbers)[indices],
+    "sobol": lambda indices, *numbers: _cube("Sobol", *numbers)[indices],
+}
 
 
 # Each of these points depends on all the others; a process usually needs only one design.
@@ -114,28 +108,9 @@ def read_distribution(values: Any, path: str) -> Distribution:
     return Distribution(kind, first, second)
 
 
-def read_points(path: Path) -> tuple[tuple[str, ...], str, int]:
-    """Reads the names of a file's columns, the SHA-256 of its bytes, and how many rows it has.
-
-    **Raises:** :class:`StudyError` when it cannot be read, or holds something other than numbers.
-    """
-    try:
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise StudyError(
-            f'Key `points` must be a file that can be read, but "{path}" cannot: {error.strerror}.'
-        ) from None
-    names, table = _table(path, digest)
-    return names, digest, len(table)
-
-
-def points(path: Path, digest: str, indices: np.ndarray) -> np.ndarray:
-    """Returns the rows ``indices`` of a file, which must be as it was when the study was read."""
-    return _table(path, digest)[1][indices]
-
-
 @functools.lru_cache(maxsize=4)
 def _table(path: Path, digest: str) -> tuple[tuple[str, ...], np.ndarray]:
+    """Reads the names of a file's columns and its rows; ``digest`` is the SHA-256 of its bytes."""
     # Imported here, because it belongs to the extra `sweep`.
     import pyarrow.csv
     import pyarrow.parquet
@@ -181,15 +156,21 @@ class Axis(Protocol):
 
 
 @dataclasses.dataclass(frozen=True)
-class Listed:
-    """One number, its values listed."""
+class _OfNumber:
+    """An axis of one number."""
 
     path: str
-    listed: tuple[float, ...]
 
     @property
     def paths(self) -> tuple[str, ...]:
         return (self.path,)
+
+
+@dataclasses.dataclass(frozen=True)
+class Listed(_OfNumber):
+    """One number, its values listed."""
+
+    listed: tuple[float, ...]
 
     @property
     def size(self) -> int:
@@ -200,18 +181,13 @@ class Listed:
 
 
 @dataclasses.dataclass(frozen=True)
-class Ranged:
+class Ranged(_OfNumber):
     """One number, its values, or their logarithms, equally spaced from ``first`` to ``last``."""
 
-    path: str
     first: float
     last: float
     size: int
     logarithmic: bool
-
-    @property
-    def paths(self) -> tuple[str, ...]:
-        return (self.path,)
 
     def values(self, indices: Int[np.ndarray, " points"]) -> Float[np.ndarray, "points numbers"]:
         share = indices / max(self.size - 1, 1)
@@ -249,7 +225,8 @@ class FromFile:
     size: int
 
     def values(self, indices: Int[np.ndarray, " points"]) -> Float[np.ndarray, "points numbers"]:
-        return points(self.file, self.digest, indices)
+        # The file must be as it was when the study was read.
+        return _table(self.file, self.digest)[1][indices]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -312,14 +289,14 @@ def read_axis(values: Any, path: str, folder: Path) -> Axis:
     **Raises:** :class:`~jaxball.ScenarioError`, with one sentence that names the key.
     """
     choice, table = read_one_of(values, path, AXES)
-    return _READERS[choice](table, path, folder)
+    if choice == "values":
+        return Listed(table["path"], tuple(table["values"].tolist()))
+    if choice in ("linear", "log"):
+        return _read_range(choice, table, path)
+    return _read_design(table, path) if choice == "design" else _READERS[choice](table, path, folder)
 
 
-def _read_listed(table: dict[str, Any], path: str, folder: Path) -> Axis:
-    return Listed(table["path"], tuple(table["values"].tolist()))
-
-
-def _read_range(spacing: str, table: dict[str, Any], path: str, folder: Path) -> Axis:
+def _read_range(spacing: str, table: dict[str, Any], path: str) -> Axis:
     limits = read_table(table[spacing], f"{path}.{spacing}", _RANGE)
     for name in ("from", "to"):
         if spacing == "log" and limits[name] <= 0:
@@ -327,7 +304,7 @@ def _read_range(spacing: str, table: dict[str, Any], path: str, folder: Path) ->
     return Ranged(table["path"], limits["from"], limits["to"], limits["count"], spacing == "log")
 
 
-def _read_design(table: dict[str, Any], path: str, folder: Path) -> Axis:
+def _read_design(table: dict[str, Any], path: str) -> Axis:
     numbers, count = table["numbers"], table["count"]
     if not isinstance(numbers, dict) or not numbers:
         raise key_error(f"{path}.numbers", "a table with a distribution for each path", describe(numbers))
@@ -340,10 +317,16 @@ def _read_design(table: dict[str, Any], path: str, folder: Path) -> Axis:
 
 def _from_file(table: dict[str, Any], path: str, folder: Path) -> Axis:
     file = (folder / table["points"]).resolve()
-    names, digest, size = read_points(file)
-    if not size:
+    try:
+        digest = hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError as error:
+        raise StudyError(
+            f'Key `points` must be a file that can be read, but "{file}" cannot: {error.strerror}.'
+        ) from None
+    names, rows = _table(file, digest)
+    if not len(rows):
         raise StudyError(f'Key `{path}.points` must be a file with one row or more, but "{file}" has none.')
-    return FromFile(file, digest, names, size)
+    return FromFile(file, digest, names, len(rows))
 
 
 def _read_zip(table: dict[str, Any], path: str, folder: Path) -> Axis:
@@ -357,10 +340,6 @@ def _read_zip(table: dict[str, Any], path: str, folder: Path) -> Axis:
 
 
 _READERS: Mapping[str, Callable[[dict[str, Any], str, Path], Axis]] = {
-    "values": _read_listed,
-    "linear": functools.partial(_read_range, "linear"),
-    "log": functools.partial(_read_range, "log"),
-    "design": _read_design,
     "points": _from_file,
     "zip": _read_zip,
 }

@@ -29,6 +29,7 @@ from ...simulation.ensemble.reductions import Observed
 from ...simulation.quantities import values
 from ...simulation.variables import Variable
 from .outputs import history_results
+from .rows import Batch, Request
 
 LOOP = {
     "largest_deviation": Variable((), "", "largest weighted deviation from the motion, at the samples"),
@@ -80,30 +81,18 @@ def loop_variables(template: Scenario) -> dict[str, Variable]:
     return LOOP | (OF_ESTIMATOR if template.estimator is not None else {})
 
 
-def solve_loops(
-    template: Scenario,
-    numbers: LoopNumbers,
-    changes: Any,
-    sensors: Any,
-    within: float,
-    reductions: Mapping[str, AbstractReduction],
-    readings: bool,
-    threads: int,
-) -> dict[str, np.ndarray]:
-    """Computes the results of rows, by the names of variables; ``numbers`` and ``sensors`` have the rows as leading
-    axis.
-
-    - ``changes``: which of the ``numbers`` differ from row to row.
-    """
+def solve_loops(batch: Batch, request: Request, reductions: Mapping[str, AbstractReduction]) -> dict[str, np.ndarray]:
+    """Computes the results of rows, by the names of variables."""
+    template, numbers, changes, readings = batch.template, batch.loop, batch.loop_changes, request.study.readings
     # What does not differ is not mapped over, so that a feedback from it is computed once.
     row_numbers, shared = eqx.partition(numbers, changes)
     shared = jax.tree.map(lambda leaf: leaf[0], shared)
     # The longest delay decides the size of the queue in all rows.
     sought = Sought(template.times.size - 1, int(np.max(numbers.delay)), tuple(reductions.items()), readings)
-    common = _common(template, numbers, changes, within, sought.samples)
-    with in_threads(threads):
+    common = _common(template, numbers, changes, request.study.within, sought.samples)
+    with in_threads(request.threads):
         results = jax.vmap(functools.partial(_row, sought, common, shared))(
-            (row_numbers, sensors if readings else None)
+            (row_numbers, batch.sensors if readings else None)
         )
     return jax.tree.map(np.asarray, results)
 

@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from ...files.scenario.scenario import Scenario
 from ...interface import compat, interruption
 from ...interface.status import SUCCESSES, Status
 from ...programs.store import current
@@ -52,10 +51,9 @@ class ChunkResult(NamedTuple):
 
 def solve_chunk(task: Task) -> ChunkResult:
     """Computes a chunk and writes it to the store."""
-    study, template = task.study, task.study.template()
-    outputs = outputs_of(study, template)
+    study, outputs = task.study, outputs_of(task.study, task.study.template())
     rows = study.rows_of(task.chunk)
-    arrays = compute(study, template, outputs, rows, task.engine, task.threads)
+    arrays = compute(task, outputs, rows)
     Store(task.store, study, outputs).write(task.chunk, arrays)
     worker = f"{socket.gethostname()}-{os.getpid()}-{threading.get_ident()}"
     failed = int(np.sum(~np.isin(arrays["status"], SUCCESSES)))
@@ -69,17 +67,11 @@ def solve_chunk_elsewhere(task: Task) -> ChunkResult:
     return solve_chunk(task)
 
 
-def compute(
-    study: Study,
-    template: Scenario,
-    outputs: dict[str, Output],
-    rows: np.ndarray,
-    engine: Engine,
-    threads: int = 1,
-) -> dict[str, np.ndarray]:
+def compute(task: Task, outputs: dict[str, Output], rows: np.ndarray) -> dict[str, np.ndarray]:
     """Computes the variables of ``rows``. An impossible row has the status IMPOSSIBLE, and does not affect
     the others.
     """
+    study, template = task.study, task.study.template()
     arrays = {name: output.empty(len(rows)) for name, output in outputs.items()}
     values = study.values(rows)
     arrays["row"][:] = rows
@@ -93,8 +85,8 @@ def compute(
         return arrays
     if "time" in arrays:
         arrays["time"][possible] = batch.times
-    request = Request(study.contact, study.detachment, study.finds, study.chunk, threads, study.readings, study.within)
-    solved = with_extremes(engine(batch, request), template if study.readings else None)
+    solved = task.engine(batch, Request(study, task.threads))
+    solved = with_extremes(solved, template if study.readings else None)
     if LEFT in outputs and LEAST_FORCE in solved:
         solved = solved | {LEFT: flag_departures(solved["status"], solved[LEAST_FORCE])}
     for name in outputs.keys() & solved.keys():
@@ -179,7 +171,10 @@ class Processes(concurrent.futures.ThreadPoolExecutor):
                 # A forked process would have JAX's threads in an unknown state.
                 spawn = multiprocessing.get_context("spawn")
                 here, there = spawn.Pipe()
-                process = spawn.Process(target=_serve, args=(there, current.store(), _settings()), daemon=True)
+                # On which results and the names of kept programs depend.
+                settings = compat.settings().items()
+                settings = {name: value for name, value in settings if isinstance(value, bool | int | float | str)}
+                process = spawn.Process(target=_serve, args=(there, current.store(), settings), daemon=True)
                 if os.name != "nt":  # where it starts one first, Python lets the signals through again
                     resource_tracker.ensure_running()
                 # Importing JAX takes seconds, in which a Ctrl-C at the terminal would reach it too.
@@ -190,11 +185,6 @@ class Processes(concurrent.futures.ThreadPoolExecutor):
                 self._started.append((process, here))
                 self._of_thread.pipe = here
         return self._of_thread.pipe
-
-
-def _settings() -> dict[str, Any]:
-    """Returns the settings of JAX, on which results and the names of kept programs depend."""
-    return {name: value for name, value in compat.settings().items() if isinstance(value, bool | int | float | str)}
 
 
 def _serve(pipe: Connection, programs: current.Store | None, settings: dict[str, Any]) -> None:
@@ -225,11 +215,6 @@ def _end_with_parent() -> None:
         parent.join()
         # From a thread, an exception would end the thread only; a solve does not return to Python for long.
         os._exit(1)
-
-
-def executor_of(workers: int) -> InThisProcess | Processes:
-    """Makes an executor with ``workers`` processes; this process itself for one worker."""
-    return InThisProcess() if workers == 1 else Processes(workers)
 
 
 def solve_all(executor: Any, tasks: Iterable[Task], ahead: int, stop: threading.Event) -> Iterator[ChunkResult]:

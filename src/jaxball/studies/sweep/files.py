@@ -100,8 +100,11 @@ def list_chunks(folder: Path) -> list[int]:
 
 def with_checksum(content: bytes) -> bytes:
     """Returns the numbers of a chunk as its file holds them."""
+    # Imported here, because it belongs to the extra `sweep`.
+    import google_crc32c
+
     # In the form of Zarr's codec `crc32c`, which checks it when the array is read.
-    return content + _checksum(content)
+    return content + google_crc32c.value(content).to_bytes(BYTES_OF_A_CHECKSUM, "little")
 
 
 def numbers_of(path: Path, size: int) -> bytes | None:
@@ -142,7 +145,10 @@ def damages(folder: Path, *, numbers: bool = True) -> Iterator[Damage]:
         of_rows = array["dimension_names"][0] == "row"
         for place in np.ndindex(*(-(-rows // at_once) for rows, at_once in zip(array["shape"], shape, strict=True))):
             path = folder.joinpath(name, "c", *map(str, place))
-            if (not of_rows or place[0] in chunks) and not _is_intact(path, size, numbers):
+            if of_rows and place[0] not in chunks:
+                continue
+            same_size = path.is_file() and path.stat().st_size == size + BYTES_OF_A_CHECKSUM
+            if not (numbers_of(path, size) is not None if numbers else same_size):
                 yield Damage(path, place[0] if of_rows else None)
 
 
@@ -158,16 +164,3 @@ def change_error(path: Path) -> StoreError:
         f'The file "{path}" must be as the sweep wrote it, but something has changed it; run the study into the same '
         "store again to recompute it."
     )
-
-
-def _is_intact(path: Path, size: int, numbers: bool) -> bool:
-    if numbers:
-        return numbers_of(path, size) is not None
-    return path.is_file() and path.stat().st_size == size + BYTES_OF_A_CHECKSUM
-
-
-def _checksum(content: bytes) -> bytes:
-    # Imported here, because it belongs to the extra `sweep`.
-    import google_crc32c
-
-    return google_crc32c.value(content).to_bytes(BYTES_OF_A_CHECKSUM, "little")

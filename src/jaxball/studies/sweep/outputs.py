@@ -1,7 +1,6 @@
 """The results that a study keeps for each row, and how its rows lie along its axes."""
 
 import dataclasses
-import functools
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -11,32 +10,28 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ...files.results.variables import labels, of_classical_state, with_units_of_own
+from ...files.results.variables import describe_fields, labels, with_units_of_own
 from ...files.scenario import read_document
 from ...files.scenario.scenario import Scenario
 from ...files.scenario.units import dimension_of
 from ...files.scenario.values import kinds_of_numbers
 from ...interface.status import Status
 from ...numerics.arrays import arrays_of
-from ...physics.classical import LagrangianState
 from ...physics.contact.body_on_plane import BodyOnPlane
 from ...physics.contact.history import ContactHistory
 from ...physics.contact.modes import Mode
 from ...physics.contact.released import ReleasedState
 from ...physics.hybrid import AbstractHistory
 from ...physics.sensors.base import Measurement
-from ...physics.state import BallState, DiskState
 from ...physics.system import AbstractSystem
 from ...simulation.variables import (
     EXTREMES,
     FINDS,
     HISTORY,
-    LAGRANGIAN_STATE,
     LEFT_PLANE,
     OF_SLIDE,
     RUN,
     RUN_SWITCHES,
-    STATE,
     Variable,
     variables_of_event,
 )
@@ -189,7 +184,9 @@ def state_variables(template: Scenario) -> dict[str, tuple[Variable, tuple[int, 
         none = np.zeros(len(_system_of_rows(template).coordinates))
         body = dataclasses.replace(body, theta=none, thetadot=none)
     shapes = {name: np.shape(leaf) for name, leaf in arrays_of(body).items() if np.size(leaf)}
-    variables = {name: (_variable(body, name, shape), shape) for name, shape in shapes.items()}
+    # As of states along a leading axis.
+    described = describe_fields(jax.tree.map(lambda leaf: np.asarray(leaf)[None], body))
+    variables = {name: (described[name], shape) for name, shape in shapes.items()}
     over_time, _ = history_variables(template.system_to_solve)
     sizes = {"axis": 3, "direction": 2}
     return with_units_of_own(variables, template.system) | {
@@ -197,31 +194,21 @@ def state_variables(template: Scenario) -> dict[str, tuple[Variable, tuple[int, 
     }
 
 
-@functools.singledispatch
 def history_variables(system: AbstractSystem) -> tuple[dict[str, Variable], dict[str, Variable]]:
     """Returns the variables of the history of the system that is solved, by name: at a time, and of a run as
     a whole.
     """
-    return {}, {}
-
-
-@history_variables.register
-def _of_plane(system: BodyOnPlane) -> tuple[dict[str, Variable], dict[str, Variable]]:
-    if system.contact is None:
+    if not isinstance(system, BodyOnPlane) or system.contact is None:
         return {}, {}
     return HISTORY if system.pivot is None else HISTORY | OF_SLIDE, RUN_SWITCHES
 
 
-@functools.singledispatch
-def history_results(history: AbstractHistory) -> dict[str, Array]:
+def history_results(contact: AbstractHistory) -> dict[str, Array]:
     """Returns the variables of a history, of one run or of many, by name; with a law of contact, the contact's
     variables.
     """
-    return {}
-
-
-@history_results.register
-def _of_contact(contact: ContactHistory) -> dict[str, Array]:
+    if not isinstance(contact, ContactHistory):
+        return {}
     switches = contact.switches
     # Modes at saved times too, because there may have been more switches than there was room for.
     seen = jnp.concatenate([contact.mode, switches.source, switches.target], axis=-1)
@@ -308,12 +295,3 @@ def _output(variable: Variable, shape: tuple[int, ...] = ()) -> Output:
 
 def _number(units: str, meaning: str, coordinate: bool = False) -> Output:
     return Output((), (), np.dtype(np.float64), units, meaning, coordinate)
-
-
-def _variable(state: Any, name: str, shape: tuple[int, ...]) -> Variable:
-    if isinstance(state, BallState | DiskState):
-        variable = STATE[name]
-        return variable if len(shape) == len(variable.dimensions) else variable._replace(dimensions=())
-    if isinstance(state, LagrangianState) and len(shape) == 1:
-        return LAGRANGIAN_STATE[name]
-    return of_classical_state(name, len(shape))

@@ -14,12 +14,12 @@ from ... import programs
 from ...files.scenario.errors import ScenarioError, UntraceableError
 from ...files.scenario.files import read_contents
 from ...files.scenario.scenario import Scenario
-from ...files.scenario.traced import Parts, Structure
+from ...files.scenario.traced import Parts, trace
 from ...interface.compat import is_traced
 from ...physics.body import AbstractBody
 from ...programs.batches import in_batches
 from .files import StudyError
-from .study import Find, Study
+from .study import Study
 
 
 class Batch(NamedTuple):
@@ -78,22 +78,12 @@ class Batch(NamedTuple):
 class Request(NamedTuple):
     """What an engine must compute.
 
-    - ``contact``: whether to find the extremes of the contact force.
-    - ``detachment``: whether a run ends where the ball would leave the plane.
-    - ``readings``: whether to keep what sensors read, at all times or its extremes.
-    - ``within``: how close to its motion a run under feedback must end.
-    - ``finds``: other results.
-    - ``most``: the largest number of scenarios in any call of this study.
+    - ``study``: which says what to find, and that no call has more scenarios than its ``chunk``.
     - ``threads``: how many cores it may use.
     """
 
-    contact: bool
-    detachment: bool
-    finds: tuple[Find, ...]
-    most: int
+    study: Study
     threads: int = 1
-    readings: bool = False
-    within: float = 0.0
 
 
 # From scenarios to arrays with the scenarios as leading axis: `status`, `steps`, `rejected`, `reached`, the entries of
@@ -159,13 +149,13 @@ class _Stacked(NamedTuple):
 
 
 def _read_stack(study: Study, values: Float[np.ndarray, "rows numbers"]) -> _Stacked:
-    structure, program = _compile_reader(tomli_w.dumps(study.document), study.paths)
+    parts, program = _compile_reader(tomli_w.dumps(study.document), study.paths)
     # Of one size, so that chunks of a study share one compiled program.
     changing, possible, certain = in_batches(program, values, min(ROWS, study.chunk))
     # Where a condition holds but for rounding, the row's own document decides, as it would for a single run.
     for k in np.flatnonzero(possible & ~certain):
         possible[k] = _read(study, values[k]) is not None
-    leaves, tree = jax.tree.flatten(structure.parts)
+    leaves, tree = jax.tree.flatten(parts)
     stacked = [
         # Without memory of its own for each row.
         changing[k] if k in changing else np.broadcast_to(_as_array(leaf), (len(values), *np.shape(leaf)))
@@ -183,21 +173,21 @@ def _as_array(leaf: Any) -> np.ndarray:
 
 
 @functools.lru_cache(maxsize=8)
-def _compile_reader(text: str, paths: tuple[str, ...]) -> tuple[Structure, Callable[[np.ndarray], Any]]:
-    """Compiles the reader of several rows of a document, given as TOML, and returns it after the document's structure.
+def _compile_reader(text: str, paths: tuple[str, ...]) -> tuple[Parts, Callable[[np.ndarray], Any]]:
+    """Compiles the reader of several rows of a document, given as TOML, and returns it after the document's own parts.
 
     It finds which leaves of the parts change, by index, and for each row whether all conditions hold, and whether that
     is certain.
     """
-    structure = Structure(tomllib.loads(text), paths)
+    document = tomllib.loads(text)
 
     def read(values: Float[Array, " numbers"]) -> tuple[dict[int, Array], Bool[Array, ""], Bool[Array, ""]]:
-        parts, conditions = structure.trace(values)
+        parts, conditions = trace(document, paths, values)
         # Only leaves that depend on the traced numbers are traced themselves.
         changing = {k: leaf for k, leaf in enumerate(jax.tree.leaves(parts)) if is_traced(leaf)}
         return changing, conditions.all_hold(), conditions.all_certain()
 
-    return structure, programs.jit(jax.vmap(read))
+    return Parts.of(read_contents(document), document), programs.jit(jax.vmap(read))
 
 
 def _times(stacked: _Stacked, template: Scenario, ends_only: bool) -> Float[np.ndarray, "rows times"]:

@@ -1,13 +1,12 @@
 """Runs or resumes a study, whose workers write each chunk to the store when it is done, or estimates its cost."""
 
 import contextlib
-import io
 import math
 import multiprocessing
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,8 +15,6 @@ import numpy as np
 from jaxtyping import Array
 
 from ... import programs
-from ...files.scenario.scenario import Scenario
-from ...files.scenario.solvers import SOLVERS
 from ...interface.arguments import require_flags, whole_number
 from ...interface.interruption import on_interrupt, stop_requested
 from ...interface.wording import duration, number_of
@@ -29,12 +26,12 @@ from ...simulation.ensemble import AbstractReduction, simulate_ensemble
 from ...simulation.ensemble.reductions import CONTACT as CONTACT_REDUCTIONS
 from ...simulation.events import AbstractEvent, Detachment
 from ...simulation.trajectory import Trajectory
-from .executors import Task, compute, executor_of, solve_all, solve_chunk, solve_chunk_elsewhere
-from .files import BYTES_OF_A_CHECKSUM, Damage, StudyError, remove_dead_parts
+from .executors import InThisProcess, Processes, Task, compute, solve_all, solve_chunk, solve_chunk_elsewhere
+from .files import BYTES_OF_A_CHECKSUM, Damage, StudyError, list_chunks, remove_dead_parts
 from .outputs import Output, history_results, outputs_of
 from .progress import Progress, Stream, status_counts
 from .rows import Batch, Engine, Request
-from .store import POINTS_TOGETHER, Store, open_store, write_table
+from .store import POINTS_TOGETHER, Store, write_table
 from .study import Study
 
 # Rows that are computed together; results do not depend on it. A GPU has tens of thousands of threads.
@@ -51,24 +48,20 @@ def solve_in_lanes(batch: Batch, request: Request) -> dict[str, np.ndarray]:
     - ``batch``: the rows.
     - ``request``: what to compute for them.
     """
-    reductions = {**_contact(batch, request), **{find.name: find.reduction() for find in request.finds}}
-    if batch.template.feedback is not None:
-        return _solve_closed_loops(batch, request, reductions)
-    detachment: dict[str, AbstractEvent] = {"detachment": Detachment()} if request.detachment else {}
-    return _solve_rows(batch, request, reductions, detachment)
-
-
-def _solve_rows(
-    batch: Batch,
-    request: Request,
-    reductions: Mapping[str, AbstractReduction],
-    others: dict[str, AbstractEvent],
-) -> dict[str, np.ndarray]:
-    """Solves the rows; ``others`` are events besides those of the scenario, of which nothing is kept."""
     first = batch.template
+    rolls = isinstance(first.system, AbstractRollingSystem)
+    reductions: dict[str, AbstractReduction] = {**CONTACT_REDUCTIONS} if request.study.contact and rolls else {}
+    reductions |= {find.name: find.reduction() for find in request.study.finds}
+    if first.feedback is not None:
+        from .closed_loops import solve_loops  # which other studies do without
+
+        return solve_loops(batch, request, reductions)
+    # An event besides those of the scenario, of which nothing is kept.
+    others: dict[str, AbstractEvent] = {"detachment": Detachment()} if request.study.detachment else {}
     # Arrays that are the same in all rows are not repeated for each, and what depends on them alone is computed once.
     system, state, events = batch.unstack_shared()
     *axes, axes_of_events = batch.in_axes
+    settings: dict[str, Any] = {**first.settings, "rtol": batch.rtol, "atol": batch.atol}
     ensemble = simulate_ensemble(
         system,
         batch.times,
@@ -77,17 +70,10 @@ def _solve_rows(
         in_axes=(*axes, axes_of_events | dict.fromkeys(others)),
         events=events | others,
         contact=batch.contact,
-        solver=SOLVERS[first.solver](),
-        rtol=batch.rtol,
-        atol=batch.atol,
-        step_to_times=first.step_to_times,
-        dae=first.dae,
-        project=first.project,
-        max_steps=first.max_steps,
-        max_step=first.max_step,
+        **settings,
         reductions=reductions,
         # As many for each call, so that all chunks share one compiled program.
-        chunk=min(request.most, ROWS_OF_CALL if jax.default_backend() == "cpu" else ROWS_OF_CALL_ON_GPU),
+        chunk=min(request.study.chunk, ROWS_OF_CALL if jax.default_backend() == "cpu" else ROWS_OF_CALL_ON_GPU),
         threads=request.threads,
     )
     trajectory = ensemble.trajectory
@@ -96,42 +82,15 @@ def _solve_rows(
     for name in events:
         seen = trajectory.events[name]
         results |= {f"{name}_count": seen.count, f"{name}_time": seen.times[:, 0]}
-    if request.readings:
-        results = results | _measure_rows(batch.sensors, trajectory)
+    if request.study.readings:
+        results |= {f"measured_{name}": read for name, read in _measure(batch.sensors, trajectory).items()}
     return rows | jax.tree.map(np.asarray, results)
-
-
-def _measure_rows(sensors: Any, trajectory: Trajectory[Any, Any]) -> dict[str, Array]:
-    """Reads the sensors of each row."""
-    return {f"measured_{name}": read for name, read in _measure(sensors, trajectory).items()}
 
 
 @programs.filter_jit
 def _measure(sensors: Any, trajectory: Trajectory[Any, Any]) -> dict[str, Array]:
+    """Reads the sensors of each row."""
     return of_rows(lambda sensors, run: run.measured(sensors), sensors, trajectory)
-
-
-def _solve_closed_loops(
-    batch: Batch, request: Request, reductions: Mapping[str, AbstractReduction]
-) -> dict[str, np.ndarray]:
-    """Solves the rows of a scenario with feedback."""
-    from .closed_loops import solve_loops
-
-    return solve_loops(
-        batch.template,
-        batch.loop,
-        batch.loop_changes,
-        batch.sensors,
-        request.within,
-        reductions,
-        request.readings,
-        request.threads,
-    )
-
-
-def _contact(batch: Batch, request: Request) -> Mapping[str, AbstractReduction]:
-    rolls = isinstance(batch.template.system, AbstractRollingSystem)
-    return CONTACT_REDUCTIONS if request.contact and rolls else {}
 
 
 TASKS_PER_WORKER = 2
@@ -155,25 +114,7 @@ class Outcome(NamedTuple):
     interrupted: bool
 
 
-def run(
-    study: Study,
-    out: str | Path,
-    *,
-    workers: int = 1,
-    executor: Any = None,
-    shard: tuple[int, int] = (1, 1),
-    engine: Engine | None = None,
-    stream: Stream | None = None,
-) -> Outcome:
-    _check(workers, shard)
-    store = open_store(Path(out).resolve(), study, outputs_of(study, study.template()))
-    words = STOPPING if stream is not None else ""
-    stream = io.StringIO() if stream is None else stream
-    with only_one(store.folder, shard, stream):
-        return _complete(store, shard, workers, executor, engine or solve_in_lanes, stream, words)
-
-
-def _complete(
+def complete(
     store: Store, shard: tuple[int, int], workers: int, executor: Any, engine: Engine, stream: Stream, words: str
 ) -> Outcome:
     """Computes what is missing in a shard of the store, and says ``words`` when a signal stops it."""
@@ -181,7 +122,7 @@ def _complete(
     stream.write(_describe_repair(study, store.repair()))
     # An executor of another library may not say how many workers it has.
     parallel = workers if executor is None else int(getattr(executor, "_max_workers", 0) or 32)
-    before, counts = set(store.list_chunks()), status_counts(store.folder)
+    before, counts = set(list_chunks(store.folder)), status_counts(store.folder)
     # Marks are read before the work: chunks that other shards finish meanwhile are not this shard's.
     shard_chunks = [k for k in range(shard[0] - 1, study.chunks, shard[1]) if k not in before]
     progress = Progress(stream, study.rows, counts, sum(len(study.rows_of(k)) for k in shard_chunks), parallel)
@@ -215,7 +156,7 @@ def _describe_repair(study: Study, damages: list[Damage]) -> str:
 
 def _finish(store: Store, interrupted: bool) -> Outcome:
     """Returns the outcome; the table is written if all chunks are done."""
-    study, done = store.study, store.list_chunks()
+    study, done = store.study, list_chunks(store.folder)
     finished = len(done) == study.chunks
     # A table's bytes depend on the store alone, so that one that exists is right, also after chunks were computed
     # again.
@@ -233,7 +174,8 @@ def _running(executor: Any, workers: int) -> Iterator[Any]:
     if executor is not None:
         yield executor
         return
-    pool = executor_of(workers)
+    # One worker is this process itself.
+    pool = InThisProcess() if workers == 1 else Processes(workers)
     try:
         # A second Ctrl-C does not wait for the chunks being computed.
         with on_interrupt(pool.kill):
@@ -252,7 +194,7 @@ def _threads(workers: int) -> int:
     return max(1, cores() // workers)
 
 
-def _check(workers: int, shard: tuple[int, int]) -> None:
+def check_arguments(workers: int, shard: tuple[int, int]) -> None:
     # A worker that is still importing the script would wait for the store, and the script for the worker.
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         raise StudyError(
@@ -311,8 +253,7 @@ def estimate(
 ) -> Estimate:
     require_flags(measure=measure)
     whole_number("workers", 1 if workers is None else workers, 1)
-    template = study.template()
-    outputs = outputs_of(study, template)
+    outputs = outputs_of(study, study.template())
     numbers = sum(item.empty(study.chunk).nbytes for item in outputs.values()) * study.chunks
     points = sum(8 * axis.size * len(axis.paths) for axis in study.axes)
     files = len(outputs) * study.chunks + sum(-(-axis.size // POINTS_TOGETHER) * len(axis.paths) for axis in study.axes)
@@ -323,12 +264,12 @@ def estimate(
     # A signal ends the process without leaving this block, which would remove the folder.
     with tempfile.TemporaryDirectory() as folder, on_interrupt(lambda: shutil.rmtree(folder)):
         task = Task(study, Path(folder), 0, engine or solve_in_lanes, _threads(1))
-        alone = unmeasured._replace(**_alone(task, template, outputs))
+        alone = unmeasured._replace(**_alone(task, outputs))
         if together == 1 or (workers is None and _total(alone) < STARTING):
             return alone
         task = task._replace(threads=_threads(workers or together))
         if _total(alone) > LONGEST * study.chunks:  # beside which the start of a process is nothing
-            shared = _alone(task, template, outputs)["solving"] / together
+            shared = _alone(task, outputs)["solving"] / together
             others = alone._replace(solving=shared, workers=together)
         else:
             others = alone._replace(**_together(task, together), workers=together)
@@ -340,7 +281,7 @@ def _total(estimate: Estimate) -> float:
     return estimate.starting + estimate.solving
 
 
-def _alone(task: Task, template: Scenario, outputs: dict[str, Output]) -> dict[str, float]:
+def _alone(task: Task, outputs: dict[str, Output]) -> dict[str, float]:
     """Measures how long this process takes to compile, and to solve all rows and write them unless a chunk
     takes long.
     """
@@ -349,7 +290,7 @@ def _alone(task: Task, template: Scenario, outputs: dict[str, Output]) -> dict[s
     tried = np.unique(np.linspace(0, study.rows - 1, min(TRIED, study.chunk)).astype(int))
 
     def solve_trial() -> None:
-        compute(study, template, outputs, tried, task.engine, task.threads)
+        compute(task, outputs, tried)
 
     # The first call compiles, the second one does not.
     first, again = _seconds(solve_trial), _seconds(solve_trial)

@@ -30,7 +30,6 @@ from .files import (
     Damage,
     StoreError,
     damages,
-    list_chunks,
     read_chunk,
     remove_dead_parts,
     with_checksum,
@@ -146,10 +145,6 @@ class Store:
             )
         reason = f'The store "{self.folder}" cannot be written: {error.strerror or error}.'
         return StoreError(f"{reason} Its contents are intact; {remedy_of(error)}run the same command again.")
-
-    def list_chunks(self) -> list[int]:
-        """Lists the chunks that are on disk, in order."""
-        return list_chunks(self.folder)
 
     def read(self, name: str, chunk: int) -> np.ndarray:
         """Reads a variable in the rows of a chunk that is done.
@@ -291,7 +286,6 @@ def _create(store: Store, attributes: dict[str, Any]) -> None:
 def _write_metadata(folder: Path, study: Study, outputs: dict[str, Output], attributes: dict[str, Any]) -> None:
     # Imported here, because they belong to the extra `sweep`.
     import zarr
-    from zarr.codecs import Crc32cCodec
 
     template = study.template()
     solve = {name: getattr(template, name) for name in ("solver", "rtol", "atol", "max_steps")}
@@ -307,8 +301,9 @@ def _write_metadata(folder: Path, study: Study, outputs: dict[str, Output], attr
         "coordinates": " ".join(name for name, item in outputs.items() if item.coordinate and name != "row"),
     }
     group = zarr.open_group(folder, mode="w-", zarr_format=3, attributes={**about, **attributes})
-    create = functools.partial(group.create_array, compressors=Crc32cCodec())
+    create = functools.partial(_create_array, group)
     for name, output in outputs.items():
+        own_units = {OWN_UNITS: list(output.own_units)} if output.own_units else {}
         create(
             name,
             shape=(study.rows, *output.shape),
@@ -316,8 +311,7 @@ def _write_metadata(folder: Path, study: Study, outputs: dict[str, Output], attr
             dtype=output.dtype,
             fill_value=output.fill,
             dimension_names=["row", *output.dimensions],
-            filters=None,
-            attributes=_notes_of(output),
+            attributes={"units": output.units, "long_name": output.meaning, **own_units},
         )
     for name, labels in labels_of(outputs, template).items():
         # There is no string type that every Zarr library reads.
@@ -337,26 +331,25 @@ def _write_metadata(folder: Path, study: Study, outputs: dict[str, Output], attr
         zarr.consolidate_metadata(folder)
 
 
-def _notes_of(output: Output) -> dict[str, Any]:
-    notes: dict[str, Any] = {"units": output.units, "long_name": output.meaning}
-    return notes | ({OWN_UNITS: list(output.own_units)} if output.own_units else {})
+def _create_array(group: Any, name: str, **settings: Any) -> Any:
+    """Creates an array whose files are its numbers and their checksum."""
+    from zarr.codecs import Crc32cCodec
+
+    return group.create_array(name, filters=None, compressors=Crc32cCodec(), **settings)
 
 
 def _write_points(group: Any, study: Study, names: list[str]) -> None:
     """Writes the values along each axis, which the finished rows may not cover yet."""
-    from zarr.codecs import Crc32cCodec
-
     for name, axis in zip(names, study.axes, strict=True):
         chunks = (min(axis.size, POINTS_TOGETHER),)
         arrays = [
-            group.create_array(
+            _create_array(
+                group,
                 path,
                 shape=(axis.size,),
                 chunks=chunks,
                 dtype="f8",
                 dimension_names=[name],
-                compressors=Crc32cCodec(),
-                filters=None,
                 config=WRITTEN_EVEN_IF_ZERO,
             )
             for path in axis.paths

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import io
 import math
 import tomllib
 from collections import Counter
@@ -15,12 +16,12 @@ from jaxtyping import Float, Int
 
 from ...files.scenario import read_document
 from ...files.scenario.errors import ScenarioError, describe, each_of, key_error, raise_first, try_readers
-from ...files.scenario.files import with_defaults
+from ...files.scenario.files import ABOUT, OF_SCENARIO, with_defaults
 from ...files.scenario.imports import import_name
 from ...files.scenario.own import own_class, trying_class
 from ...files.scenario.paths import check_number, value_at, with_numbers
 from ...files.scenario.scenario import Scenario
-from ...files.scenario.sources import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
+from ...files.scenario.sources import document_of, naming, naming_scenario, scenario_document, text_of
 from ...files.scenario.table import Key, read_list, read_one_of, read_table
 from ...files.scenario.values import Choice, Flag, Integer, Numbers, Text, unread
 from ...interface.names import leave_to
@@ -106,48 +107,11 @@ def _read_find(value: Any, path: str, template: Scenario) -> Find:
     return Find(table["name"], kind, table[kind])
 
 
-FORMAT = 1
 LARGEST_CHUNK = 8192
 MOST_NUMBERS = 2**24  # in the states of a chunk
 NUMBERS_OF_A_STATE = 16  # about as many as for a ball with a few driven masses
 SMALLEST_CHUNK = 16
 ENOUGH_CHUNKS = 16  # for a small study
-KEYS = {
-    "format": Key(Integer(FORMAT, FORMAT), says="the version of the format"),
-    "title": Key(Text(), "", says="a one-line description"),
-    "scenario": Key(unread(SCENARIO, others=(Text(),)), says="a scenario, the name of a built-in one, or a file"),
-    "axes": Key(unread("a list of tables", AXES, forms=("list",)), says="what varies, each under [[axes]]"),
-    "save": Key(
-        Choice(("end", "times")), "end", says="the state at the end of each run, or at all of the scenario's save times"
-    ),
-    "contact": Key(
-        Flag(),
-        False,
-        says="whether to compute the extremes of the contact force, and whether the body would have left the plane",
-    ),
-    "detachment": Key(Flag(), False, says="whether a run ends where the body would leave the plane"),
-    "readings": Key(
-        Flag(),
-        False,
-        says="whether to keep the extremes of what the sensors read at the save times, and all readings where these "
-        "are saved",
-    ),
-    "within": Key(
-        Numbers(rule=POSITIVE),
-        BACK_WITHIN,
-        says="how small the weighted deviation of a run under feedback must be at the end to have returned",
-    ),
-    "find": Key(
-        unread("a list of names and tables", FINDS, forms=("list",), others=(Text(),)),
-        [],
-        says="what else to compute for each run",
-    ),
-    "chunk": Key(
-        Integer(1, 2**20),
-        None,
-        says="how many rows are solved and written together; by the size of the study if not given",
-    ),
-}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -156,15 +120,17 @@ class Study:
 
     The rows are the points of all axes crossed, the last axis changing fastest. Row k is computed from k alone.
 
-    - ``title``: a line that says what it is.
+    - ``title``: a one-line description.
     - ``document``: the scenario, as the TOML document of its file.
     - ``axes``: what changes: each axis has the paths of one or more numbers in the document.
-    - ``save``: "end" for the state at the end of each run, "times" for the states at all of the scenario's save times.
-    - ``contact``: whether to find the extremes of the contact force over each run, including μ_min.
-    - ``detachment``: whether a run ends where the ball would leave the plane.
-    - ``readings``: whether to keep what the sensors of the scenario read.
-    - ``within``: how close to its motion a run under feedback must end to have returned.
-    - ``finds``: other results to find in each run while it is computed.
+    - ``save``: the state at the end of each run, or at all of the scenario's save times. It is "end" or "times".
+    - ``contact``: whether to compute the extremes of the contact force, and whether the body would have left the plane.
+      The extremes are those over each run, including μ_min.
+    - ``detachment``: whether a run ends where the body would leave the plane.
+    - ``readings``: whether to keep the extremes of what the sensors read at the save times, and all readings where
+      these are saved.
+    - ``within``: how small the weighted deviation of a run under feedback must be at the end to have returned.
+    - ``finds``: what else to compute for each run.
     - ``chunk``: how many rows are solved and written together.
     """
 
@@ -251,9 +217,8 @@ class Study:
         options = ", ".join(f"{name} = {getattr(self, name)}" for name in names)
         return {"scenario": tomli_w.dumps(self.document), "axes": axes, "settings": options}
 
-    # What can be done with a study is found there. These need modules built upon this one.
+    # What can be done with a study needs modules that are built upon this one.
 
-    @leave_to(".run")
     def run(
         self,
         out: str | Path,
@@ -286,7 +251,16 @@ class Study:
         :class:`StudyError` for a row that is invalid in this study and where float64 is not enabled,
         :class:`WorkerError` when a worker was killed, ``ValueError`` for invalid arguments.
         """
-        raise NotImplementedError
+        from .outputs import outputs_of
+        from .run import STOPPING, check_arguments, complete, only_one, solve_in_lanes
+        from .store import open_store
+
+        check_arguments(workers, shard)
+        store = open_store(Path(out).resolve(), self, outputs_of(self, self.template()))
+        words = STOPPING if stream is not None else ""
+        stream = io.StringIO() if stream is None else stream
+        with only_one(store.folder, shard, stream):
+            return complete(store, shard, workers, executor, engine or solve_in_lanes, stream, words)
 
     @leave_to(".run")
     def estimate(
@@ -306,6 +280,24 @@ class Study:
         **Raises:** :class:`StudyError` as :meth:`run`, and ``ValueError`` for fewer workers than one.
         """
         raise NotImplementedError
+
+
+KEYS = {
+    **ABOUT,
+    **OF_SCENARIO,
+    "axes": Key(unread("a list of tables", AXES, forms=("list",)), says="what varies, each under [[axes]]"),
+    "save": Key(Choice(("end", "times")), "end", (Study, "save")),
+    "contact": Key(Flag(), False, (Study, "contact")),
+    "detachment": Key(Flag(), False, (Study, "detachment")),
+    "readings": Key(Flag(), False, (Study, "readings")),
+    "within": Key(Numbers(rule=POSITIVE), BACK_WITHIN, (Study, "within")),
+    "find": Key(unread("a list of names and tables", FINDS, forms=("list",), others=(Text(),)), [], (Study, "finds")),
+    "chunk": Key(
+        Integer(1, 2**20),
+        None,
+        says="how many rows are solved and written together; by the size of the study if not given",
+    ),
+}
 
 
 def ends_at_detachment(settings: str) -> bool:
@@ -374,18 +366,8 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
     looked_at = table["save"] == "times" or table["readings"] or template.feedback is not None
     saves = template.times.size if looked_at else 1
     chunk = _chunk_for(rows, saves) if table["chunk"] is None else min(table["chunk"], rows)
-    return Study(
-        title=table["title"],
-        document=scenario,
-        axes=axes,
-        save=table["save"],
-        contact=table["contact"],
-        detachment=table["detachment"],
-        finds=finds,
-        chunk=chunk,
-        readings=table["readings"],
-        within=table["within"],
-    )
+    as_read = {name: table[name] for name in ("title", "save", "contact", "detachment", "readings", "within")}
+    return Study(document=scenario, axes=axes, finds=finds, chunk=chunk, **as_read)
 
 
 @functools.lru_cache(maxsize=4)
@@ -403,25 +385,17 @@ def _template(value: Any, folder: Path) -> tuple[dict[str, Any], Scenario]:
 def _check_contact(table: dict[str, Any], template: Scenario) -> None:
     for key in ("contact", "detachment"):
         if table[key] and not isinstance(template.system, AbstractRollingSystem):
-            raise StudyError(
-                f"Key `{key}` must be false for a {template.system.title}, which does not roll on a plane, but it is "
-                "true."
-            )
+            must = f"false for a {template.system.title}, which does not roll on a plane"
+            raise key_error(key, must, "true", StudyError)
         if table[key] and template.may_slip:
-            raise StudyError(
-                f"Key `{key}` must be false where the scenario has a law of contact, with which the body may slip and "
-                "fly, but it is true."
-            )
+            must = "false where the scenario has a law of contact, with which the body may slip and fly"
+            raise key_error(key, must, "true", StudyError)
     if table["detachment"] and "detachment" in template.events:
-        raise StudyError(
-            "Key `detachment` must be false where the scenario has an event of that name, which the store keeps, but "
-            "it is true."
-        )
+        must = "false where the scenario has an event of that name, which the store keeps"
+        raise key_error("detachment", must, "true", StudyError)
     if table["detachment"] and template.feedback is not None:
-        raise StudyError(
-            "Key `detachment` must be false where the scenario has feedback, whose samples are solved one by one, but "
-            "it is true; `contact = true` finds the least normal force."
-        )
+        must = "false where the scenario has feedback, whose samples are solved one by one"
+        raise key_error("detachment", must, "true; `contact = true` finds the least normal force", StudyError)
 
 
 def _check_sensors(table: dict[str, Any], template: Scenario) -> None:

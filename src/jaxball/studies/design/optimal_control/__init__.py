@@ -1,7 +1,7 @@
 """Optimal control: motions of the masses found by direct collocation, with schedules of any shape.
 
-A ``problem``, such as that of a body ``rolling``, becomes the equations of ``collocation``. From a
-``guess``, on a mesh that is refined, ``solve`` leads to a ``solution``, whose path gives the ``schedules`` of the
+A ``problem``, such as that of a body ``rolling``, becomes the equations of ``collocation``. From a ``guess``, on a mesh
+of which ``refinement`` makes finer ones, ``solve`` leads to a ``solution``, whose path gives the schedules of the
 masses.
 """
 

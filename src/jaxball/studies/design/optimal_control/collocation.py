@@ -223,6 +223,11 @@ class Collocation(AbstractEquations):
     - ``mesh``: times, the start first and the end last, shape (N + 1,).
     - ``stages``: s.
     - ``barrier``: µ.
+
+    It has ``steps``, the lengths of the intervals; ``times``, the nodes; ``weights``, theirs in a mean over the run;
+    ``size``, the number of unknowns; ``unconstrained``, how many of them, the first ones, are states and controls, the
+    others being multipliers; ``equalities``, the indices of the multipliers of all conditions except inequalities; and
+    ``inequalities``, how many of these hold at each node.
     """
 
     def __init__(
@@ -242,40 +247,19 @@ class Collocation(AbstractEquations):
         N, s = len(mesh) - 1, stages
         shapes: list[Any] = [(N + 1, n), (N, s, n), (N, s, m), (n,), (N, s, n), (N, n), (c,), (N, s, i)]
         self.shapes = Unknowns(*shapes)
-        places = np.split(np.arange(self.size), np.cumsum([np.prod(shape) for shape in self.shapes])[:-1])
+        counts = [int(np.prod(shape)) for shape in shapes]
+        self.size, self.unconstrained, self.inequalities = sum(counts), sum(counts[:3]), i
+        self.equalities = slice(self.unconstrained, self.size - counts[-1])
+        self.steps = np.diff(mesh)
+        self.times = mesh[:-1, None] + self.steps[:, None] * self.tableau.c
+        self.weights = self.steps[:, None] * self.tableau.b / (mesh[-1] - mesh[0])
+        places = np.split(np.arange(self.size), np.cumsum(counts)[:-1])
         self.places = Unknowns(*(indices.reshape(shape) for indices, shape in zip(places, self.shapes, strict=True)))
 
-    def with_changes(
-        self, mesh: Float[np.ndarray, " N_plus_one"] | None = None, barrier: float | None = None
-    ) -> "Collocation":
-        """Returns the equations on another mesh, or with another barrier."""
-        return Collocation(
-            self.problem,
-            self.mesh if mesh is None else mesh,
-            self.stages,
-            self.vary,
-            self.barrier if barrier is None else barrier,
-        )
-
-    @property
-    def size(self) -> int:
-        """How many unknowns there are."""
-        return int(sum(np.prod(shape) for shape in self.shapes))
-
-    @property
-    def steps(self) -> Float[np.ndarray, " N"]:
-        """The lengths of the intervals."""
-        return np.diff(self.mesh)
-
-    @property
-    def weights(self) -> Float[np.ndarray, "N s"]:
-        """The weights of the nodes in a mean over the run."""
-        return self.steps[:, None] * self.tableau.b / (self.mesh[-1] - self.mesh[0])
-
-    @property
-    def times(self) -> Float[np.ndarray, "N s"]:
-        """The nodes."""
-        return self.mesh[:-1, None] + self.steps[:, None] * self.tableau.c
+    def with_changes(self, **changes: Any) -> "Collocation":
+        """Returns the equations with other arguments, such as another mesh or barrier."""
+        names = ("problem", "mesh", "stages", "vary", "barrier")
+        return Collocation(**{name: getattr(self, name) for name in names} | changes)
 
     def parts(self, y: Float[np.ndarray, " size"]) -> Unknowns:
         """Returns the parts of y."""
@@ -284,21 +268,6 @@ class Collocation(AbstractEquations):
     def join(self, parts: Unknowns) -> Float[np.ndarray, " size"]:
         """Inverts :meth:`parts`."""
         return np.concatenate([np.ravel(part) for part in parts])
-
-    @property
-    def inequalities(self) -> int:
-        """How many inequalities hold at each node."""
-        return self._sizes.inequalities
-
-    @property
-    def unconstrained(self) -> int:
-        """How many of the unknowns, the first ones, are states and controls; the others are multipliers."""
-        return int(sum(np.prod(shape) for shape in self.shapes[:3]))
-
-    @property
-    def equalities(self) -> slice:
-        """The indices of the multipliers of all conditions except inequalities."""
-        return slice(self.unconstrained, self.size - int(np.prod(self.shapes.excess)))
 
     @functools.cached_property
     def order(self):
@@ -370,7 +339,7 @@ class Collocation(AbstractEquations):
 
     def problem_at(self, parameter: float) -> Any:
         """Returns the problem at a λ."""
-        return _compile_partial(_vary, self.vary)(self.problem, jnp.asarray(parameter))
+        return _compile_partial(self.vary)(self.problem, jnp.asarray(parameter))
 
     @functools.cached_property
     def _soft(self) -> bool:
@@ -443,10 +412,6 @@ def _compile_partial(function: Callable[..., Any], *arguments: Any) -> programs.
 
 def _over_nodes(function: Callable[..., Any], *rows: np.ndarray) -> Any:
     return in_batches(lambda batch: function(*batch), rows, NODES)
-
-
-def _vary(vary: Vary, problem: Any, parameter) -> AbstractControlProblem:
-    return vary(problem, parameter)
 
 
 def _along(name: str, vary: Vary, problem: Any, parameter, times, states, controls):

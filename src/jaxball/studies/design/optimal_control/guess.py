@@ -51,14 +51,14 @@ def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stag
     tilts = bool(problem.system.driven_ground)
     # The masses hang as at the start until gravity's moment is known along the path. A plate leaves the centre of
     # mass where it is and turns n instead, so that M r n takes the place of Λp.
-    hanging = np.tile(_normal_moment(problem) if tilts else _initial_moment(problem), (len(times), 1))
+    hanging = np.tile(_initial_moment(problem), (len(times), 1))
     before = state if tilts else _with_masses_for(problem, times, state, hanging)
     # Only once: each repetition differentiates twice, and at rest the desired acceleration has a kink.
     Pi, rate = _momenta(problem, jnp.asarray(times), before)
     # The excess of d(ΛΠ)/dt over the effect of the forces and of the contact point's motion.
     leaning = _moment_with_torque(problem, hanging, CubicSpline(times, Pi)(times, 1) - np.asarray(rate))
     if tilts:
-        theta = np.asarray(_tilt_plate(problem, jnp.asarray(times), jnp.asarray(leaning)))
+        theta = np.asarray(_angles(problem, jnp.asarray(times), jnp.asarray(leaning)))
         state = _rolling_states(problem, target, (theta, CubicSpline(times, theta)(times, 1)))
     else:
         state = _with_masses_for(problem, times, state, leaning)
@@ -211,7 +211,7 @@ def _moment_with_torque(problem: Rolling, hanging, moment) -> Float[np.ndarray, 
 
 def _with_masses_for(problem: Rolling, times, state, p: Float[np.ndarray, "t 3"]) -> BallState | DiskState:
     """Returns the states with masses positioned to give Λp."""
-    theta = _angles(problem, jnp.asarray(times), state, jnp.asarray(p))
+    theta = _angles(problem, jnp.asarray(times), _in_body(state, jnp.asarray(p)))
     return dataclasses.replace(state, theta=theta, thetadot=CubicSpline(times, theta)(times, 1))
 
 
@@ -228,14 +228,10 @@ def _weight(problem: Rolling) -> Float[Array, "3"]:
 
 @programs.jit
 def _initial_moment(problem: Rolling) -> Float[Array, "3"]:
-    """Computes Λp at the start."""
+    """Computes Λp at the start, or M r n of a plate."""
+    if problem.system.driven_ground:
+        return _normal(problem, problem.start, problem.state.theta)
     return apply(problem.state.Lambda, moment(problem, problem.start, problem.state.theta))
-
-
-@programs.jit
-def _normal_moment(problem: Rolling) -> Float[Array, "3"]:
-    """Computes M r n at the start."""
-    return _normal(problem, problem.start, problem.state.theta)
 
 
 def _normal(problem: Rolling, t: Float[Array, ""], theta: Float[Array, " m"]) -> Float[Array, "3"]:
@@ -246,28 +242,22 @@ def _normal(problem: Rolling, t: Float[Array, ""], theta: Float[Array, " m"]) ->
 
 
 @programs.jit
-def _angles(problem: Rolling, times, state, p) -> Float[Array, "t m"]:
-    """Finds θ for given Λp."""
-
-    def step(theta, sample):
-        t, Lambda, momentum = sample
-        theta = _nearest_angles(functools.partial(moment, problem, t), theta, Lambda.T @ momentum)
-        return theta, theta
-
-    Lambda = jax.vmap(lambda pose: pose.Lambda)(state)
-    return jax.lax.scan(step, problem.state.theta, (times, Lambda, p))[1]
+def _in_body(state, x: Float[Array, "t 3"]) -> Float[Array, "t 3"]:
+    """Computes Λ⁻¹x."""
+    return jax.vmap(lambda pose, x: pose.Lambda.T @ x)(state, x)
 
 
 @programs.jit
-def _tilt_plate(problem: Rolling, times, leaning) -> Float[Array, "t m"]:
-    """Finds θ for given M r n."""
+def _angles(problem: Rolling, times, goals: Float[Array, "t 3"]) -> Float[Array, "t m"]:
+    """Finds θ for given p, or for given M r n of a plate."""
+    of_angles = _normal if problem.system.driven_ground else moment
 
     def step(theta, sample):
-        t, normal = sample
-        theta = _nearest_angles(functools.partial(_normal, problem, t), theta, normal)
+        t, goal = sample
+        theta = _nearest_angles(functools.partial(of_angles, problem, t), theta, goal)
         return theta, theta
 
-    return jax.lax.scan(step, problem.state.theta, (times, leaning))[1]
+    return jax.lax.scan(step, problem.state.theta, (times, goals))[1]
 
 
 def _nearest_angles(
@@ -373,9 +363,8 @@ def _find_reach(problem: Rolling) -> float:
         return float(np.sqrt(-_distance(problem, jnp.asarray(start))[0]))
     others = np.random.default_rng(SEED).uniform(-np.pi, np.pi, (STARTS - 1, start.size))
 
-    def nearness(theta: np.ndarray) -> tuple[float, np.ndarray]:
-        value, slope = _distance(problem, jnp.asarray(theta))
-        return float(value), np.asarray(slope)
+    def nearness(theta: np.ndarray) -> list[np.ndarray]:
+        return [np.asarray(part) for part in _distance(problem, jnp.asarray(theta))]
 
     # In a tube it has no largest distance, and the search ends far away.
     least = min(minimize(nearness, theta, jac=True, method="BFGS").fun for theta in (start, *others))

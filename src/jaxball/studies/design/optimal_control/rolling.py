@@ -31,7 +31,7 @@ from ..problem.requirements import (
 )
 from ..problem.run import Run, locate_centre
 from ..problem.space import DesignError
-from .collocation import SHARP
+from .collocation import BARRIER, SHARP
 from .problem import (
     VIOLATION,
     AbstractControlProblem,
@@ -256,9 +256,8 @@ class Rolling(AbstractControlProblem):
             lambda p: [p.objectives[name].weight for name in names], mixed, [weight(name) for name in names]
         )
 
-    # What can be done with a problem is found there. These need modules built upon this one.
+    # What can be done with a problem needs modules that are built upon this one.
 
-    @leave_to(".solve")
     def at_rest(self, mesh: Float[np.ndarray, " N_plus_one"], stages: int = 3) -> Path:
         """Returns the path on which nothing moves, with the controls that keep the body as close to rest as possible.
 
@@ -267,7 +266,12 @@ class Rolling(AbstractControlProblem):
         - ``mesh``: times, the start first and the end last, shape (N + 1,).
         - ``stages``: how many nodes of Gauss an interval has.
         """
-        raise NotImplementedError
+        from .guess import driving
+
+        initial, shape = np.asarray(self.initial), (len(mesh) - 1, stages)
+        u = driving(self, mesh[:1], initial[None], np.zeros((1, initial.size)))[0]
+        states = np.tile(initial, (len(mesh), 1)), np.tile(initial, (*shape, 1))
+        return Path(mesh, *states, np.tile(u, (*shape, 1)))
 
     @leave_to(".guess")
     def rolling_along(self, mesh: Float[np.ndarray, " N_plus_one"], stages: int = 3) -> Path:
@@ -293,7 +297,6 @@ class Rolling(AbstractControlProblem):
         """
         raise NotImplementedError
 
-    @leave_to(".solve")
     def solve(
         self,
         mesh: Float[np.ndarray, " N_plus_one"],
@@ -332,7 +335,13 @@ class Rolling(AbstractControlProblem):
         which the centre of mass cannot be where the robot could rest, and unless the guess of the end lies between
         ``free_end_time``, and these after the start.
         """
-        raise NotImplementedError
+        from .solve import BARRIER_OF_TIME, FreeEndTime, fix_end, solve_from_guess
+
+        free = None if free_end_time is None else FreeEndTime(*map(float, (*free_end_time, np.asarray(time_weight))))
+        make = Rolling.at_rest if guess is None else lambda *arguments: guess
+        first = (BARRIER if free is None else BARRIER_OF_TIME) if barrier is None else barrier
+        rough = solve_from_guess(self, mesh, stages, tolerance, make, first, free)
+        return rough if free is None else fix_end(rough.sharpen(sharp, tolerance, violation))
 
     def _run(self, t: Float[Array, ""], x: Float[Array, " n"], u: Float[Array, " m"]) -> Run:
         """Builds a run of one time."""

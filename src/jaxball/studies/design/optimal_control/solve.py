@@ -1,4 +1,4 @@
-"""Solves a problem of optimal control: by continuation in weights and in the barrier, with a given or a free end.
+"""Solves a problem of optimal control, with a given or a free end, and that of a file, with evidence for its solution.
 
 An end is found on a mesh from ``start`` to ``end``, where t = start + σ (s − start) is the time at s, and
 dx/ds = σ rate(t, x, u), dσ/ds = 0 (Betts, Practical Methods for Optimal Control, section 4.10). σ at the start is free,
@@ -7,7 +7,7 @@ end that it stands for.
 """
 
 import dataclasses
-import math
+import time
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -16,158 +16,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ....numerics.arrays import Numbers, to_array
-from ..continuation import CORRECTION_TOLERANCE, Branch, follow, newton
+from ....files.scenario import Units
+from ....interface.printing import repr_html
+from ....interface.wording import number_of
+from ....numerics.arrays import to_array
 from ..objectives import FollowTrajectory
 from ..problem.requirements import AbstractRunningConstraint
 from ..problem.space import DesignError
-from .collocation import BARRIER, SHARP, Collocation, as_it_is
-from .guess import driving, require_holdable
-from .problem import MOTOR_LIMITS, VIOLATION, AbstractControlProblem, Path
-from .rolling import Rolling
-from .solution import Solution, finer_mesh, mesh_errors, newton_from, solve_near
-
-# Steps in the homotopy parameter, from 0 to 1.
-FIRST_HOMOTOPY_STEP, LONGEST_HOMOTOPY_STEP = 0.05, 0.2
-# A branch that turns may go back past its start and still reach its end, but seldom from far away.
-BRANCH_WITHIN = (-0.5, 1.5)
-# The initial barrier on a finer mesh, and its factors: at first, and where it can fall no further.
-AGAIN, STEP, SHORTEST_STEP = 1e-4, 0.1, 0.95
-MOST_BARRIERS = 12
-# By as much violations are smaller where motors have limits, which cut them off in a simulation.
-CUT_OFF = 0.1
-# A barrier above the last one, except for rounding, is solved for to this accuracy.
-NEARLY_LAST, ROUGH = 1 + 1e-9, 1e-3
+from .collocation import SHARP, Collocation, as_it_is
+from .guess import require_holdable
+from .problem import AbstractControlProblem, Path
+from .rolling import Rolling, rolling
+from .solution import Resimulated, Solution, solve_near
 
 Guess = Callable[[Rolling, Float[np.ndarray, " N_plus_one"], int], Path]
-
-
-def at_rest(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stages: int = 3) -> Path:
-    initial = np.asarray(problem.initial)
-    shape = (len(mesh) - 1, stages)
-    u = driving(problem, mesh[:1], initial[None], np.zeros((1, initial.size)))[0]
-    return Path(
-        mesh,
-        np.tile(initial, (len(mesh), 1)),
-        np.tile(initial, (*shape, 1)),
-        np.tile(u, (*shape, 1)),
-    )
-
-
-def solve_from_guess(
-    problem: Rolling,
-    mesh: Float[np.ndarray, " N_plus_one"],
-    stages: int,
-    tolerance: float,
-    guess: Guess,
-    barrier: float,
-) -> Solution:
-    """Solves with the given end time, as :meth:`Rolling.solve` does, from the path that ``guess`` makes."""
-    require_holdable(problem)
-    collocation = Collocation((problem, problem), mesh, stages, Rolling.between, barrier)
-    return solve_near(collocation, guess(problem, mesh, stages), 0.0, tolerance)
-
-
-def continue_to(
-    solution: Solution,
-    problem: Rolling,
-    tolerance: float = 1e-6,
-    visit: Callable[[Solution], None] = lambda solution: None,
-) -> tuple[Branch, Solution]:
-    before = solution.collocation
-    collocation = Collocation((solution.problem, problem), before.mesh, before.stages, Rolling.between, before.barrier)
-    # The length of the branch is measured in the mean of the states, so that steps do not depend on the number of
-    # intervals; multipliers have no part in it.
-    knots = np.ravel(collocation.places.knots)
-    weights = np.zeros(collocation.size)
-    weights[knots] = 1 / knots.size
-    branch = follow(
-        collocation,
-        solution.y,
-        0.0,
-        1.0,
-        step=FIRST_HOMOTOPY_STEP,
-        longest=LONGEST_HOMOTOPY_STEP,
-        within=BRANCH_WITHIN,
-        weights=weights,
-        visit=lambda y, share: visit(Solution(collocation, y, share, np.zeros(0))),
-    )
-    last = Solution(collocation, branch.y[-1], float(branch.parameter[-1]), np.zeros(0))
-    if branch.ended != "end":
-        raise DesignError(
-            f"The branch must lead to the problem, but it ends after {last.parameter:.3g} of the way ({branch.ended}, "
-            f"with {len(branch.folds)} turning points); use smaller steps, a finer mesh, or another path."
-        )
-    errors = mesh_errors(collocation, last.y, 1.0)
-    # With constraints the barrier is still large, and `sharpen` refines the mesh once the solution has come to its
-    # place.
-    if np.max(errors) <= tolerance or collocation.inequalities:
-        return branch, last._replace(errors=errors)
-    return branch, solve_near(collocation, last.path, 1.0, tolerance)
-
-
-def sharpen(
-    solution: Solution,
-    barrier: float = SHARP,
-    tolerance: float = 1e-6,
-    violation: float = VIOLATION,
-    visit: Callable[[Solution], None] = lambda solution: None,
-) -> Solution:
-    collocation, y, parameter, sharp = solution.collocation, solution.y, solution.parameter, solution
-    if not collocation.inequalities:
-        return solution
-    allowed = violation * (CUT_OFF if _has_motor_limits(solution.problem) else 1.0)
-    for _ in range(MOST_BARRIERS):
-        try:
-            collocation, y = _lower_barrier(collocation, y, parameter, barrier)
-        except DesignError:
-            # The first barrier could not fall: nothing sharper than the given solution is known.
-            if sharp is solution:
-                raise
-            break
-        errors = mesh_errors(collocation, y, parameter)
-        sharp = Solution(collocation, y, parameter, errors)
-        visit(sharp)
-        # Errors and violations over what is allowed, so that one mesh serves both.
-        excess = np.maximum(errors / tolerance, sharp.violations() / allowed)
-        if np.max(excess) <= 1:
-            break
-        finer = finer_mesh(collocation.mesh, excess, 1.0, collocation.stages + 1)
-        try:
-            collocation, y = newton_from(collocation.with_changes(finer, max(barrier, AGAIN)), sharp.path, parameter)
-        except DesignError:
-            break
-    return sharp
-
-
-def _has_motor_limits(problem: AbstractControlProblem) -> bool:
-    """Returns whether motors of a robot have limits."""
-    return MOTOR_LIMITS in getattr(problem, "constraints", {})
-
-
-def _lower_barrier(
-    collocation: Collocation, y: Float[np.ndarray, " size"], parameter: float, barrier: float
-) -> tuple[Collocation, Float[np.ndarray, " size"]]:
-    """Finds the solution with a smaller barrier, by steps that become shorter where Newton's method fails."""
-    step = STEP
-    while collocation.barrier > barrier:
-        following = step * collocation.barrier
-        last = following < NEARLY_LAST * barrier
-        lower = collocation.with_changes(barrier=barrier if last else following)
-        try:
-            y = newton(lower, y, parameter, CORRECTION_TOLERANCE if last else ROUGH)
-        except DesignError:
-            # A shorter step of the barrier: its factor comes closer to 1.
-            step = math.sqrt(step)
-            if step > SHORTEST_STEP:
-                raise DesignError(
-                    f"The barrier must fall to {barrier:g}, but below {collocation.barrier:.2g} Newton's method finds "
-                    "no solution; check whether the inequalities leave one, or start with more intervals or a smaller "
-                    "barrier."
-                ) from None
-            continue
-        collocation = lower
-    return collocation, y
 
 
 # Of the first solution. Far from the limits of inputs Newton's method converges from rest; the shortest motion, by
@@ -179,7 +41,8 @@ class FreeEndTime(NamedTuple):
     """An end time that is to be found.
 
     - ``shortest``, ``longest``: its bounds.
-    - ``weight``: of the duration over that of the first mesh, beside the objectives.
+    - ``weight``: with ``free_end_time``, the weight of the duration over that of the scenario. It is that of the first
+      mesh.
     """
 
     shortest: float
@@ -194,6 +57,36 @@ class FreeEndTime(NamedTuple):
                 f"{end:g}, between them and the start, {start:g}, before, but it is ({self.shortest:g}, "
                 f"{self.longest:g})."
             )
+
+
+def solve_from_guess(
+    problem: Rolling,
+    mesh: Float[np.ndarray, " N_plus_one"],
+    stages: int,
+    tolerance: float,
+    guess: Guess,
+    barrier: float,
+    free: FreeEndTime | None = None,
+) -> Solution:
+    """Solves as :meth:`Rolling.solve` does before it lowers the barrier, from the path that ``guess`` makes.
+
+    With a free end time it is a solution of a :class:`FreeEnd`, and that path may have σ as the last entry of its
+    states.
+    """
+    require_holdable(problem)
+    if free is None:
+        collocation = Collocation((problem, problem), mesh, stages, Rolling.between, barrier)
+        return solve_near(collocation, guess(problem, mesh, stages), 0.0, tolerance)
+    start, end = float(mesh[0]), float(mesh[-1])
+    free.check(start, end)
+    least, most = ((t - start) / (end - start) for t in free[:2])
+    timed = eqx.tree_at(lambda p: p.end, problem, to_array(end))
+    of_share = map(to_array, (least, most, free.weight))
+    stretched = FreeEnd(timed, *of_share, timed.start, timed.end, timed.softness)  # pyright: ignore[reportCallIssue]
+    path = guess(timed, mesh, stages)
+    if path.knots.shape[-1] == timed.initial.size:
+        path = path._replace(knots=_with_share(path.knots, 1.0), nodes=_with_share(path.nodes, 1.0))
+    return solve_near(Collocation(stretched, mesh, stages, as_it_is, barrier), path, 0.0, tolerance)
 
 
 class FreeEnd(AbstractControlProblem):
@@ -230,17 +123,17 @@ class FreeEnd(AbstractControlProblem):
         return (-1,)
 
     def rate(self, t, x, u):
-        time, stretched = self._stretch(t, x[-1])
-        return jnp.append(x[-1] * stretched.rate(time, x[:-1], u), 0.0)
+        now, stretched = self._stretch(t, x[-1])
+        return jnp.append(x[-1] * stretched.rate(now, x[:-1], u), 0.0)
 
     def cost(self, t, x, u):
-        time, stretched = self._stretch(t, x[-1])
-        return stretched.cost(time, x[:-1], u) + self.weight * x[-1]
+        now, stretched = self._stretch(t, x[-1])
+        return stretched.cost(now, x[:-1], u) + self.weight * x[-1]
 
     def inequalities(self, t, x, u):
-        time, stretched = self._stretch(t, x[-1])
+        now, stretched = self._stretch(t, x[-1])
         bounds = jnp.stack([x[-1] - self.least, self.most - x[-1]])
-        return jnp.concatenate([stretched.inequalities(time, x[:-1], u), bounds])
+        return jnp.concatenate([stretched.inequalities(now, x[:-1], u), bounds])
 
     def conditions(self, x):
         return self.ending_after(x[-1]).conditions(x[:-1])
@@ -259,41 +152,6 @@ class FreeEnd(AbstractControlProblem):
         return self.start + share * (s - self.start), self.ending_after(share)
 
 
-def solve_from_guess_with_free_end(
-    problem: Rolling,
-    mesh: Float[np.ndarray, " N_plus_one"],
-    free: FreeEndTime,
-    stages: int = 3,
-    tolerance: float = 1e-6,
-    guess: Guess = at_rest,
-    barrier: float = BARRIER_OF_TIME,
-) -> Solution:
-    """Solves with a free end time, as :meth:`Rolling.solve` does before it lowers the barrier; a solution of
-    a :class:`FreeEnd`.
-
-    The path that ``guess`` makes may have σ as the last entry of its states.
-    """
-    start, end = float(mesh[0]), float(mesh[-1])
-    free.check(start, end)
-    require_holdable(problem)
-    least, most = ((t - start) / (end - start) for t in free[:2])
-    timed = eqx.tree_at(lambda p: p.end, problem, to_array(end))
-    stretched = FreeEnd(  # pyright: ignore[reportCallIssue]
-        problem=timed,
-        least=to_array(least),
-        most=to_array(most),
-        weight=to_array(free.weight),
-        start=timed.start,
-        end=timed.end,
-        softness=timed.softness,
-    )
-    collocation = Collocation(stretched, mesh, stages, as_it_is, barrier)
-    path = guess(timed, mesh, stages)
-    if path.knots.shape[-1] == timed.initial.size:
-        path = path._replace(knots=_with_share(path.knots, 1.0), nodes=_with_share(path.nodes, 1.0))
-    return solve_near(collocation, path, 0.0, tolerance)
-
-
 def fix_end(solution: Solution) -> Solution:
     """Returns the solution of a :class:`FreeEnd` as one of a :class:`Rolling` that ends when it does; other solutions
     as they are.
@@ -304,7 +162,7 @@ def fix_end(solution: Solution) -> Solution:
     share = float(parts.knots[0, -1])
     problem = free.ending_after(to_array(share))
     mesh = float(free.start) + share * (collocation.mesh - float(free.start))
-    fixed = Collocation((problem, problem), mesh, collocation.stages, Rolling.between, collocation.barrier)
+    fixed = collocation.with_changes(problem=(problem, problem), mesh=mesh, vary=Rolling.between)
     # The multipliers of rates are of dx over the length of an interval, and those of inequalities densities over the
     # whole duration: neither depends on σ.
     y = fixed.join(
@@ -320,28 +178,175 @@ def fix_end(solution: Solution) -> Solution:
     return Solution(fixed, y, 0.0, solution.errors)
 
 
-def solve(
-    problem: Rolling,
-    mesh: Float[np.ndarray, " N_plus_one"],
-    stages: int = 3,
-    tolerance: float = 1e-6,
-    *,
-    guess: Path | None = None,
-    barrier: float | None = None,
-    free_end_time: tuple[float, float] | None = None,
-    time_weight: Numbers = 1.0,
-    sharp: float = SHARP,
-    violation: float = VIOLATION,
-) -> Solution:
-    make = at_rest if guess is None else lambda *arguments: guess
-    if free_end_time is None:
-        return solve_from_guess(problem, mesh, stages, tolerance, make, BARRIER if barrier is None else barrier)
-    shortest, longest = map(float, free_end_time)
-    free = FreeEndTime(shortest, longest, float(np.asarray(time_weight)))
-    first = BARRIER_OF_TIME if barrier is None else barrier
-    rough = solve_from_guess_with_free_end(problem, mesh, free, stages, tolerance, make, first)
-    return fix_end(sharpen(rough, sharp, tolerance, violation))
-
-
 def _with_share(states: Float[np.ndarray, "*knots n"], share: float) -> Float[np.ndarray, "*knots n_plus_one"]:
     return np.concatenate([states, np.full((*states.shape[:-1], 1), share)], axis=-1)
+
+
+# The allowed error of a simulation, in units of the mesh's tolerance.
+ALLOWED_SIMULATION_ERROR = 10.0
+
+
+class ControlFile(NamedTuple):
+    """The content of a problem file with a table ``[control]``.
+
+    - ``problem``: the problem to be solved.
+    - ``easy``: weights of objectives, by their kinds, from which continuation leads to those given. It is the problem
+      with these; None if there are none.
+    - ``saves``: the number of save times of the scenario found.
+    - ``intervals``: the number of intervals of the first mesh.
+    - ``tolerance``: the largest error of an interval, relative; the mesh is refined until none is larger.
+    - ``violation``: the largest violation of a constraint that is allowed.
+    - ``barrier``: with which the search begins.
+    - ``guess``: the initial guess of Newton's method.
+    - ``units``: those of the scenario, if it states them.
+    - ``free_end_time``: the shortest and the longest end time, which is then found; the end of the scenario, between
+      them, is its guess. There is no ``easy`` problem then.
+    """
+
+    title: str
+    problem: Rolling
+    easy: Rolling | None
+    saves: int
+    intervals: int
+    tolerance: float
+    violation: float
+    barrier: float
+    guess: Guess
+    units: Units | None = None
+    free_end_time: FreeEndTime | None = None
+
+
+class Point(NamedTuple):
+    """A point of the branch: its parameter from 0 to 1, and weights and means of the objectives."""
+
+    share: float
+    weights: dict[str, float]
+    means: dict[str, float]
+
+
+class Controlled(NamedTuple):
+    """A solution and the evidence for it.
+
+    - ``first``: the solution from which continuation started; ``solution`` itself without continuation.
+    - ``curvature``: :meth:`Solution.least_curvature`, also by a free end time.
+    - ``seen``: the schedules simulated by a solver of another kind.
+    - ``tolerance``: of the mesh; ``violation``: of constraints.
+    - ``elapsed``: how long it took, in seconds.
+    - ``units``: those of the scenario, if it states them.
+    - ``free_end_time``: if the end time was found.
+    """
+
+    first: Solution
+    solution: Solution
+    branch: tuple[Point, ...]
+    curvature: float
+    seen: Resimulated
+    tolerance: float
+    violation: float
+    elapsed: float
+    units: Units | None = None
+    free_end_time: FreeEndTime | None = None
+
+    _repr_html_ = repr_html
+
+    def __repr__(self) -> str:
+        seen = self.seen
+        lines = [
+            f"Optimal control, {'' if self.good else 'not '}confirmed: a path in "
+            f"{number_of(len(self.solution.errors), 'interval')}",
+            f"  its simulation is up to {seen.apart:.2g} radii away, and misses its end by {seen.missed:.2g} radii",
+            f"  the least curvature is {self.curvature:.3g}: "
+            f"{'a strict minimum' if self.curvature > 0 else 'no strict minimum'}",
+            *(f"  {name} is violated by {by:.2g}" for name, by in self.broken.items()),
+        ]
+        return "\n".join(lines)
+
+    @property
+    def good(self) -> bool:
+        """Whether it is a strict minimum, its simulation follows its path to rest, and the constraints hold."""
+        seen = self.seen
+        near = max(seen.apart, seen.speed, seen.away, seen.missed) <= ALLOWED_SIMULATION_ERROR * self.tolerance
+        return self.curvature > 0 and near and not self.broken
+
+    @property
+    def broken(self) -> dict[str, float]:
+        """The violated constraints, and their violations."""
+        return {name: by for name, by in self.seen.violations.items() if not by <= self.violation}
+
+
+def solve_control(
+    file: ControlFile,
+    say: Callable[[str], None] = lambda line: None,
+    keep: Callable[[Solution], None] = lambda solution: None,
+) -> Controlled:
+    """Solves a problem: from its guess by Newton's method, and by continuation if it has an easier problem.
+
+    Finally, the barrier of constraints is brought close to zero. An end time is free from the first solution on.
+
+    ``say`` is called with a line for each point of the branch, and ``keep`` with the point.
+
+    **Raises:** :class:`~jaxball.studies.design.DesignError` where no solution is found.
+    """
+    began = time.perf_counter()
+    branch: list[Point] = []
+
+    def visit(solution: Solution) -> None:
+        objectives = rolling(solution.problem).objectives
+        weights = {name: float(objective.weight) for name, objective in objectives.items()}
+        branch.append(Point(solution.parameter, weights, solution.means()))
+        keep(solution)
+        say(_line(branch[-1]))
+
+    def sharper(solution: Solution) -> None:
+        collocation = solution.collocation
+        worst = np.max(solution.violations())
+        solution = fix_end(solution)
+        keep(solution)
+        end = "" if file.free_end_time is None else f"   end {solution.path.mesh[-1]:.8g}"
+        say(f"barrier {collocation.barrier:.0e}   {collocation.steps.size} intervals   violation {worst:.1e}{end}")
+
+    problem = file.problem
+    say("compiling, and solving from the guess")
+    mesh = np.linspace(float(problem.start), float(problem.end), file.intervals + 1)
+    rough = _first_solution(file, file.easy or problem, mesh)
+    first = fix_end(rough)
+    if file.easy is None:
+        visit(first)
+    else:
+        rough = first.continue_to(problem, file.tolerance, visit)[1]
+    sharp = rough
+    if rough.collocation.inequalities:
+        sharp = rough.sharpen(tolerance=file.tolerance, violation=file.violation, visit=sharper)
+    solution = fix_end(sharp)
+    say("simulating by another solver")
+    seen, curvature = solution.resimulate(), sharp.least_curvature()
+    evidence = curvature, seen, file.tolerance, file.violation, time.perf_counter() - began
+    return Controlled(first, solution, tuple(branch), *evidence, file.units, file.free_end_time)
+
+
+def _first_solution(file: ControlFile, problem: Rolling, mesh: np.ndarray) -> Solution:
+    """Finds the solution by Newton's method from the guess, or otherwise from the motion without constraints."""
+
+    def start(problem: Rolling, guess: Guess) -> Solution:
+        return solve_from_guess(problem, mesh, 3, file.tolerance, guess, file.barrier, file.free_end_time)
+
+    try:
+        return start(problem, file.guess)
+    except DesignError:
+        if not problem.constraints:
+            raise
+    # Without constraints Newton's method converges more easily, and its motion is a better start than rest.
+    free = start(eqx.tree_at(lambda p: p.constraints, problem, {}), file.guess).path
+    try:
+        return start(problem, lambda *arguments: free)
+    except DesignError as error:
+        raise DesignError(
+            "The constraints must leave a motion near that without them, but Newton's method finds none with barriers "
+            f"from {file.barrier:g} to {SHARP:g}; check whether they contradict each other or the end of the motion, "
+            "or start with more intervals."
+        ) from error
+
+
+def _line(point: Point) -> str:
+    values = "   ".join(f"{name} {value:.6g}" for name, value in point.means.items())
+    return f"share {point.share:6.3f}   {values}"

@@ -277,6 +277,7 @@ class Problem:
     **Arguments:**
 
     - ``objectives``, ``constraints``: by name.
+    - ``perturbations``: perturbed balls for which the design must work as well; none if not given.
 
     **Raises:** :class:`DesignError` for an objective or a constraint that a disk cannot meet.
     """

@@ -193,6 +193,16 @@ def off_e1(points: Float[ArrayLike, "n 2"]) -> str:
     return f"a position {most:.6g} off e1" if most > ROUNDING * np.max(points, initial=0.0) else ""
 
 
+class OfDiscs(Requirement):
+    """A requirement on the distance of the geometric centre from discs in the plane."""
+
+    centres: Float[Array, "k 2"] = eqx.field(converter=places("centres"))
+    radii: Float[Array, " k"] = eqx.field(converter=number(LENGTH, POSITIVE))
+
+    def unreachable_by_disk(self):
+        return off_e1(self.centres)
+
+
 class AbstractCurve(Printed):
     """A curve c(s) in the plane, 0 ≤ s ≤ 1; for a disk it lies on e1, and its points are single numbers."""
 
@@ -213,6 +223,15 @@ class AbstractCurve(Printed):
 def along(curve: AbstractCurve, s: Float[Array, " n"]) -> Float[Array, "n 2"]:
     """Returns points of a curve."""
     return jax.vmap(curve)(s)
+
+
+class OfCurve(Requirement):
+    """A requirement on the distance of the geometric centre from a curve."""
+
+    curve: AbstractCurve
+
+    def unreachable_by_disk(self):
+        return off_e1(self.curve.spanning_vectors())
 
 
 class Sigmoid(AbstractCurve):

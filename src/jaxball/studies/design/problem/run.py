@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ....files.scenario.scenario import Scenario
-from ....files.scenario.solvers import SOLVERS
 from ....interface.compat import current_trace
 from ....physics.body import System
 from ....physics.dynamics.coupling import join_coordinates, joint_forces, linkages
@@ -21,7 +20,7 @@ from ....physics.dynamics.footing import has_end, surface_under
 from ....physics.dynamics.load import accelerations_of_masses, load
 from ....physics.dynamics.moments import along_rails, kinematics, point_mass_values, rail_tangents
 from ....physics.grounds import AbstractSurface
-from ....physics.mechanisms import AbstractMechanism, Mechanism, Slider
+from ....physics.mechanisms import Mechanism, Slider
 from ....physics.observables import Observables, observe
 from ....physics.prescribed.motion import Kinematics, rail_of
 from ....physics.prescribed.rails import AbstractRail
@@ -52,8 +51,8 @@ class Solve(NamedTuple):
     @classmethod
     def of(cls, scenario: Scenario, adjoint: diffrax.AbstractAdjoint | None = None) -> "Solve":
         """Returns the solver, the tolerances and the limits of steps that the scenario states."""
-        numbers = scenario.rtol, scenario.atol, scenario.max_steps
-        return cls(SOLVERS[scenario.solver](), *numbers, adjoint, scenario.max_step)
+        stated = {name: value for name, value in scenario.settings.items() if name in cls._fields}
+        return cls(**stated, adjoint=adjoint)
 
 
 class OnRails(NamedTuple):
@@ -208,20 +207,38 @@ class Run(eqx.Module):
     @property
     def effort_units(self) -> Float[Array, " joints"]:
         """The units of joint efforts: M g for the force of a slider, M g r for the torque of any other."""
-        slides = [slide for mechanism in self.system.mechanisms for slide in _slides(mechanism)]
+        every = (
+            item.joints if isinstance(item, Mechanism) else (None,) * item.n_joints for item in self.system.mechanisms
+        )
+        slides = [isinstance(joint, Slider) for joints in every for joint in joints]
         return self.weight * jnp.where(np.asarray(slides, dtype=bool), 1.0, self.length)
 
     @property
     @_once
     def on_rails(self) -> OnRails:
         """θ and its rates."""
-        return self._each(_on_rails)
+
+        def one(system, t, x):
+            along = along_rails(system, t, angles_in_state(system, t, x))
+            return OnRails(*along, rail_tangents(system, along.theta))
+
+        return self._each(one)
 
     @property
     @_once
     def plate_accelerations(self) -> Float[Array, "t angles"]:
         """θ̈ of the angles of a plate, those with schedules and then those that a law drives; no columns elsewhere."""
-        return self._each(_plate_accelerations)
+
+        def one(system, t, x):
+            ground = system.ground
+            schedules, count = ((), 0) if ground is None else (ground.schedules, len(ground.driven))
+            parts = [schedule.derivatives(t)[2][None] for schedule in schedules]
+            if count:
+                assert system.law is not None
+                parts.append(system.law.among(system.accelerated, t, x)[-count:])
+            return jnp.concatenate(parts) if parts else jnp.zeros_like(t, shape=(0,))
+
+        return self._each(one)
 
     @property
     @_once
@@ -245,7 +262,25 @@ class Run(eqx.Module):
     @_once
     def curves(self) -> Curves:
         """The closed rails."""
-        return _curves(self.system, self.rail_samples)
+        masses, points, speed = [], [], []
+        for group, indices in zip(self.system.groups, self.system.order, strict=True):
+            rail = rail_of(group.motion)
+            if rail is None or rail.period is None:
+                continue
+            theta = jnp.linspace(0.0, rail.period, self.rail_samples, endpoint=False, dtype=group.mass.dtype)
+
+            def one(rail: AbstractRail, theta=theta):
+                zeta, tangent, _ = jax.vmap(rail.prepare().derivatives)(theta)
+                return zeta, jnp.sqrt(jnp.sum(tangent**2, axis=-1))
+
+            zeta, rates = eqx.filter_vmap(one)(rail)
+            masses += indices
+            points.append(zeta)
+            speed.append(rates)
+        if not masses:
+            nothing = jnp.zeros_like(self.system.mass, shape=(0, self.rail_samples, 3))
+            return Curves((), nothing, nothing[..., 0])
+        return Curves(tuple(masses), jnp.concatenate(points), jnp.concatenate(speed))
 
 
 def run_of(candidate: Candidate, solve: Solve, rail_samples: int = RAIL_SAMPLES) -> Run:
@@ -275,47 +310,3 @@ def _of_surface(
 ) -> Any:
     surface = surface_under(system, t, state)
     return on_plane if surface is None else function(surface, t, system.radius, state.z)
-
-
-def _on_rails(system: System, t: Float[Array, ""], state: BallState | DiskState) -> OnRails:
-    along = along_rails(system, t, angles_in_state(system, t, state))
-    return OnRails(*along, rail_tangents(system, along.theta))
-
-
-def _plate_accelerations(system: System, t: Float[Array, ""], state: BallState | DiskState) -> Float[Array, " angles"]:
-    ground = system.ground
-    schedules, count = ((), 0) if ground is None else (ground.schedules, len(ground.driven))
-    parts = [schedule.derivatives(t)[2][None] for schedule in schedules]
-    if count:
-        assert system.law is not None
-        parts.append(system.law.among(system.accelerated, t, state)[-count:])
-    return jnp.concatenate(parts) if parts else jnp.zeros_like(t, shape=(0,))
-
-
-def _slides(mechanism: AbstractMechanism) -> list[bool]:
-    """Returns whether each joint of a mechanism is a slider."""
-    if isinstance(mechanism, Mechanism):
-        return [isinstance(joint, Slider) for joint in mechanism.joints]
-    return [False] * mechanism.n_joints
-
-
-def _curves(system: System, samples: int) -> Curves:
-    masses, points, speed = [], [], []
-    for group, indices in zip(system.groups, system.order, strict=True):
-        rail = rail_of(group.motion)
-        if rail is None or rail.period is None:
-            continue
-        theta = jnp.linspace(0.0, rail.period, samples, endpoint=False, dtype=group.mass.dtype)
-
-        def one(rail: AbstractRail, theta=theta):
-            zeta, tangent, _ = jax.vmap(rail.prepare().derivatives)(theta)
-            return zeta, jnp.sqrt(jnp.sum(tangent**2, axis=-1))
-
-        zeta, rates = eqx.filter_vmap(one)(rail)
-        masses += indices
-        points.append(zeta)
-        speed.append(rates)
-    if not masses:
-        nothing = jnp.zeros_like(system.mass, shape=(0, samples, 3))
-        return Curves((), nothing, nothing[..., 0])
-    return Curves(tuple(masses), jnp.concatenate(points), jnp.concatenate(speed))

@@ -5,7 +5,7 @@ import functools
 import itertools
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
@@ -19,7 +19,7 @@ from ....files.scenario import read_document
 from ....files.scenario.body import require_whole_run
 from ....files.scenario.errors import ScenarioError, UntraceableError, each_of
 from ....files.scenario.files import with_defaults
-from ....files.scenario.paths import check_number, key_of, numbers_of, value_at, with_numbers
+from ....files.scenario.paths import check_number, key_of, numbers_of, value_at, walk, with_numbers
 from ....files.scenario.scenario import Scenario
 from ....files.scenario.traced import Outline
 from ....files.scenario.units import dimension_of
@@ -358,7 +358,7 @@ class DesignSpace:
             q = np.asarray(document["initial"]["versor"])
             document["initial"] = {**document["initial"], "versor": (q / np.linalg.norm(q)).tolist()}
         # Angles may have grown by any number of turns; files allow the principal ones.
-        for frame in _frames_by_angles(document):
+        for frame in [table for _, table in walk(document) if isinstance(table, dict) and "elevation" in table]:
             frame["azimuth"], frame["elevation"] = principal_angles(frame["azimuth"], frame["elevation"])
         # A step that no longer divides the duration would change the number of save times.
         if self._moves("time") and "step" in document["time"]:
@@ -422,9 +422,7 @@ class DesignSpace:
         raise NotImplementedError
 
 
-@programs.jit
-def _numbers(bounds: Bounds, z: Float[Array, " n"]) -> Float[Array, " n"]:
-    return bounds.numbers(z)
+_numbers = programs.jit(Bounds.numbers)
 
 
 @programs.filter_jit
@@ -463,15 +461,6 @@ def _may_be_left_out(path: str, kinds: Mapping[str, Numbers], document: Mapping[
         return path in ("time.start", "time.end") and "saves" in document["time"]
     # Matrices must be rotations, which is checked when they are read, and tolerances are static.
     return key_of(path) in kinds and not path.startswith("solve.") and ".frame.matrix" not in path
-
-
-def _frames_by_angles(value: Any) -> Iterator[dict[str, Any]]:
-    """Yields the frames of rails anywhere in a document that are given by spherical angles."""
-    if isinstance(value, dict) and "elevation" in value:
-        yield value
-    elif isinstance(value, dict | list):
-        for item in value.values() if isinstance(value, dict) else value:
-            yield from _frames_by_angles(item)
 
 
 def _check_paths(paths: tuple[str, ...], document: Mapping[str, Any]) -> None:

@@ -138,7 +138,7 @@ def _run_search(problem: Problem, settings: Settings, folder: Path | None, say: 
         progress.elapsed = time.perf_counter() - began
         phase, step, *leader = progress.history[-1]
         merit = Merit(*leader)
-        say(line(("adam", "polish")[int(phase)], int(step), merit, program.layout.name(int(merit.place))))
+        say(line(("adam", "polish")[int(phase)], int(step), merit, program.terms.layout.name(int(merit.place))))
         if folder is not None:
             save(program, progress, folder, identity)
         if progress.phase == "polish" and progress.step == 0:
@@ -159,7 +159,7 @@ def _run_search(problem: Problem, settings: Settings, folder: Path | None, say: 
         # Only constraints that are violated get a larger margin; the others keep theirs.
         excess = {name: TIGHTENED_BY * max(0.0, fine) for name, (_, fine) in verified.violations.items()}
         say(f"between the samples constraints are violated by {verified.violation:.2e}: tightened")
-        progress = optimiser.tighten(progress, program.layout.spread(excess))
+        progress = optimiser.tighten(progress, program.terms.layout.spread(excess))
     say("evaluating the start, and perturbed balls")
     before = problem.verify(problem.space.start).designed
     numbers = problem.space.values(y)
@@ -168,16 +168,7 @@ def _run_search(problem: Problem, settings: Settings, folder: Path | None, say: 
     # Once more, with the time of the verification; the design itself was saved after the last step.
     if folder is not None:
         save_progress(progress, folder / PROGRESS, identity)
-    return Design(
-        problem=problem,
-        settings=settings,
-        numbers=numbers,
-        check=check,
-        progress=progress,
-        before=before,
-        verified=verified,
-        perturbed=built,
-    )
+    return Design(problem, settings, numbers, check, progress, before, verified, built)
 
 
 def line(phase: str, step: int, merit: Merit, constraint: str) -> str:

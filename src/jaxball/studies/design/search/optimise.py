@@ -65,12 +65,8 @@ class Point(NamedTuple):
 
     def where(self, which: np.ndarray, other: "Point") -> "Point":
         """Returns this point in the starts ``which``, and the other elsewhere."""
-        columns = which[:, None]
-        return Point(
-            np.where(columns, self.y, other.y),
-            np.where(which, self.value, other.value),
-            np.where(columns, self.gradient, other.gradient),
-        )
+        rows = (np.where(which if a.ndim == 1 else which[:, None], a, b) for a, b in zip(self, other, strict=True))
+        return Point(*rows)
 
 
 def bfgs(function: Function, y: Float[np.ndarray, "starts n"], evaluations: int, stationary: float) -> Point:
@@ -380,7 +376,7 @@ class Optimiser:
     def first_multipliers(self, count: int) -> Multipliers:
         """Returns no multipliers, and the first penalty, for each of ``count`` designs."""
         # With multipliers 0 the augmented Lagrangian is the objective with a quadratic penalty, which Adam minimises.
-        nothing = np.zeros((count, self.program.layout.size))
+        nothing = np.zeros((count, self.program.terms.layout.size))
         return Multipliers(nothing, np.full(count, self.settings.penalty), nothing)
 
     def _descend(self, progress: Progress) -> Progress:
@@ -465,7 +461,7 @@ class Optimiser:
         return progress.offer(y, self._merits(lagrangians), self.settings.tolerance)
 
     def _merits(self, lagrangians: Lagrangians) -> list[Merit]:
-        objective = lagrangians.at.terms @ self.program.weights
+        objective = lagrangians.at.terms @ np.asarray(self.program.terms.weights)
         gradient = np.max(np.abs(lagrangians.gradient), axis=1, initial=0.0)
         rows = zip(objective, lagrangians.violation, gradient, lagrangians.worst, strict=True)
         return [Merit(*map(float, row)) for row in rows]

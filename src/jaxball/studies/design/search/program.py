@@ -132,8 +132,11 @@ class AbstractTerms(abc.ABC):
         return self.assess(self.simulate(self.numbers(y), adjoint))
 
 
-class AbstractProgram(AbstractTerms):
-    """Minimise Σ weight · term over the unknowns y, unbounded and of order one, where all constraints hold."""
+class AbstractProgram(abc.ABC):
+    """Minimise Σ weight · term over the unknowns y, unbounded and of order one, where all constraints hold.
+
+    A program whose ``pytree`` is not given has the terms itself.
+    """
 
     @property
     @abc.abstractmethod
@@ -151,6 +154,11 @@ class AbstractProgram(AbstractTerms):
         A PyTree with the same terms is traced, so that programs that differ in numbers alone share these functions.
         """
         return Known(self)
+
+    @property
+    def terms(self) -> AbstractTerms:
+        """The terms and the constraints."""
+        return reveal(self.pytree)
 
 
 class Multipliers(NamedTuple):
@@ -211,7 +219,7 @@ def next_multipliers(terms: AbstractTerms, at: Evaluation, multipliers: Multipli
 
 def by_reverse_mode(program: AbstractProgram) -> Callable[..., Lagrangians]:
     """Returns a function that computes the augmented Lagrangian and its gradient at many points."""
-    return functools.partial(_of_points_by_reverse_mode, program.pytree)
+    return functools.partial(_of_points, _by_reverse_mode, program.pytree)
 
 
 def by_gauss_newton(program: AbstractProgram) -> Callable[..., Lagrangians]:
@@ -221,17 +229,12 @@ def by_gauss_newton(program: AbstractProgram) -> Callable[..., Lagrangians]:
     Terms and constraints as functions of a run enter with all second derivatives, and so do bounds. For a sum of
     squares this is JᵀJ, but no term needs to be written as one.
     """
-    return functools.partial(_of_points_by_gauss_newton, program.pytree)
+    return functools.partial(_of_points, _by_gauss_newton, program.pytree)
 
 
 @programs.filter_jit
-def _of_points_by_reverse_mode(terms: AbstractTerms | Known, y: Float[Array, "points n"], multipliers: Multipliers):
-    return of_rows(functools.partial(_by_reverse_mode, reveal(terms)), y, multipliers)
-
-
-@programs.filter_jit
-def _of_points_by_gauss_newton(terms: AbstractTerms | Known, y: Float[Array, "points n"], multipliers: Multipliers):
-    return of_rows(functools.partial(_by_gauss_newton, reveal(terms)), y, multipliers)
+def _of_points(of_one: Any, terms: AbstractTerms | Known, y: Float[Array, "points n"], multipliers: Multipliers):
+    return of_rows(functools.partial(of_one, reveal(terms)), y, multipliers)
 
 
 def _by_reverse_mode(terms: AbstractTerms, y: Float[Array, " n"], multipliers: Multipliers) -> Lagrangians:
@@ -448,18 +451,6 @@ class Shooting(AbstractProgram):
         return Pieces(self.problem.pytree, Components.of(space.system, space.placed), self.intervals)
 
     @property
-    def weights(self):
-        return self.problem.weights
-
-    @property
-    def layout(self):
-        return self.pytree.layout
-
-    @property
-    def equal(self):
-        return self.pytree.equal
-
-    @property
     def names(self):
         states = np.repeat(np.arange(1, self.intervals), self.pytree.components.size)
         return (*self.problem.space.names, *(f"the state at joint {k}" for k in np.tile(states, self.problem.balls)))
@@ -484,15 +475,6 @@ class Shooting(AbstractProgram):
     def design(self, y: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " n"]:
         """Returns the unknowns of the design space among all unknowns."""
         return y[: self.problem.space.size]
-
-    def numbers(self, y):
-        return self.pytree.numbers(y)
-
-    def simulate(self, numbers, adjoint=None):
-        return self.pytree.simulate(numbers, adjoint)
-
-    def assess(self, runs):
-        return self.pytree.assess(runs)
 
 
 @programs.filter_jit

@@ -241,7 +241,9 @@ def check_gradient(
     if check.from_differences < enough:
         return check
     say(f"compiling a derivative in forward mode, because differences agree to {check.from_differences:.1e} only")
-    forward = _forward(optimiser, *jax.tree.map(jnp.asarray, (y, direction, multipliers)))
+    with compile_quickly():
+        arguments = jax.tree.map(jnp.asarray, (y, direction, multipliers))
+        forward = float(_slope(optimiser.program.pytree, *arguments))
     return check._replace(forward=forward / size)
 
 
@@ -253,13 +255,6 @@ def require_good(check: GradientCheck) -> None:
             f"{MODES_AGREE:g}, but it is off by {check.from_differences:.1e} and {check.between_modes or 0.0:.1e}; "
             f"tighten `solve.rtol` and `solve.atol`, or start elsewhere.\n{check}"
         )
-
-
-@compile_quickly()
-def _forward(
-    optimiser: Optimiser, y: Float[Array, " n"], direction: Float[Array, " n"], multipliers: Multipliers
-) -> float:
-    return float(_slope(optimiser.program.pytree, y, direction, multipliers))
 
 
 @programs.filter_jit
