@@ -1,13 +1,12 @@
 """The settings of XLA's CPU backend: set once, beside the user's own, and only where they are accepted."""
 
 import os
-import subprocess
-import sys
 
 import jaxlib.version
 import pytest
 
 from jaxball.programs import cpu
+from tests.support.scripts import printed_by
 
 
 @pytest.fixture
@@ -76,8 +75,7 @@ def test_programs_run_in_the_thread_that_calls_them():
         import jax
         print(jax.config.read("jax_cpu_enable_async_dispatch"))
     """
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout == "False\n"
+    assert printed_by("-c", program) == "False\n"
 
 
 FORWARD_MODE = """
@@ -102,13 +100,10 @@ np.testing.assert_allclose(slope, across, rtol=1e-6)
 @pytest.mark.long
 def test_derivatives_of_ensembles_in_forward_mode():
     """With other settings, XLA was seen to stop the process."""
-    environment = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
-    done = subprocess.run([sys.executable, "-c", FORWARD_MODE], env=environment, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    printed_by("-c", FORWARD_MODE, env={name: value for name, value in os.environ.items() if name != "XLA_FLAGS"})
 
 
 def test_import_sets_nothing():
     program = "import os, jaxball, jaxball.programs.cpu; print(os.environ.get('XLA_FLAGS'))"
     environment = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
-    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
-    assert done.stdout == "None\n"
+    assert printed_by("-c", program, env=environment) == "None\n"

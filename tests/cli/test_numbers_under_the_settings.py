@@ -1,11 +1,11 @@
 """The settings of XLA change no number: values and derivatives in a process with them and in one without."""
 
 import os
-import subprocess
-import sys
 
 import numpy as np
 import pytest
+
+from tests.support.scripts import printed_by
 
 # The times are few and early, because rounding moves step sizes, and those move the ends of long runs.
 COMPUTE = """
@@ -51,9 +51,7 @@ def test_values_and_derivatives_are_the_same_without_the_settings(tmp_path):
     environment = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
     found = {}
     for settings in ("with", "without"):
-        command = [sys.executable, "-c", COMPUTE, str(tmp_path / f"{settings}.npz"), settings]
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
+        printed_by("-c", COMPUTE, str(tmp_path / f"{settings}.npz"), settings, env=environment)
         found[settings] = np.load(tmp_path / f"{settings}.npz")
     for name, wanted in found["without"].items():
         assert np.all(np.isfinite(wanted)), name

@@ -1,7 +1,8 @@
-"""``jaxball stability``, and ``jaxball chaos`` for charts and Poincaré maps."""
+"""``jaxball stability``, and ``jaxball chaos`` for exponents, charts and Poincaré maps."""
 
 import csv
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 import xarray
 
 from jaxball.cli import main
+from tests.scenario.documents import DISK
 from tests.support.commands import refuses_command
 from tests.support.sentences import said
 
@@ -34,6 +36,19 @@ def folder(command_folder):
     (command_folder / "body.toml").write_text(BODY)
     (command_folder / "top.toml").write_text(TOP)
     return command_folder
+
+
+@pytest.mark.slow
+def test_the_table_of_a_disk_and_its_figure(folder, capsys):
+    (folder / "disk.toml").write_text(DISK)
+    assert main(["chaos", "disk.toml", "--end", "8", "--transient", "2", "--plot", "means.png"]) == 0
+    text = capsys.readouterr().out
+    values = [float(value) for value in re.findall(r"λ\d = +(\S+) ±", text)]
+    assert len(values) == 3
+    assert np.all(np.isfinite(values))
+    assert "The solve reached t = 8." in text
+    assert "least normal force" in text
+    assert (folder / "means.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.thorough
@@ -116,6 +131,8 @@ def test_permanent_rotations_of_a_top(folder, capsys):
         ([*CHART, "body.inertia[0]=1:2:2", "body.inertia[0]=1:2:3"], "body.inertia[0]"),
         ([*CHART, "body.inerta[0]=1:2:2", "body.inertia[0]=1:2:3"], "body.inertia[0]"),
         (["chaos", "body.toml", "--plot", "means.txt"], "--plot"),
+        (["chaos", "ball", "--transient", "50"], "--transient"),
+        (["chaos", "ball", "--exponents", "6"], "--exponents"),
     ],
 )
 def test_bad_arguments(folder, capsys, arguments, named):

@@ -1,14 +1,13 @@
 """What needs no numbers is answered without JAX: help, lists, and refusals, each in a sentence."""
 
 import json
-import subprocess
-import sys
 
 import pytest
 
 from jaxball.cli.dispatch import COMMANDS
 from jaxball.files.scenario import builtin_scenarios
 from jaxball.files.scenario.sources import builtin_text
+from tests.support.scripts import printed_by
 from tests.support.sentences import said
 
 HEAVY = ["jax", "numpy", "equinox", "diffrax", "matplotlib", "xarray", "pandas", "scipy", "tomli_w"]
@@ -95,11 +94,9 @@ def answers(tmp_path_factory):
     (folder / "text.toml").write_text("no TOML")
     commands = [*ANSWERED, *REFUSED]
     asked = json.dumps([[command.split() for command in commands], HEAVY])
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM, asked], cwd=folder, capture_output=True, text=True, check=True
-    )
+    answered = json.loads(printed_by("-c", PROGRAM, asked, cwd=folder))
     assert [path.name for path in folder.iterdir()] == ["text.toml"]
-    return dict(zip(commands, json.loads(done.stdout), strict=True))
+    return dict(zip(commands, answered, strict=True))
 
 
 @pytest.mark.parametrize("command", ANSWERED)
@@ -126,8 +123,7 @@ def test_scenarios_are_those_that_python_shows(answers):
 def test_reading_a_scenario_does_need_them():
     """The negative control."""
     asked = json.dumps([[["validate", "ball"]], HEAVY])
-    done = subprocess.run([sys.executable, "-c", PROGRAM, asked], capture_output=True, text=True, check=True)
-    ((code, output, errors, heavy),) = json.loads(done.stdout)
+    ((code, output, errors, heavy),) = json.loads(printed_by("-c", PROGRAM, asked))
     assert (code, errors) == (0, "")
     assert output.startswith("ball is valid: a scenario, ")
     assert {"jax", "numpy", "equinox"} <= set(heavy)
@@ -143,6 +139,5 @@ def test_a_saved_run_is_drawn_without_solvers(tmp_path):
     ]
     for commands, solves in ((made, True), (drawn, False)):
         asked = json.dumps([commands, ["diffrax"]])
-        done = subprocess.run([sys.executable, "-c", PROGRAM, asked], capture_output=True, text=True, check=True)
-        for code, _, errors, heavy in json.loads(done.stdout):
+        for code, _, errors, heavy in json.loads(printed_by("-c", PROGRAM, asked)):
             assert (code, errors, bool(heavy)) == (0, "", solves)

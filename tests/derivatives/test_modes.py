@@ -16,22 +16,36 @@ INERTIA = (1.0, 2.0, 3.0)
 END = 3.0
 
 
-def omega(w, adjoint=None):
-    """Ω2 at the end of a motion that starts with Ω = (w, 0, 1.5)."""
+def run(w, **options):
+    """A motion that starts with Ω = (w, 0, 1.5)."""
     start = RigidBodyState(Omega=jnp.stack([w, jnp.zeros_like(w), jnp.full_like(w, 1.5)]))
     body = FreeRigidBody(inertia=INERTIA)
-    run = simulate(body, [0.0, END], start, rtol=1e-12, atol=1e-12, adjoint=adjoint, max_steps=256)
-    return run.state.Omega[-1, 1]
+    return simulate(body, [0.0, END], start, rtol=1e-12, atol=1e-12, max_steps=256, **options)
 
 
-def closed_form(w):
-    """B sn(bt | m), Landau & Lifshitz § 37."""
+def omega(w, adjoint=None):
+    """Ω2 at the end."""
+    return run(w, adjoint=adjoint).state.Omega[-1, 1]
+
+
+def elliptic(w):
+    """B, b and m of Ω2 = B sn(bt | m), Landau & Lifshitz § 37."""
     d1, d2, d3 = INERTIA
     energy, momentum = d1 * w**2 + d3 * 1.5**2, d1**2 * w**2 + d3**2 * 1.5**2
     b = mpmath.sqrt((d3 - d2) * (momentum - energy * d1) / (d1 * d2 * d3))
     m = (d2 - d1) * (energy * d3 - momentum) / ((d3 - d2) * (momentum - energy * d1))
-    size = mpmath.sqrt((energy * d3 - momentum) / (d2 * (d3 - d2)))
+    return mpmath.sqrt((energy * d3 - momentum) / (d2 * (d3 - d2))), b, m
+
+
+def closed_form(w):
+    size, b, m = elliptic(w)
     return size * mpmath.ellipfun("sn", b * END, m=m)
+
+
+def derivative(function, n):
+    """By 30 digits."""
+    with mpmath.workdps(30):
+        return float(mpmath.diff(function, mpmath.mpf("0.4"), n))
 
 
 W = jnp.asarray(0.4)
@@ -43,14 +57,7 @@ def test_first_and_second_derivatives_in_forward_mode():
         return omega(w, diffrax.ForwardMode())
 
     both = jaxball.jit(lambda w: (jax.jacfwd(forward)(w), jax.jacfwd(jax.jacfwd(forward))(w)))
-    with mpmath.workdps(30):
-        expected = [float(mpmath.diff(closed_form, mpmath.mpf("0.4"), n)) for n in (1, 2)]
-    np.testing.assert_allclose(both(W), expected, rtol=1e-9)
-
-
-def of_closed_form(n):
-    with mpmath.workdps(30):
-        return float(mpmath.diff(closed_form, mpmath.mpf("0.4"), n))
+    np.testing.assert_allclose(both(W), [derivative(closed_form, n) for n in (1, 2)], rtol=1e-9)
 
 
 @pytest.mark.long
@@ -63,14 +70,14 @@ def test_without_an_adjoint_both_modes_are_there(around):
         lambda w: jax.vjp(omega, w)[1](jnp.ones_like(w))[0],
         jax.grad(jax.checkpoint(omega)),
     ):
-        np.testing.assert_allclose(around(first)(W), of_closed_form(1), rtol=1e-9)
+        np.testing.assert_allclose(around(first)(W), derivative(closed_form, 1), rtol=1e-9)
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("outer", [jax.jacfwd, jax.jacrev], ids=["forward", "reverse"])
 @pytest.mark.parametrize("inner", [jax.jacfwd, jax.jacrev], ids=["over forward", "over reverse"])
 def test_without_an_adjoint_second_derivatives_are_there(outer, inner):
-    np.testing.assert_allclose(jax.jit(outer(inner(omega)))(W), of_closed_form(2), rtol=1e-9)
+    np.testing.assert_allclose(jax.jit(outer(inner(omega)))(W), derivative(closed_form, 2), rtol=1e-9)
 
 
 @pytest.mark.long
@@ -123,19 +130,12 @@ def crossing(system, t, state):
 
 
 def time_of_crossing(w):
-    start = RigidBodyState(Omega=jnp.stack([w, jnp.zeros_like(w), jnp.full_like(w, 1.5)]))
-    body, events = FreeRigidBody(inertia=INERTIA), {"crossing": Event(crossing, capacity=1)}
-    run = simulate(body, [0.0, END], start, events=events, rtol=1e-12, atol=1e-12, max_steps=256)
-    return run.events["crossing"].times[0]
+    return run(w, events={"crossing": Event(crossing, capacity=1)}).events["crossing"].times[0]
 
 
 def time_in_closed_form(w):
     """The least t > 0 with B sn(bt | m) = −0.1, up to the sign of sn."""
-    d1, d2, d3 = INERTIA
-    energy, momentum = d1 * w**2 + d3 * 1.5**2, d1**2 * w**2 + d3**2 * 1.5**2
-    b = mpmath.sqrt((d3 - d2) * (momentum - energy * d1) / (d1 * d2 * d3))
-    m = (d2 - d1) * (energy * d3 - momentum) / ((d3 - d2) * (momentum - energy * d1))
-    size = mpmath.sqrt((energy * d3 - momentum) / (d2 * (d3 - d2)))
+    size, b, m = elliptic(w)
     # Up from 0 and down again, through 0, to −0.1.
     return (2 * mpmath.ellipk(m) + mpmath.ellipf(mpmath.asin(0.1 / size), m)) / b
 
@@ -152,8 +152,7 @@ def time_in_closed_form(w):
 )
 def test_events_have_second_derivatives(outer, inner):
     """Against those of an elliptic integral; 1e-8, because dense output errs by some 100 tolerances."""
-    with mpmath.workdps(30):
-        expected = float(mpmath.diff(time_in_closed_form, mpmath.mpf("0.4"), 2))
+    expected = derivative(time_in_closed_form, 2)
     np.testing.assert_allclose(jax.jit(outer(inner(time_of_crossing)))(W), expected, rtol=1e-8)
 
 

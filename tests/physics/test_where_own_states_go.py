@@ -3,9 +3,6 @@
 All are linear, so that each has a closed form.
 """
 
-import subprocess
-import sys
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -21,6 +18,7 @@ from jaxball.files.scenario import Units
 from jaxball.physics import OwnStates
 from jaxball.physics.sensors import AbstractSensor, Gyroscope, SensorErrors
 from jaxball.studies.sweep import open_store
+from tests.support.scripts import printed_by
 from tests.support.sentences import refuses
 from tests.sweep.studies import study
 
@@ -133,7 +131,7 @@ np.testing.assert_allclose(run.state.own[-1], [-30.0, 30.0], rtol=1e-5)
 
 @pytest.mark.thorough
 def test_an_odometer_counts_in_single_precision():
-    subprocess.run([sys.executable, "-c", IN_SINGLE], check=True, timeout=300)
+    printed_by("-c", IN_SINGLE, timeout=300)
 
 
 def with_losses(t, state):

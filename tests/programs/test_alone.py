@@ -1,11 +1,11 @@
 """The compiler is a guest: taken out of jaxball, under another name, it compiles what knows nothing of balls."""
 
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from tests.support.scripts import printed_by
 
 SOURCE = Path(__file__).parents[2] / "src/jaxball"
 # As its README says; that these import nothing else, `lint-imports` holds.
@@ -63,6 +63,4 @@ def test_a_pendulum_of_diffrax_by_the_compiler_alone(tmp_path):
         copy = shutil.copytree if (SOURCE / name).is_dir() else shutil.copy
         copy(SOURCE / name, package / name)
     (tmp_path / "pendulum.py").write_text(PENDULUM)
-    command = [sys.executable, "-W", "error", "pendulum.py"]
-    done = subprocess.run(command, cwd=tmp_path, env={"PATH": ""}, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stderr
+    printed_by("-W", "error", "pendulum.py", cwd=tmp_path, env={"PATH": ""}, timeout=300)

@@ -2,8 +2,6 @@
 
 import _thread
 import os
-import subprocess
-import sys
 import textwrap
 import threading
 import warnings
@@ -19,6 +17,7 @@ from jaxball import programs
 from jaxball.programs.computation import ROWS_OF_BLOCK
 from jaxball.programs.operation import in_threads
 from tests.support.precision import enable_x64
+from tests.support.scripts import printed_by
 
 
 def plain(x, y, count):
@@ -326,10 +325,7 @@ def test_within_another_program_only_what_is_steered_is_an_operation(steered):
 
 
 def in_new_process(code, *flags, **environment):
-    command = [sys.executable, "-c", textwrap.dedent(code), *flags]
-    done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, **environment}, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    return printed_by("-c", textwrap.dedent(code), *flags, env={**os.environ, **environment})
 
 
 KEPT = """

@@ -1,7 +1,6 @@
 """What a trace is made for, which JAX's caches must know from the first trace on."""
 
-import subprocess
-import sys
+from tests.support.scripts import printed_by
 
 SCRIPT = """
 import jax
@@ -23,5 +22,4 @@ print(len(traces))
 
 
 def test_a_function_that_uses_jaxball_first_is_traced_once():
-    done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["1"]
+    assert printed_by("-c", SCRIPT).split() == ["1"]

@@ -1,10 +1,8 @@
 """In float32 the default tolerances cannot be met, and the refusal says what to do."""
 
-import subprocess
-import sys
-
 import pytest
 
+from tests.support.scripts import printed_by
 from tests.support.sentences import said
 
 pytestmark = pytest.mark.any_precision
@@ -28,9 +26,7 @@ except jaxball.simulation.PrecisionError as refused:
 
 @pytest.fixture(scope="module")
 def sentence():
-    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    return printed_by("-c", PROGRAM)
 
 
 @pytest.mark.thorough

@@ -3,6 +3,8 @@
 The paper's own differential-algebraic equation is in ``test_dae_of_the_ball``.
 """
 
+import functools
+
 import diffrax
 import jax
 import jax.numpy as jnp
@@ -11,6 +13,7 @@ import pytest
 import scipy.linalg
 
 from jaxball.simulation.solvers import (
+    NDF,
     TRBDF2,
     FixedPoint,
     Gauss,
@@ -18,28 +21,21 @@ from jaxball.simulation.solvers import (
     RadauIIA,
     SimplifiedNewton,
     StepToKinks,
-    SwitchingMassMatrixTerm,
     Trapezoidal,
     consistent_initial_values,
     explain,
 )
+from jaxball.simulation.solvers.multistep import controller_class
+from tests.solvers import solving
+from tests.solvers.solving import BALANCE, MIXED, TURN, mixed
 from tests.support.sentences import refuses, said
 
 
-def solve(term, x0, end, *, solver=None, tolerance=1e-11, kinks=None, saveat=None):
-    controller = diffrax.PIDController(rtol=tolerance, atol=tolerance)
-    return diffrax.diffeqsolve(
-        term,
-        RadauIIA(5) if solver is None else solver,
-        0.0,
-        end,
-        None,
-        jax.tree.map(jnp.asarray, x0),
-        stepsize_controller=controller if kinks is None else StepToKinks(controller, kinks),
-        adjoint=diffrax.ForwardMode(),
-        saveat=diffrax.SaveAt(t1=True) if saveat is None else saveat,
-        throw=False,
-    )
+def solve(term, x0, end, *, solver=None, tolerance=1e-11, kinks=None, **options):
+    solver = RadauIIA(5) if solver is None else solver
+    controller = controller_class(solver)(rtol=tolerance, atol=tolerance)
+    controller = controller if kinks is None else StepToKinks(controller, kinks)
+    return solving.solve(term, solver, x0, end, stepsize_controller=controller, throw=False, **options)
 
 
 def at_end(solution):
@@ -47,51 +43,46 @@ def at_end(solution):
     return jax.tree.map(lambda leaf: np.asarray(leaf[-1]), solution.ys)
 
 
-def mixed(t, x, args):
-    """With u = x₁ + x₂ and v = x₁ − x₂: u̇ = −u and 0 = v − sin t, both in both equations."""
-    u, v = x[0] + x[1], x[0] - x[1]
-    return jnp.stack([-u + 3.0 * (v - jnp.sin(t)), -u - 3.0 * (v - jnp.sin(t))])
-
-
-# M ẋ = (u̇, u̇)
-MIXED = MassMatrixTerm(mixed, np.ones((2, 2)))
-
-
-def balance(t, x, args):
-    """ẏ = −z with 0 = z − y before t = 1 and 0 = z − 2y after it."""
-    factor = jnp.where(t < 1.0, 1.0, 2.0)
-    return {"y": -x["z"], "z": x["z"] - factor * x["y"]}
-
-
-BALANCE = MassMatrixTerm(balance, {"y": 1.0, "z": 0.0})
-
 TIMES = (0.3, 0.999, 1.001, 1.4, 2.0)
 
 
-@jax.jit
-def balanced(kinks):
+@functools.partial(jax.jit, static_argnums=(1, 2))
+def balanced(kinks, solver=None, tolerance=1e-11):
     saveat = diffrax.SaveAt(ts=jnp.asarray(TIMES))
-    return solve(BALANCE, {"y": 1.0, "z": 1.0}, 2.0, kinks=kinks, saveat=saveat)
+    return solve(BALANCE, {"y": 1.0, "z": 1.0}, 2.0, solver=solver, tolerance=tolerance, kinks=kinks, saveat=saveat)
 
 
-class TestClosedSolutions:
-    @pytest.mark.long
-    def test_singular_matrix_that_is_not_diagonal(self):
+ORDER_TWO = (Trapezoidal(), TRBDF2())
+# Each with its tolerance and a bound on its errors.
+METHODS = {
+    "radau 5": (RadauIIA(5), 1e-11, 1e-11),
+    "trapezoidal": (Trapezoidal(), 1e-8, 2e-6),
+    "tr-bdf2": (TRBDF2(), 1e-8, 2e-6),
+    "ndf": (NDF(), 1e-9, 1e-7),
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("solver", "tolerance", "bound"), METHODS.values(), ids=METHODS.keys())
+class TestEveryMethod:
+    def test_singular_matrix_that_is_not_diagonal(self, solver, tolerance, bound):
         u, v = np.exp(-2.0), np.sin(2.0)
-        x = at_end(solve(MIXED, [0.5, 0.5], 2.0))
-        np.testing.assert_allclose(x, [(u + v) / 2, (u - v) / 2], rtol=0, atol=1e-11)
+        x = at_end(solve(MIXED, [0.5, 0.5], 2.0, solver=solver, tolerance=tolerance))
+        np.testing.assert_allclose(x, [(u + v) / 2, (u - v) / 2], rtol=0, atol=bound)
+        np.testing.assert_allclose(x[0] - x[1], v, rtol=0, atol=1e-9)
 
-    @pytest.mark.thorough
-    def test_algebraic_variable_that_jumps(self):
+    def test_algebraic_variable_that_jumps(self, solver, tolerance, bound):
         """Both are e^−t at first; then y = e^−1 e^−2(t − 1) and z = 2y."""
         t = np.asarray(TIMES)
         y = np.where(t < 1.0, np.exp(-t), np.exp(1.0 - 2.0 * t))
-        solution = balanced(jnp.asarray([1.0]))
+        solution = balanced(jnp.asarray([1.0]), solver, tolerance)
         assert not explain(solution.result)
-        np.testing.assert_allclose(solution.ys["y"], y, rtol=0, atol=1e-10)
-        np.testing.assert_allclose(solution.ys["z"], np.where(t < 1.0, y, 2.0 * y), rtol=0, atol=2e-10)
-        np.testing.assert_allclose(solution.ys["y"][-1], y[-1], rtol=0, atol=1e-11)
+        np.testing.assert_allclose(solution.ys["y"], y, rtol=0, atol=bound)
+        np.testing.assert_allclose(solution.ys["z"], np.where(t < 1.0, y, 2.0 * y), rtol=0, atol=2 * bound)
+        np.testing.assert_allclose(solution.ys["z"][-1], 2.0 * solution.ys["y"][-1], rtol=0, atol=1e-9)
 
+
+class TestClosedSolutions:
     @pytest.mark.thorough
     def test_steps_to_the_jump_spare_the_search_for_it(self):
         stepped, searched = balanced(jnp.asarray([1.0])), balanced(jnp.asarray([-1.0]))
@@ -133,26 +124,9 @@ class TestClosedSolutions:
         np.testing.assert_allclose(x["s"], p.sum() + q, rtol=0, atol=3e-11)
 
 
-ORDER_TWO = [Trapezoidal(), TRBDF2()]
-
-
 @pytest.mark.parametrize("solver", ORDER_TWO, ids=lambda solver: type(solver).__name__)
 class TestMethodsOfOrderTwo:
     """With first stages that are explicit, which the equations without a derivative do not have."""
-
-    @pytest.mark.long
-    def test_singular_matrix_that_is_not_diagonal(self, solver):
-        u, v = np.exp(-2.0), np.sin(2.0)
-        x = at_end(solve(MIXED, [0.5, 0.5], 2.0, solver=solver, tolerance=1e-8))
-        np.testing.assert_allclose(x, [(u + v) / 2, (u - v) / 2], rtol=0, atol=2e-6)
-        np.testing.assert_allclose(x[0] - x[1], v, rtol=0, atol=1e-9)
-
-    @pytest.mark.thorough
-    def test_algebraic_variable_that_jumps(self, solver):
-        solution = solve(BALANCE, {"y": 1.0, "z": 1.0}, 2.0, solver=solver, tolerance=1e-8, kinks=jnp.asarray([1.0]))
-        x = at_end(solution)
-        np.testing.assert_allclose(x["y"], np.exp(-3.0), rtol=0, atol=3e-6)
-        np.testing.assert_allclose(x["z"], 2.0 * x["y"], rtol=0, atol=1e-9)
 
     @pytest.mark.thorough
     def test_states_within_steps(self, solver):
@@ -167,17 +141,7 @@ class TestMethodsOfOrderTwo:
     @pytest.mark.thorough
     def test_the_equation_that_is_without_a_derivative_changes(self, solver):
         """A point turns on a circle: x² + y² = 1 determines the larger component, the other has a derivative."""
-
-        def field(t, x, args, first):
-            rates, constraint = jnp.stack([-x[1], x[0]]), x[0] ** 2 + x[1] ** 2 - 1
-            return jnp.where(jnp.stack([first, ~first]), constraint, rates)
-
-        term = SwitchingMassMatrixTerm(
-            field,
-            mass=lambda first: jnp.where(first, jnp.array([0.0, 1.0]), jnp.array([1.0, 0.0])),
-            choose=lambda t, x, args: jnp.abs(x[0]) > jnp.abs(x[1]),
-        )
-        x = at_end(solve(term, np.array([1.0, 0.0]), 10.0, solver=solver, tolerance=1e-8))
+        x = at_end(solve(TURN, np.array([1.0, 0.0]), 10.0, solver=solver, tolerance=1e-8))
         np.testing.assert_allclose(x, [np.cos(10.0), np.sin(10.0)], rtol=0, atol=5e-5)
 
     @pytest.mark.thorough

@@ -27,6 +27,7 @@ from jaxball.simulation.solvers import (
     explain,
 )
 from jaxball.simulation.solvers.multistep import controller_class
+from tests.solvers.solving import solve
 from tests.support.sentences import refuses
 
 SYSTEM, ANGLES = paper.ball().with_integrated_angles()
@@ -54,19 +55,10 @@ def program(term, stages):
         controller = controller_class(solver)(rtol=tolerance, atol=tolerance)
         controller = diffrax.ClipStepSizeController(controller, step_ts=times)
         saved = diffrax.SubSaveAt(ts=times), diffrax.SubSaveAt(steps=True)
-        return diffrax.diffeqsolve(
-            {"switching": SWITCHING, "fixed": FIXED}[term],
-            solver,
-            times[0],
-            times[-1],
-            None,
-            x0,
-            args=BALL,
-            stepsize_controller=StepToKinks(controller, SYSTEM.driving_kinks()),
-            saveat=diffrax.SaveAt(subs=saved),
-            adjoint=diffrax.ForwardMode(),
-            throw=False,
-        )
+        controller = StepToKinks(controller, SYSTEM.driving_kinks())
+        options = {"stepsize_controller": controller, "saveat": diffrax.SaveAt(subs=saved), "throw": False}
+        terms = {"switching": SWITCHING, "fixed": FIXED}
+        return solve(terms[term], solver, x0, times[-1], start=times[0], args=BALL, **options)
 
     return run
 

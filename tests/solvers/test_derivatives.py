@@ -23,6 +23,7 @@ from jaxball.simulation.solvers import (
     Trapezoidal,
 )
 from jaxball.simulation.solvers.multistep import controller_class
+from tests.solvers.solving import solve
 
 P = np.array([1.1, 0.4, 0.7, 2.0, 1.0])
 WEIGHTS = np.array([0.3, -0.7])
@@ -93,18 +94,7 @@ def end(solver, tolerance, adjoint, p, steps=CHOSEN, *, algebraic=False):
     # A method of variable order does not keep a step whose error is too large.
     bounds = {"dtmax": steps[1]} if isinstance(solver, NDF) else {"dtmin": steps[0], "dtmax": steps[1]}
     controller = controller_class(solver)(tolerance, tolerance, **bounds)
-    solution = diffrax.diffeqsolve(
-        term,
-        solver,
-        0.0,
-        3.0,
-        None,
-        x0,
-        args=p,
-        stepsize_controller=controller,
-        adjoint=adjoint,
-    )
-    return solution.ys[0, :2]
+    return solve(term, solver, x0, 3.0, args=p, stepsize_controller=controller, adjoint=adjoint).ys[0, :2]
 
 
 def run(name, adjoint):

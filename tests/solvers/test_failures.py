@@ -25,7 +25,7 @@ from jaxball.simulation.solvers import (
     Trapezoidal,
     explain,
 )
-from jaxball.simulation.solvers.multistep import controller_class
+from tests.solvers.solving import solve
 from tests.support.sentences import refuses, said
 
 NOT_FINITE = "vector field is not a finite number"
@@ -66,20 +66,8 @@ def field(t, x, index):
 def program(solver):
     @jax.jit
     def run(index):
-        solution = diffrax.diffeqsolve(
-            diffrax.ODETerm(field),
-            SOLVERS[solver],
-            0.0,
-            1.0,
-            None,
-            jnp.asarray(1.0),
-            args=index,
-            stepsize_controller=controller_class(SOLVERS[solver])(rtol=1e-8, atol=1e-8),
-            saveat=diffrax.SaveAt(steps=True),
-            max_steps=MOST_STEPS,
-            adjoint=diffrax.ForwardMode(),
-            throw=False,
-        )
+        options = {"saveat": diffrax.SaveAt(steps=True), "max_steps": MOST_STEPS, "throw": False}
+        solution = solve(field, SOLVERS[solver], 1.0, 1.0, 1e-8, args=index, **options)
         return solution.ts, solution.ys, solution.result
 
     return run
@@ -166,18 +154,8 @@ class TestConstantSteps:
     def program(self, solver, fields):
         @jax.jit
         def run(index):
-            solution = diffrax.diffeqsolve(
-                diffrax.ODETerm(lambda t, x, index: jax.lax.switch(index, fields, t, x)),
-                solver,
-                0.0,
-                5.0,
-                1.0,
-                jnp.asarray(5.0),
-                args=index,
-                stepsize_controller=diffrax.ConstantStepSize(),
-                adjoint=diffrax.ForwardMode(),
-                throw=False,
-            )
+            field = lambda t, x, index: jax.lax.switch(index, fields, t, x)  # noqa: E731
+            solution = solve(field, solver, 5.0, 5.0, step=1.0, args=index, throw=False)
             return solution.ts[-1], solution.result
 
         return run
@@ -197,32 +175,21 @@ class TestMassMatrices:
         "pole": (lambda t, x: [jnp.ones_like(t), (0.5 - x[0]) * x[1] - 1.0], (0.0, 2.0), NO_CONVERGENCE),
     }
 
-    @functools.cached_property
-    def program(self):
+    @functools.cache  # noqa: B019
+    def program(self, solver):
         fields = [lambda t, x, g=g: jnp.stack(g(t, x)) for g, _, _ in self.cases.values()]
         term = MassMatrixTerm(lambda t, x, index: jax.lax.switch(index, fields, t, x), np.array([1.0, 0.0]))
 
-        @jax.jit
-        def run(index, x0):
-            return diffrax.diffeqsolve(
-                term,
-                RadauIIA(3),
-                0.0,
-                1.0,
-                None,
-                x0,
-                args=index,
-                stepsize_controller=diffrax.PIDController(rtol=1e-8, atol=1e-8),
-                adjoint=diffrax.ForwardMode(),
-                throw=False,
-            ).result
-
-        return run
+        return jax.jit(lambda index, x0: solve(term, solver, x0, 1.0, 1e-8, args=index, throw=False).result)
 
     @pytest.mark.thorough
-    def test_each_names_its_cause(self):
-        for index, (name, (_, x0, sentence)) in enumerate(self.cases.items()):
-            result = self.program(index, jnp.asarray(x0))
+    @pytest.mark.parametrize(
+        ("solver", "names"), [(RadauIIA(3), cases), (NDF(), ("index two", "inconsistent"))], ids=["radau 3", "ndf"]
+    )
+    def test_each_names_its_cause(self, solver, names):
+        for name in names:
+            _, x0, sentence = self.cases[name]
+            result = self.program(solver)(list(self.cases).index(name), jnp.asarray(x0))
             assert result != diffrax.RESULTS.successful, name
             assert sentence in explain(result), name
 
@@ -305,4 +272,4 @@ class TestWrongArguments:
 
 def solve_once(term, solver, x0):
     controller = diffrax.PIDController(rtol=1e-3, atol=1e-3)
-    return diffrax.diffeqsolve(term, solver, 0.0, 1.0, 0.1, x0, stepsize_controller=controller)
+    return solve(term, solver, x0, 1.0, step=0.1, stepsize_controller=controller)

@@ -9,6 +9,7 @@ import pytest
 
 from jaxball.simulation import solvers
 from tests.solvers.fixed_steps import FIXED_POINT, NEWTON, observed_order
+from tests.solvers.solving import solve
 
 EPS = np.finfo(float).eps
 END = 10.0
@@ -47,18 +48,9 @@ def normalised(q):
 @eqx.filter_jit
 def run(solver, times, steps, y0):
     """The solution at ``times``, by equal steps from the first to the last."""
-    solution = diffrax.diffeqsolve(
-        diffrax.ODETerm(kinematics),
-        solver,
-        times[0],
-        times[-1],
-        (times[-1] - times[0]) / steps,
-        y0,
-        saveat=diffrax.SaveAt(ts=times),
-        stepsize_controller=diffrax.ConstantStepSize(),
-        max_steps=2000,
-    )
-    return solution.ys
+    start, end = times[0], times[-1]
+    options = {"saveat": diffrax.SaveAt(ts=times), "max_steps": 2000}
+    return solve(kinematics, solver, y0, end, start=start, step=(end - start) / steps, **options).ys
 
 
 def turn(solver, steps, times=ENDS, start=None):
@@ -156,17 +148,8 @@ def test_projected_dense_output_is_on_the_sphere_and_keeps_its_order(solver):
 
 @pytest.mark.thorough
 def test_projection_goes_with_step_size_control():
-    solution = diffrax.diffeqsolve(
-        diffrax.ODETerm(kinematics),
-        solvers.Projected(solvers.RadauIIA(3), normalised),
-        0.0,
-        END,
-        None,
-        orientation(0.0),
-        saveat=diffrax.SaveAt(steps=True, dense=True),
-        stepsize_controller=diffrax.PIDController(rtol=1e-8, atol=1e-8),
-        max_steps=1000,
-    )
+    solver, saveat = solvers.Projected(solvers.RadauIIA(3), normalised), diffrax.SaveAt(steps=True, dense=True)
+    solution = solve(kinematics, solver, orientation(0.0), END, 1e-8, saveat=saveat, max_steps=1000)
     q = np.asarray(solution.ys)[np.isfinite(np.asarray(solution.ts))]
     assert off_the_sphere(q) <= 2 * EPS
     np.testing.assert_allclose(q[-1], orientation(END), rtol=0, atol=1e-6)

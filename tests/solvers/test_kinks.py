@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 from jaxball.simulation import solvers
+from jaxball.simulation.solvers.multistep import controller_class
+from tests.solvers import solving
 
 JUMPS = np.array([1.0, -1.5, 0.8, -0.7])
 START, END = 0.25, 5.0
@@ -56,19 +58,9 @@ def plain(controller, kinks):
 @eqx.filter_jit
 def solve(control, kinks, start, end, solver=DOPRI8, field=from_the_right, adjoint=REVERSE):
     """y at ``end`` and the numbers of steps that were kept and rejected."""
-    by_tolerances = solvers.AdamsController if isinstance(solver, solvers.Adams) else diffrax.PIDController
-    solution = diffrax.diffeqsolve(
-        diffrax.ODETerm(field),
-        solver,
-        start,
-        end,
-        None,
-        jnp.array(1.0),
-        kinks,
-        stepsize_controller=control(by_tolerances(rtol=TOLERANCE, atol=TOLERANCE), kinks),
-        adjoint=adjoint,
-        max_steps=4000,
-    )
+    controller = control(controller_class(solver)(rtol=TOLERANCE, atol=TOLERANCE), kinks)
+    options = {"stepsize_controller": controller, "adjoint": adjoint, "max_steps": 4000}
+    solution = solving.solve(field, solver, 1.0, end, start=start, args=kinks, **options)
     stats = solution.stats
     return solution.ys[0], stats["num_accepted_steps"], stats["num_rejected_steps"]
 

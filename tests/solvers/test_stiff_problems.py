@@ -26,6 +26,7 @@ from jaxball.simulation.solvers import (
     explain,
 )
 from jaxball.simulation.solvers.multistep import controller_class
+from tests.solvers import solving
 
 ODES = ("robertson", "van-der-pol", "van-der-pol-scaled", "hires", "orego")
 # Every problem as one of as many equations, most of them ẋ = 0, so that one program solves them all.
@@ -123,20 +124,10 @@ def ode():
 def program(solver, make_term=ode):
     @jax.jit
     def run(index, x0, end, rtol, atol):
-        solution = diffrax.diffeqsolve(
-            make_term(),
-            SOLVERS[solver],
-            0.0,
-            end,
-            None,
-            x0,
-            args=index,
-            # The norm is one that components at rest do not change.
-            stepsize_controller=controller_class(SOLVERS[solver])(rtol=rtol, atol=atol, norm=optimistix.max_norm),
-            max_steps=20_000,
-            adjoint=diffrax.ForwardMode(),
-            throw=False,
-        )
+        # The norm is one that components at rest do not change.
+        controller = controller_class(SOLVERS[solver])(rtol=rtol, atol=atol, norm=optimistix.max_norm)
+        options = {"stepsize_controller": controller, "max_steps": 20_000, "throw": False}
+        solution = solving.solve(make_term(), SOLVERS[solver], x0, end, args=index, **options)
         return solution.ys[0], solution.result
 
     return run

@@ -19,12 +19,11 @@ from jaxball.simulation.solvers import (
     MassMatrixTerm,
     RadauIIA,
     SimplifiedNewton,
-    SwitchingMassMatrixTerm,
     TailError,
     Trapezoidal,
     explain,
 )
-from jaxball.simulation.solvers.multistep import controller_class
+from tests.solvers.solving import TURN, solve
 
 # With tolerances, and bounds on the errors of an oscillation: at the ends of steps, between them, of the slope between.
 SOLVERS = {
@@ -38,28 +37,14 @@ SOLVERS = {
 SLOW = pytest.mark.slow
 
 
-def pid(tolerance):
-    return diffrax.PIDController(rtol=tolerance, atol=tolerance)
-
-
 class TestBatches:
     """Lanes of van der Pol's oscillation from mild to stiff, and one that fails."""
 
     mu = np.array([1.0, 30.0, np.nan, 1e3])
 
     def one(self, solver, mu):
-        solution = diffrax.diffeqsolve(
-            diffrax.ODETerm(lambda t, x, mu: jnp.stack([x[1], mu * (1.0 - x[0] ** 2) * x[1] - x[0]])),
-            solver,
-            0.0,
-            2.0,
-            None,
-            jnp.asarray([2.0, 0.0]),
-            args=mu,
-            stepsize_controller=controller_class(solver)(rtol=1e-6, atol=1e-6),
-            adjoint=diffrax.ForwardMode(),
-            throw=False,
-        )
+        field = lambda t, x, mu: jnp.stack([x[1], mu * (1.0 - x[0] ** 2) * x[1] - x[0]])  # noqa: E731
+        solution = solve(field, solver, jnp.asarray([2.0, 0.0]), 2.0, 1e-6, args=mu, throw=False)
         return solution.ys[0], solution.stats["num_accepted_steps"], solution.result == diffrax.RESULTS.successful
 
     @pytest.mark.long
@@ -92,24 +77,7 @@ class TestBatches:
     def test_each_lane_has_its_own_algebraic_component(self):
         """(cos t, sin t) with |x| = 1 for the rate of the larger component, from different angles."""
         angles = np.array([0.1, 0.7, 2.0])
-
-        def field(t, x, args, component):
-            rates = jnp.stack([-x[1], x[0]])
-            return jnp.where(jnp.arange(2) == component, jnp.sum(x * x) - 1.0, rates)
-
-        term = SwitchingMassMatrixTerm(
-            field,
-            mass=lambda component: jnp.where(jnp.arange(2) == component, 0.0, 1.0),
-            choose=lambda t, x, args: jnp.argmax(jnp.abs(x)),
-        )
-
-        @jax.jit
-        @jax.vmap
-        def run(x0):
-            return diffrax.diffeqsolve(
-                term, RadauIIA(5), 0.0, 7.0, None, x0, stepsize_controller=pid(1e-10), adjoint=diffrax.ForwardMode()
-            ).ys[0]
-
+        run = jax.jit(jax.vmap(lambda x0: solve(TURN, RadauIIA(5), x0, 7.0, 1e-10).ys[0]))
         found = run(jnp.stack([np.cos(angles), np.sin(angles)], axis=1))
         expected = np.stack([np.cos(angles + 7.0), np.sin(angles + 7.0)], axis=1)
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
@@ -134,19 +102,9 @@ class TestSaving:
     @functools.cache  # noqa: B019
     def solution(self, name):
         solver, tolerance, *_ = SOLVERS[name]
-        return diffrax.diffeqsolve(
-            OSCILLATOR,
-            solver,
-            2.0,
-            -1.0,
-            None,
-            oscillation(jnp.asarray(2.0)),
-            stepsize_controller=pid(tolerance),
-            adjoint=diffrax.ForwardMode(),
-            saveat=diffrax.SaveAt(
-                subs=[diffrax.SubSaveAt(ts=jnp.asarray(self.times)), diffrax.SubSaveAt(steps=True)], dense=True
-            ),
-        )
+        subs = [diffrax.SubSaveAt(ts=jnp.asarray(self.times)), diffrax.SubSaveAt(steps=True)]
+        saveat = diffrax.SaveAt(subs=subs, dense=True)
+        return solve(OSCILLATOR, solver, oscillation(jnp.asarray(2.0)), -1.0, tolerance, start=2.0, saveat=saveat)
 
     @pytest.mark.long
     def test_at_given_times(self, name):
@@ -183,17 +141,7 @@ def test_event(name):
     """The oscillation passes zero at π/2, within a step."""
     solver, tolerance, _, bound, _ = SOLVERS[name]
     event = diffrax.Event(lambda t, y, args, **_: y["place"][0], root_finder=optimistix.Newton(1e-13, 1e-13))
-    solution = diffrax.diffeqsolve(
-        OSCILLATOR,
-        solver,
-        0.0,
-        5.0,
-        None,
-        oscillation(jnp.asarray(0.0)),
-        stepsize_controller=pid(tolerance),
-        adjoint=diffrax.ForwardMode(),
-        event=event,
-    )
+    solution = solve(OSCILLATOR, solver, oscillation(jnp.asarray(0.0)), 5.0, tolerance, event=event)
     assert explain(solution.result) == "An event ended the solve."
     np.testing.assert_allclose(solution.ts[-1], np.pi / 2, rtol=0, atol=bound)
     np.testing.assert_allclose(solution.ys["place"][-1], 0.0, rtol=0, atol=1e-12)
@@ -206,31 +154,14 @@ def test_mass_matrix_backward_in_time():
         lambda t, x, args: {"x": -x["z"], "z": x["z"] - x["x"] * (2.0 + jnp.cos(t))}, {"x": 1.0, "z": 0.0}
     )
     x, z = np.exp(-4.0 - np.sin(2.0)), (2.0 + np.cos(2.0)) * np.exp(-4.0 - np.sin(2.0))
-    solution = diffrax.diffeqsolve(
-        term,
-        RadauIIA(5),
-        2.0,
-        0.0,
-        None,
-        {"x": jnp.asarray(x), "z": jnp.asarray(z)},
-        stepsize_controller=pid(1e-11),
-        adjoint=diffrax.ForwardMode(),
-    )
+    solution = solve(term, RadauIIA(5), {"x": x, "z": z}, 0.0, 1e-11, start=2.0)
     np.testing.assert_allclose([solution.ys["x"][0], solution.ys["z"][0]], [1.0, 3.0], rtol=1e-9)
 
 
 @pytest.mark.thorough
 def test_progress_meter(capfd):
-    diffrax.diffeqsolve(
-        OSCILLATOR,
-        RadauIIA(3),
-        0.0,
-        10.0,
-        None,
-        oscillation(jnp.asarray(0.0)),
-        stepsize_controller=pid(1e-6),
-        progress_meter=diffrax.TextProgressMeter(minimum_increase=0.2),
-    )
+    meter = diffrax.TextProgressMeter(minimum_increase=0.2)
+    solve(OSCILLATOR, RadauIIA(3), oscillation(jnp.asarray(0.0)), 10.0, 1e-6, progress_meter=meter)
     jax.effects_barrier()
     shown = capfd.readouterr().out
     assert "0.00%" in shown
@@ -250,17 +181,7 @@ def relaxed(solver, start, algebraic=False):
         x0 = jnp.append(x0, jnp.ones_like(x0))
         field = lambda t, x, args: jnp.stack([-50.0 * (x[0] - x[1]), x[1] - jnp.cos(t)])  # noqa: E731
         term = MassMatrixTerm(field, np.array([1.0, 0.0]))
-    solution = diffrax.diffeqsolve(
-        term,
-        solver,
-        start,
-        start + 2,
-        None,
-        x0,
-        stepsize_controller=pid(1e-4),
-        adjoint=diffrax.ForwardMode(),
-        throw=False,
-    )
+    solution = solve(term, solver, x0, start + 2, 1e-4, start=start, throw=False)
     assert not explain(solution.result)
     return solution.ys[0, 0]
 
@@ -299,8 +220,7 @@ def test_a_solver_is_compiled_once():
     @functools.partial(jax.jit, static_argnums=0)
     def run(solver, x0):
         traced.append(solver)
-        term = diffrax.ODETerm(lambda t, x, args: -x)
-        return diffrax.diffeqsolve(term, solver, 0.0, 1.0, None, x0, stepsize_controller=pid(1e-6)).ys[0]
+        return solve(lambda t, x, args: -x, solver, x0, 1.0, 1e-6).ys[0]
 
     for x0 in (1.0, 2.0):
         solver = RadauIIA(3, root_finder=FixedPoint())
@@ -320,16 +240,8 @@ def test_a_norm_may_be_of_a_part_of_the_state():
 
     @jaxball.jit
     def run(x0):
-        solution = diffrax.diffeqsolve(
-            diffrax.ODETerm(oscillate),
-            RadauIIA(stages=5),
-            0.0,
-            2.0,
-            None,
-            {"x": x0, "v": jnp.zeros_like(x0)},
-            stepsize_controller=diffrax.PIDController(rtol=1e-10, atol=1e-10, norm=first),
-            adjoint=diffrax.ForwardMode(),
-        )
-        return solution.ys["x"][0]
+        start = {"x": x0, "v": jnp.zeros_like(x0)}
+        controller = diffrax.PIDController(rtol=1e-10, atol=1e-10, norm=first)
+        return solve(oscillate, RadauIIA(stages=5), start, 2.0, stepsize_controller=controller).ys["x"][0]
 
     np.testing.assert_allclose(run(jnp.ones(1))[0], np.cos(2.0), rtol=1e-9)

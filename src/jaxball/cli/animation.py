@@ -10,17 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 from ..files.scenario.errors import ScenarioError
 from ..interface.output import OutputError, check_destination
-from .options import count, number, positive, working
+from .options import count, number, positive, refuse, working
 
 if TYPE_CHECKING:
     from ..files.scenario.scenario import Scenario
     from ..simulation.trajectory import Trajectory
 
 SUFFIXES = (".mp4", ".gif")
-MOST_FRAMES_A_SECOND = {
-    ".mp4": 240,
-    ".gif": 50,
-}  # a GIF counts in hundredths of a second; players ignore delays of a single one
+# A GIF counts in hundredths of a second; players ignore delays of a single one.
+MOST_FRAMES_A_SECOND = {".mp4": 240, ".gif": 50}
 SMALLEST_SIDE, LARGEST_SIDE = 64, 7680
 OPTIONS = ("fps", "speed", "size", "from", "to")
 
@@ -38,9 +36,7 @@ def add_animation(parser: argparse.ArgumentParser) -> None:
 def check_animation(options: argparse.Namespace) -> None:
     """Raises an :class:`~jaxball.files.results.OutputError` for an animation that is impossible for any run."""
     if options.animate is None:
-        for name in OPTIONS:
-            if getattr(options, name) is not None:
-                raise OutputError(f"Argument `--{name}` is for an animation; give --animate FILE with it.")
+        refuse(options, OPTIONS, "is for an animation; give --animate FILE with it.")
         return
     check_destination(options.animate, SUFFIXES, "--animate")
     suffix = options.animate.suffix

@@ -20,7 +20,7 @@ from ..files.scenario.files import write_scenario
 from ..files.scenario.paths import entries
 from ..files.scenario.scenario import Scenario
 from ..interface.arguments import a
-from ..interface.output import OutputError, replacing, write_text
+from ..interface.output import OutputError, replacing
 from ..interface.printing import json_types
 from ..interface.status import Status
 from ..interface.wording import heading, number_of
@@ -30,7 +30,7 @@ from ..physics.system import AbstractSystem
 from ..plot.files import check_others, figures_in, plain_name, scenario_mark
 from ..simulation.trajectory import Trajectory
 from .input import STDIN
-from .options import FAILED_SOLVE, STDOUT, ChartAxis, in_commands, name_files, say, working
+from .options import FAILED_SOLVE, STDOUT, ChartAxis, in_commands, name_files, print_or_write, say, working
 
 if TYPE_CHECKING:
     import xarray
@@ -89,10 +89,7 @@ def write_json(options: argparse.Namespace, content: dict[str, Any]) -> None:
     find_places(options)
     text = json.dumps(json_types(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     text = text.encode(errors="backslashreplace").decode()  # escapes file names that are not valid text
-    if options.json == STDOUT:
-        sys.stdout.write(text)
-        return
-    write_text(options.json, text)
+    print_or_write(options.json, text)
 
 
 def write_outputs(

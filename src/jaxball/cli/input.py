@@ -18,6 +18,7 @@ from ..files.scenario.errors import ScenarioError, all_problems
 from ..files.scenario.logs import with_logs
 from ..files.scenario.paths import with_values
 from ..files.scenario.sources import document_of, naming, scenario_text, text_of
+from .jax_setup import set_up_jax
 
 if TYPE_CHECKING:
     from ..files.scenario.scenario import Scenario
@@ -147,6 +148,15 @@ def _document(text: str, source: str, what: str, *kinds: FileKind) -> dict[str, 
         document = document_of(text, what, ScenarioError)
     check_kind(document, source_name(source), "FILE" if source == STDIN else source, *kinds)
     return document
+
+
+def read_scenario(options: argparse.Namespace) -> "Scenario":
+    """Sets JAX up, and reads the scenario of the options; raises as :func:`scenario_document` and
+    :func:`scenario_of`.
+    """
+    document = scenario_document(options)
+    set_up_jax()
+    return scenario_of(document, options.scenario)
 
 
 def scenario_of(document: dict[str, Any], source: str) -> "Scenario":

@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 
 from ..interface.activity import Line, activity
-from ..interface.output import OutputError, check_destination, check_folder
+from ..interface.output import OutputError, check_destination, check_folder, write_text
 from ..interface.wording import UserError, plain
 
 BAD_INPUT = 2
@@ -102,8 +102,16 @@ def add_json(parser: argparse.ArgumentParser, what: str) -> None:
 
 def check_json(options: argparse.Namespace) -> None:
     """Raises an :class:`~jaxball.files.results.OutputError` where the file of --json cannot be written."""
-    if options.json is not None and options.json != STDOUT:
-        check_destination(options.json, (".json",), "--json")
+    check_file(options, "json", (".json",), also=STDOUT)
+
+
+def check_file(options: argparse.Namespace, name: str, suffixes: Sequence[str], *, also: Path | None = None) -> None:
+    """Raises an :class:`~jaxball.files.results.OutputError` where the file of an option is given, and can neither be
+    written nor is it ``also`` possible.
+    """
+    path = getattr(options, name)
+    if path not in (None, also):
+        check_destination(path, suffixes, f"--{name}")
 
 
 def check_outputs(options: argparse.Namespace, suffixes: Sequence[str]) -> None:
@@ -111,10 +119,15 @@ def check_outputs(options: argparse.Namespace, suffixes: Sequence[str]) -> None:
     written.
     """
     check_json(options)
-    if options.plot is not None:
-        check_destination(options.plot, FIGURE_SUFFIXES, "--plot")
-    if options.out is not None:
-        check_destination(options.out, suffixes, "--out")
+    check_file(options, "plot", FIGURE_SUFFIXES)
+    check_file(options, "out", suffixes)
+
+
+def refuse(options: argparse.Namespace, names: Sequence[str], why: str) -> None:
+    """Raises a :class:`BadInputError` where one of these options is given; ``why`` ends the sentence about it."""
+    for name in names:
+        if getattr(options, name) is not None:
+            raise BadInputError(f"Argument `--{name}` {why}")
 
 
 def add_formats(parser: argparse.ArgumentParser, option: str) -> None:
@@ -164,10 +177,19 @@ def working(options: argparse.Namespace, text: str) -> AbstractContextManager[Li
 
 
 def say(options: argparse.Namespace, *lines: object) -> None:
-    """Prints the nonempty lines: none with --quiet, and to standard error where JSON goes to standard output."""
-    if not getattr(options, "quiet", False):
-        text = plain("\n".join(filter(None, map(str, lines))))
-        print(text, file=sys.stderr if getattr(options, "json", None) == STDOUT else sys.stdout, flush=True)
+    """Prints the nonempty lines: none with --quiet, and to standard error where a file goes to standard output."""
+    text = plain("\n".join(filter(None, map(str, lines))))
+    if text and not getattr(options, "quiet", False):
+        has_file = STDOUT in (getattr(options, "json", None), getattr(options, "out", None))
+        print(text, file=sys.stderr if has_file else sys.stdout, flush=True)
+
+
+def print_or_write(path: Path, text: str) -> list[Path]:
+    """Writes a file, or prints it to standard output and nothing else there, and lists the files written."""
+    if path != STDOUT:
+        return [write_text(path, text)]
+    sys.stdout.write(text)
+    return []
 
 
 def sentence(error: Exception) -> str:

@@ -21,12 +21,7 @@ except ImportError:  # in a version that has it elsewhere
     _put = None
 
 try:
-    from jaxlib._jax import ArrayImpl as _Array
-except ImportError:  # in a version that has it elsewhere
-    _Array = None
-
-try:
-    from jax._src.config import trace_context
+    from jax._src.config import trace_context as trace_context
 except ImportError:  # in a version that has it elsewhere
 
     def trace_context() -> Any:
@@ -57,51 +52,6 @@ except ImportError:  # in a version that has it elsewhere
 _core: Any = importlib.import_module("jax.extend.core")
 ClosedJaxpr, Jaxpr, Literal, Primitive = _core.ClosedJaxpr, _core.Jaxpr, _core.Literal, _core.Primitive
 Program = Any  # a jaxpr with its constants
-
-__all__ = [
-    "HAS_SETTINGS_OF_TRACES",
-    "Literal",
-    "Loop",
-    "Primitive",
-    "Program",
-    "Rules",
-    "argument",
-    "array_type",
-    "batch_by",
-    "branches",
-    "captures",
-    "current_trace",
-    "declare_linear",
-    "differentiate_by",
-    "evaluate",
-    "function_of",
-    "inner_program",
-    "is_array_type",
-    "is_for_export",
-    "is_for_one_device",
-    "is_traced",
-    "is_tracer_type",
-    "is_within_trace",
-    "loop",
-    "new_primitive",
-    "no_tangent",
-    "node_functions",
-    "node_of",
-    "primitive",
-    "program_within",
-    "put",
-    "same_mesh",
-    "setting_of_traces",
-    "settings",
-    "stablehlo_bindings",
-    "stablehlo_passes",
-    "trace_context",
-    "unvmap_any",
-    "unvmap_max",
-    "unwrap_jit",
-    "without_locations",
-    "zero_tangent",
-]
 
 
 def is_traced(x: Any) -> bool:

@@ -23,10 +23,11 @@ from .over_time import Series, over_time
 from .palette import COMPONENTS, DASH_DOTTED, DASHED, FAINT, INK, MASSES, SOLID, mass_look
 from .record import columns_by_field
 from .style import (
+    ABOVE,
     ATTITUDE,
-    SMALL_FONT,
     SQUARE,
     WIDE_FIGURE,
+    finish_path,
     label_axes,
     legend_above,
     linestyle,
@@ -78,11 +79,7 @@ def held_paths(loops: Mapping[str, ClosedLoop], ax: Axes | None = None) -> Axes:
         ax.plot(*path.T, color=colour, linewidth=1.2, label=label)
         mark_ends(ax, path, colour, zorder=3)
     ax.plot(*np.asarray(nominal.states.z).T, color=INK, linewidth=1.0, linestyle=linestyle(DASHED), label="motion")
-    ax.set_aspect("equal", adjustable="datalim")
-    ax.margins(0.08)
-    label_axes(ax, "$z_1$", "$z_2$")
-    legend_above(ax)
-    return ax
+    return finish_path(ax)
 
 
 def held_inputs(loops: Mapping[str, ClosedLoop], name: str | None = None, ax: Axes | None = None) -> Axes:
@@ -124,7 +121,7 @@ def basin_map(basin: Basin, ax: Axes | None = None) -> Axes:
     values = returned.values.astype(float)
     ax.pcolormesh(returned[second], returned[first], values, cmap=colours, vmin=0.0, vmax=1.0, rasterized=True)
     keys = [Patch(color=RETURNED, label="comes back"), Patch(color=FAINT, label="does not")]
-    ax.legend(handles=keys, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False, prop=SMALL_FONT)
+    ax.legend(handles=keys, ncols=2, **ABOVE)
     label_axes(ax, _symbol(second, basin.system), _symbol(first, basin.system))
     return ax
 

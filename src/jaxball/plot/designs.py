@@ -14,6 +14,7 @@ from .palette import COMPONENTS, DASHED, INK, MASSES, SHELL, TRAIL
 from .style import (
     WIDE_FIGURE,
     Captioned,
+    finish_path,
     label_axes,
     legend_above,
     linestyle,
@@ -61,11 +62,7 @@ def designed_path(
     if wanted is not None:
         ax.plot(*wanted.T, color=INK, linewidth=0.8, linestyle=linestyle(DASHED), label="target")
     mark_ends(ax, after, TRAIL, labelled=True, zorder=3)
-    ax.set_aspect("equal", adjustable="datalim")
-    ax.margins(0.08)
-    label_axes(ax, "$z_1$", "$z_2$")
-    legend_above(ax)
-    return ax
+    return finish_path(ax)
 
 
 def place_in_time(

@@ -28,6 +28,7 @@ from .style import (
     SQUARE,
     WIDE_FIGURE,
     cube,
+    finish_path,
     label_axes,
     label_of_run,
     legend_above,
@@ -225,11 +226,8 @@ def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     ax = plane_axes(ax, (WIDE_FIGURE[0], 4.2), trajectory)
     _draw_path(ax, trajectory, z)
     mark_ends(ax, z[:, :2], INK, labelled=True)
-    ax.set_aspect("equal", adjustable="datalim")
-    ax.margins(0.08)
+    finish_path(ax, *(label_of_run(trajectory, f"$z_{k}$", "length") for k in (1, 2)), most=3)
     _draw_downhill(ax, trajectory.system, z[:, :2])
-    label_axes(ax, *(label_of_run(trajectory, f"$z_{k}$", "length") for k in (1, 2)))
-    legend_above(ax, 3)
     return ax
 
 

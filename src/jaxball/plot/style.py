@@ -360,6 +360,15 @@ def legend_above(ax: Axes, most: int = 5) -> None:
                 handle.set_linestyle("-")  # whose dashes may be longer than the handle
 
 
+def finish_path(ax: Axes, right: str = "$z_1$", up: str = "$z_2$", *, most: int = 5) -> Axes:
+    """Shows a path in the plane at one scale, with room around it, names of its axes and a legend."""
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.margins(0.08)
+    label_axes(ax, right, up)
+    legend_above(ax, most)
+    return ax
+
+
 class ColourScale(NamedTuple):
     """A number that determines the colours of the bodies in a view.
 

@@ -2,7 +2,6 @@
 
 import functools
 import os
-import subprocess
 import sys
 
 import jax
@@ -16,6 +15,7 @@ from jaxball.programs import native
 from jaxball.programs.native import choice
 from jaxball.programs.native.targets import machine
 from jaxball.programs.store import current
+from tests.support.scripts import printed_by
 from tests.support.sentences import refuses
 
 
@@ -173,10 +173,7 @@ def test_by_an_environment_variable():
         print(len(made))
     """
     for name, expected in (("native", True), ("", True), ("xla", False)):
-        run = subprocess.run(
-            [sys.executable, "-c", text], env={**os.environ, "JAXBALL_COMPILER": name}, capture_output=True, text=True
-        )
-        assert (int(run.stdout) > 0) == expected, run.stderr
+        assert (int(printed_by("-c", text, env={**os.environ, "JAXBALL_COMPILER": name})) > 0) == expected, name
 
 
 def test_a_compiler_that_is_none(monkeypatch):

@@ -18,45 +18,21 @@ FLOATS = ["float64", "float32"]
 INTEGERS = [f"{kind}{bits}" for kind in ("int", "uint") for bits in (8, 16, 32, 64)]
 COMPLEX = ["complex128", "complex64"]
 
+
+def of_lax(names):
+    return {name: getattr(lax, name) for name in names.split()}
+
+
 # What the processor computes, which is the same to the last bit.
-EXACT = {
-    "abs": lax.abs,
-    "neg": lax.neg,
-    "sign": lax.sign,
-    "floor": lax.floor,
-    "ceil": lax.ceil,
-    "sqrt": lax.sqrt,
-    "is_finite": lax.is_finite,
+EXACT = of_lax("abs neg sign floor ceil sqrt is_finite square") | {
     "away": lambda x: lax.round(x, lax.RoundingMethod.AWAY_FROM_ZERO),
     "even": lambda x: lax.round(x, lax.RoundingMethod.TO_NEAREST_EVEN),
-    "square": lax.square,
 }
 # Functions of C's library, and XLA's own, which differ by some roundings.
-FUNCTIONS = {
-    "exp": lax.exp,
-    "log": lax.log,
-    "sin": lax.sin,
-    "cos": lax.cos,
-    "tan": lax.tan,
-    "tanh": lax.tanh,
-    "log1p": lax.log1p,
-    "expm1": lax.expm1,
-    "rsqrt": lax.rsqrt,
-    "cbrt": lax.cbrt,
-    "logistic": lax.logistic,
-    "asin": lax.asin,
-    "acos": lax.acos,
-    "atan": lax.atan,
-    "sinh": lax.sinh,
-    "cosh": lax.cosh,
-    "asinh": lax.asinh,
-    "acosh": lax.acosh,
-    "atanh": lax.atanh,
-    "erf": lax.erf,
-    "erfc": lax.erfc,
-}
-PAIRS = {"add": lax.add, "sub": lax.sub, "mul": lax.mul, "div": lax.div, "rem": lax.rem, "max": lax.max, "min": lax.min}
-COMPARISONS = {"eq": lax.eq, "ne": lax.ne, "lt": lax.lt, "le": lax.le, "gt": lax.gt, "ge": lax.ge}
+FUNCTIONS = of_lax(
+    "exp log sin cos tan tanh log1p expm1 rsqrt cbrt logistic asin acos atan sinh cosh asinh acosh atanh erf erfc"
+)
+PAIRS, COMPARISONS = of_lax("add sub mul div rem max min"), of_lax("eq ne lt le gt ge")
 BITS = {
     "and_": lax.bitwise_and,
     "or_": lax.bitwise_or,
@@ -137,15 +113,7 @@ def test_complex_arithmetic(dtype):
     rng = np.random.default_rng(1)
     x, y = ((rng.normal(size=100) + 1j * rng.normal(size=100)).astype(dtype) for _ in range(2))
     products = {"mul": lambda x, y: x * y, "div": lambda x, y: x / y, "abs": lambda x, y: abs(x), "pow": lax.pow}
-    functions = {
-        "exp": lax.exp,
-        "log": lax.log,
-        "sqrt": lax.sqrt,
-        "sin": lax.sin,
-        "cos": lax.cos,
-        "tanh": lax.tanh,
-        "sign": lax.sign,
-    }
+    functions = of_lax("exp log sqrt sin cos tanh sign")
 
     def numbers(x, y):
         return {name: f(x, y) for name, f in products.items()} | {name: f(x) for name, f in functions.items()}
@@ -206,20 +174,10 @@ def test_all_numbers_known():
 def test_functions_are_right():
     """To three roundings, by mpmath."""
     x = np.random.default_rng(2).uniform(0.05, 0.95, 40)
-    names = {
-        "sin": "sin",
-        "cos": "cos",
-        "tan": "tan",
-        "exp": "exp",
-        "log": "log",
-        "tanh": "tanh",
-        "asin": "asin",
-        "erf": "erf",
-        "cbrt": "cbrt",
-    }
+    names = ("sin", "cos", "tan", "exp", "log", "tanh", "asin", "erf", "cbrt")
     found = native(lambda x: {name: FUNCTIONS[name](x) for name in names}, x)
-    for name, of_mpmath in names.items():
-        expected = np.array([float(getattr(mpmath, of_mpmath)(mpmath.mpf(number))) for number in x])
+    for name in names:
+        expected = np.array([float(getattr(mpmath, name)(mpmath.mpf(number))) for number in x])
         np.testing.assert_allclose(found[name], expected, rtol=3 * np.finfo(float).eps, err_msg=name)
 
 
@@ -240,7 +198,7 @@ def test_bits_as_numbers_of_another_length(count):
     agree(bits, x)
 
 
-SPECIAL_FUNCTIONS = {name: getattr(lax, name) for name in ("erf_inv", "lgamma", "digamma", "bessel_i0e", "bessel_i1e")}
+SPECIAL_FUNCTIONS = of_lax("erf_inv lgamma digamma bessel_i0e bessel_i1e")
 
 
 @pytest.mark.thorough

@@ -4,8 +4,6 @@ import ast
 import inspect
 import os
 import re
-import subprocess
-import sys
 import types
 from pathlib import Path
 
@@ -17,6 +15,7 @@ from jaxball.interface.names import public_packages
 from jaxball.programs.identity import code, purity
 from jaxball.programs.identity.fingerprints import digest
 from jaxball.programs.identity.names import NoNameError
+from tests.support.scripts import printed_by
 
 SOURCE = Path(jaxball.__file__).parent
 # Of the interface, by the contracts in pyproject.toml: what imports neither files nor figures, and all that solves.
@@ -189,11 +188,8 @@ def test_a_program_is_never_older_than_the_file_it_read(mass_of, traces, tmp_pat
     outputs = []
     for mass in (3.0, 5.0):
         (result / "design.toml").write_text(SCENARIO.format(mass=mass))
-        command = [sys.executable, "-B", "script.py", str(programs)]
         environment = {**os.environ, "JAXBALL_NO_CACHE": ""}
-        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
-        outputs.append(done.stdout.split())
+        outputs.append(printed_by("-B", "script.py", str(programs), cwd=tmp_path, env=environment).split())
     momenta = [6.0, 10.0] if "result" in mass_of else [6.0, 6.0]
     assert [float(momentum) for momentum, _ in outputs] == momenta
     assert [int(traced) for _, traced in outputs] == traces

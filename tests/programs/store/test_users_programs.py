@@ -1,8 +1,6 @@
 """Programs of users' functions are found by what the functions consist of: whatever changes a result, and no less."""
 
 import os
-import subprocess
-import sys
 
 import diffrax
 import equinox as eqx
@@ -18,6 +16,7 @@ from jaxball.programs.identity.fingerprints import digest
 from jaxball.programs.identity.names import NoNameError
 from jaxball.programs.store import current
 from tests.support.precision import enable_x64
+from tests.support.scripts import printed_by
 
 from .test_programs import Memory, same_bits
 
@@ -334,10 +333,7 @@ def test_processes_find_programs_of_users_modules(tmp_path):
     def run(**changes):
         (tmp_path / "model.py").write_text(SOURCE.format(**{**USUAL, **changes}))
         environment = {**os.environ, "JAXBALL_NO_CACHE": "", "PYTHONHASHSEED": str(len(changes) + 1)}
-        command = [sys.executable, "-B", "script.py", str(folder)]
-        out = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
-        assert out.returncode == 0, out.stderr
-        traced, *results = out.stdout.split()
+        traced, *results = printed_by("-B", "script.py", str(folder), cwd=tmp_path, env=environment).split()
         return int(traced), [float.fromhex(result) for result in results]
 
     (first, results), (second, again), (third, other) = run(), run(), run(number="2.5")

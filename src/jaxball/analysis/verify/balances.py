@@ -116,8 +116,8 @@ def balance(name: str, case: Case) -> Row:
     well. So the expected residual is the number of steps × the change of the quantity for a change of the state by its
     tolerance × a safety factor of 10.
     """
-    reason = _why_not(name, case)
-    if reason in MEANINGLESS:
+    reason = _why_unknown(name, case) or _why_not(name, case)
+    if reason in MEANINGLESS or name not in case.samples.drifts:
         return Row(name, reason=reason)
     drift = case.samples.drifts[name]
     expected = SAFETY * case.steps * drift.sensitivity
@@ -143,14 +143,8 @@ def laws_along(scenario: Scenario) -> dict[str, Callable[[Case], Row]]:
         names = eqx.filter_eval_shape(type(scenario.system).laws, scenario.system, *start)._fields
         balances = {name: partial(balance, name) for name in names}
         return balances | ({"contact": contact} if isinstance(scenario.system, AbstractRollingSystem) else {})
-    if scenario.may_slip:
-        names = OF_CONTACT if scenario.system.shape is None else set(OF_CONTACT) & set(OF_CONVEX)
-        laws = {name: partial(balance if name in names else _of_rolling, name) for name in BALANCES}
-        return {**laws, "contact": law_of_contact}
-    if scenario.system.shape is not None:
-        laws = {name: partial(balance if name in OF_CONVEX else _of_ball, name) for name in BALANCES}
-        return {**laws, "contact": contact}
-    return {**{name: partial(balance, name) for name in BALANCES}, "contact": contact}
+    balances = {name: partial(balance, name) for name in BALANCES}
+    return balances | {"contact": law_of_contact if scenario.may_slip else contact}
 
 
 def law_of_contact(case: Case) -> Row:
@@ -176,14 +170,13 @@ def law_of_contact(case: Case) -> Row:
     return Row("contact", float(np.max(above)) / unit, expected, note=f"the least N on the ground: {lowest}")
 
 
-def _of_rolling(name: str, case: Case) -> Row:
-    """Returns the row of a law that is known only for bodies that roll."""
-    return Row(name, reason=f"the body has {case.run.history.described}")
-
-
-def _of_ball(name: str, case: Case) -> Row:
-    """Returns the row of a law that is known only for balls and disks."""
-    return Row(name, reason="the body is no ball")
+def _why_unknown(name: str, case: Case) -> str:
+    """Says why a law has no balance here: some are known only for bodies that roll, some only for balls and disks."""
+    system = case.scenario.system
+    of_convex = not isinstance(system, AbstractBody) or system.shape is None or name in OF_CONVEX
+    if case.scenario.may_slip and not (of_convex and name in OF_CONTACT):
+        return f"the body has {case.run.history.described}"
+    return "" if of_convex else "the body is no ball"
 
 
 def _why_not(name: str, case: Case) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ...files.scenario.paths import entries
 from ...files.scenario.solvers import SOLVERS
 from ...interface.status import Status
-from ..input import add_scenario, scenario_document, scenario_of
+from ..input import add_scenario, read_scenario, scenario_document
 from ..jax_setup import set_up_jax
 from ..options import (
     CHART_AXIS,
@@ -19,6 +19,7 @@ from ..options import (
     check_outputs,
     number,
     positive,
+    refuse,
     working,
 )
 
@@ -36,7 +37,7 @@ MOST_CROSSINGS = 10_000
 def add(parser: argparse.ArgumentParser) -> None:
     add_scenario(parser)
     parser.add_argument("--end", type=number, help="end at this time, instead of the scenario's")
-    parser.add_argument("--transient", type=number, default=0.0, help="start averaging after this time (default: 0)")
+    parser.add_argument("--transient", type=number, help="start averaging after this time (default: 0)")
     parser.add_argument(
         "--interval", type=positive, help="time between orthonormalisations (default: 1, or 10 for a chart)"
     )
@@ -62,7 +63,11 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    _check_options(options)
+    if options.poincare is None:
+        refuse(options, ("direction", "axes"), "is for a Poincaré map; give --poincare COMPONENT=VALUE with it.")
+    else:
+        others = ("exponents", "interval", "transient")
+        refuse(options, others, "is for Lyapunov exponents; leave it out with --poincare.")
     try:
         if options.chart is not None:
             return _chart(options)
@@ -75,13 +80,11 @@ def run(options: argparse.Namespace) -> int:
 
 def _exponents(options: argparse.Namespace) -> int:
     check_outputs(options, (".csv",))
-    document = scenario_document(options)
-    set_up_jax()
+    scenario = read_scenario(options)
     from ...analysis.chaos import lyapunov_spectrum
     from ...files.scenario.body import require_whole_run
     from ..files import report
 
-    scenario = scenario_of(document, options.scenario)
     require_whole_run(scenario, "Lyapunov exponents are")
     end = scenario.times[-1] if options.end is None else options.end
     if end <= scenario.times[0]:
@@ -93,7 +96,7 @@ def _exponents(options: argparse.Namespace) -> int:
             scenario.state,
             contact=scenario.contact,
             exponents=options.exponents,
-            transient=options.transient,
+            transient=options.transient or 0.0,
             interval=options.interval or INTERVAL,
             solver=SOLVERS[scenario.solver](),
             rtol=scenario.rtol,
@@ -112,8 +115,7 @@ def _exponents(options: argparse.Namespace) -> int:
 
 def _chart(options: argparse.Namespace) -> int:
     check_outputs(options, (".nc", ".csv"))
-    if options.exponents is not None:
-        raise BadInputError("Argument `--exponents` must be left out with --chart, which shows the largest one.")
+    refuse(options, ("exponents",), "must be left out with --chart, which shows the largest one.")
     axes = chart_axes(options)
     document = scenario_document(options)
     set_up_jax()
@@ -124,7 +126,7 @@ def _chart(options: argparse.Namespace) -> int:
         scenario_chart,
         document,
         end=options.end,
-        transient=options.transient,
+        transient=options.transient or 0.0,
         interval=options.interval or INTERVAL_OF_A_CHART,
     )
     return write_chart(options, document, axes, compute, _chart_summary, lambda plot: plot.chart)
@@ -133,15 +135,13 @@ def _chart(options: argparse.Namespace) -> int:
 def _poincare(options: argparse.Namespace) -> int:
     check_outputs(options, (".csv", ".npz"))
     path, value = _section(options.poincare)
-    document = scenario_document(options)
-    set_up_jax()
+    scenario = read_scenario(options)
     from ...analysis.chaos import poincare_map
     from ...files.scenario.body import require_whole_run
     from ...numerics.arrays import to_array
     from ...simulation.deviations_with_modes import point_of_run
     from ..files import numbers_of, report
 
-    scenario = scenario_of(document, options.scenario)
     require_whole_run(scenario, "a Poincaré map is")
     _, state = point_of_run(scenario.system, scenario.state, scenario.contact, to_array(scenario.times[0]))
     components = _components(state)
@@ -178,16 +178,6 @@ def _poincare(options: argparse.Namespace) -> int:
         draw=lambda plot: plot.poincare_section(columns[across], columns[up], (across, up)),
         failure="" if crossings.status == Status.SUCCESS else crossings.message,
     )
-
-
-def _check_options(options: argparse.Namespace) -> None:
-    """Raises a :class:`BadInputError` for options that cannot be combined."""
-    for name in ("direction", "axes"):
-        if getattr(options, name) is not None and options.poincare is None:
-            raise BadInputError(f"Argument `--{name}` is for a Poincaré map; give --poincare COMPONENT=VALUE with it.")
-    for name in ("exponents", "interval", "transient"):
-        if options.poincare is not None and getattr(options, name):
-            raise BadInputError(f"Argument `--{name}` is for Lyapunov exponents; leave it out with --poincare.")
 
 
 def _section(text: str) -> tuple[str, float]:

@@ -1,13 +1,11 @@
 """``jaxball export``: writes a scenario's robot as a file of MuJoCo."""
 
 import argparse
-import sys
 from pathlib import Path
 
-from ...interface.output import check_destination, replacing, write_text
-from ..input import add_scenario, scenario_document, scenario_of
-from ..jax_setup import set_up_jax
-from ..options import STDOUT, BadInputError, add_quiet, name_files, positive, say
+from ...interface.output import replacing
+from ..input import add_scenario, read_scenario
+from ..options import STDOUT, BadInputError, add_quiet, check_file, name_files, positive, print_or_write, say
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -38,36 +36,22 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    if options.out != STDOUT:
-        check_destination(options.out, (".xml",), "--out")
-    if options.controls is not None:
-        check_destination(options.controls, (".csv",), "--controls")
-    document = scenario_document(options)
-    set_up_jax()
+    check_file(options, "out", (".xml",), also=STDOUT)
+    check_file(options, "controls", (".csv",))
+    scenario = read_scenario(options)
     from ...files.mjcf import to_mjcf
     from ..files import write_csv
 
-    scenario = scenario_of(document, options.scenario)
     timestep = {} if options.timestep is None else {"timestep": options.timestep}
     exported = to_mjcf(scenario, any_units=options.any_units, extent=options.extent, **timestep)
     if options.controls is not None and not exported.controls:
         raise BadInputError("Argument `--controls` must be left out, because nothing in this robot is controlled.")
-    written = []
-    if options.out == STDOUT:
-        sys.stdout.write(exported.text)
-    else:
-        written.append(write_text(options.out, exported.text))
+    written = print_or_write(options.out, exported.text)
     if options.controls is not None:
         rows = ((t, *row) for t, row in zip(scenario.times, exported.controls_at(scenario.times), strict=True))
         with replacing(options.controls) as temporary:
             # By `repr`, which keeps all digits.
             write_csv(temporary, ["t", *exported.controls], (map(repr, map(float, row)) for row in rows))
         written.append(options.controls)
-    notes = list(exported.notes)
-    # Standard output has the file, and nothing else.
-    if options.out == STDOUT:
-        for note in () if options.quiet else notes:
-            print(note, file=sys.stderr)
-    else:
-        say(options, *notes, name_files(written))
+    say(options, *exported.notes, name_files(written))
     return 0

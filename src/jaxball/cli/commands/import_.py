@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 
 from ...files.scenario.errors import ScenarioError
 from ...files.scenario.sources import text_of
-from ...interface.output import check_destination, write_text
 from ..input import STDIN, refuse_document
 from ..jax_setup import set_up_jax
-from ..options import STDOUT, BadInputError, add_quiet, name_files, positive, say
+from ..options import STDOUT, BadInputError, add_quiet, check_file, name_files, positive, print_or_write, say
 
 if TYPE_CHECKING:
     from ...files.scenario.scenario import Scenario
@@ -47,8 +46,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    if options.out != STDOUT:
-        check_destination(options.out, (".toml",), "--out")
+    check_file(options, "out", (".toml",), also=STDOUT)
     # A scenario would be refused as XML that it is not; its own command is the better advice.
     if options.file != STDIN:
         refuse_document(Path(options.file))
@@ -71,16 +69,8 @@ def run(options: argparse.Namespace) -> int:
 
     robot = read_urdf(text, shell=options.shell) if urdf else read_mjcf(text, contact=options.contact)
     scenario = _with_times(robot.scenario, options.end, options.step)
-    written = with_schema(write_scenario(scenario))
-    notes = [*robot.notes, *_problems(scenario)]
-    # Standard output has the file, and nothing else.
-    if options.out == STDOUT:
-        sys.stdout.write(written)
-        for note in () if options.quiet else notes:
-            print(note, file=sys.stderr)
-    else:
-        write_text(options.out, written)
-        say(options, *notes, name_files([options.out]))
+    written = print_or_write(options.out, with_schema(write_scenario(scenario)))
+    say(options, *robot.notes, *_problems(scenario), name_files(written))
     return 0
 
 

@@ -24,6 +24,7 @@ from ..options import (
     count,
     number,
     positive,
+    refuse,
     working,
 )
 
@@ -83,9 +84,8 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    for name in ("after", "turns"):
-        if options.chart is not None and getattr(options, name) is not None:
-            raise BadInputError(f"Argument `--{name}` is for one motion; leave it out with --chart.")
+    if options.chart is not None:
+        refuse(options, ("after", "turns"), "is for one motion; leave it out with --chart.")
     check_outputs(options, (".csv",) if options.chart is None else (".nc", ".csv"))
     axes = None if options.chart is None else chart_axes(options)
     document = scenario_document(options)

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...files.scenario.errors import ScenarioError
 from ...interface.wording import all_of
-from ..input import add_scenario, scenario_document, scenario_of
-from ..jax_setup import set_up_jax
+from ..input import add_scenario, read_scenario
 from ..options import BadInputError, add_results, check_outputs, in_commands, number, working
 
 if TYPE_CHECKING:
@@ -41,12 +40,10 @@ def run(options: argparse.Namespace) -> int:
     check_outputs(options, (".csv",))
     if options.turning is not None and not options.initial:
         raise BadInputError("Argument `--turning` is for the scenario's initial state; give --initial with it.")
-    document = scenario_document(options)
-    set_up_jax()
+    scenario = read_scenario(options)
     from ...programs.program import compile_quickly
     from ..files import motion_content, report, save_motions
 
-    scenario = scenario_of(document, options.scenario)
     try:
         with working(options, "searching for steady motions"), compile_quickly():
             motions = _motions(options, scenario)

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ...files.results.files import READ_BACK
 from ...files.scenario.errors import ScenarioError
-from ...interface.output import check_destination
 from ...interface.status import BACK_WITHIN
 from ...interface.wording import heading
 from ..input import add_scenario, scenario_document, scenario_of
@@ -25,6 +24,7 @@ from ..options import (
     add_replacing,
     chart_axes,
     check_figures_folder,
+    check_file,
     check_json,
     name_files,
     positive,
@@ -97,8 +97,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     check_json(options)
-    if options.out is not None:
-        check_destination(options.out, READ_BACK, "--out")
+    check_file(options, "out", READ_BACK)
     check_figures_folder(options, "plot", "plot_format")
     if options.basin is None and options.within is not None:
         raise BadInputError("Argument `--within` is for a grid of starts; give --basin with it.")

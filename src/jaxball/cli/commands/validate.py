@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,7 @@ def run(options: argparse.Namespace) -> int:
     for source in options.files:
         description = ""
         with all_problems() as problems:
-            description = _describe(source, options)
+            description = _describe(source)
         name = source_name(source)
         for problem in first_problems(problems):
             print(plain(f"{name}: {sentence(problem)}"), file=sys.stderr)
@@ -41,14 +41,17 @@ def run(options: argparse.Namespace) -> int:
     return 0 if all_valid else BAD_INPUT
 
 
-def _describe(source: str, options: argparse.Namespace) -> str:
-    """Describes the contents of a file in one line.
+def _describe(source: str) -> str:
+    """Describes the contents of a file in one line; by default, a document is taken for a scenario.
 
     **Raises:** :class:`~jaxball.ScenarioError` for a file that is not valid.
     """
     document = _document(source)
     set_up_jax()
-    return _reader(document)(document, Path(source).parent)
+    readers = {SCENARIO: _scenario, STUDY: _study, CONTROL: _control, PROBLEM: _problem}
+    kind, title = kind_of_document(document) or SCENARIO, document.get("title", "")
+    content = readers[kind](document, Path(source).parent)
+    return f'{kind.words}, "{heading(title)}": {content}.' if title else f"{kind.words}: {content}."
 
 
 def _document(source: str) -> dict[str, Any]:
@@ -59,21 +62,12 @@ def _document(source: str) -> dict[str, Any]:
     return document_of(text, WHAT, ScenarioError)
 
 
-def _reader(document: dict[str, Any]) -> Callable[[dict[str, Any], Path], str]:
-    """Returns the function that reads a document, chosen by its kind; by default, a document is taken for a
-    scenario.
-    """
-    readers = {SCENARIO: _scenario, STUDY: _study, CONTROL: _control, PROBLEM: _problem}
-    return readers[kind_of_document(document) or SCENARIO]
-
-
 def _scenario(document: dict[str, Any], folder: Path) -> str:
     from ...files.scenario import read_document
 
     scenario = read_document(with_logs(document, folder))
     times, what = scenario.times, scenario.system.describe()
-    content = f"{what}, {len(times)} times from {times[0]:g} to {times[-1]:g} by {scenario.solver}"
-    return _add_title(SCENARIO.words, content, document)
+    return f"{what}, {len(times)} times from {times[0]:g} to {times[-1]:g} by {scenario.solver}"
 
 
 def _study(document: dict[str, Any], folder: Path) -> str:
@@ -84,32 +78,22 @@ def _study(document: dict[str, Any], folder: Path) -> str:
     study = read_study(tomli_w.dumps(document), folder)
     shape = " × ".join(f"{size:,}" for size in study.shape)
     rows = number_of(study.rows, "row")
-    return _add_title(
-        STUDY.words, f"{rows}{f' ({shape})' if len(study.shape) > 1 else ''} of {', '.join(study.paths)}", document
-    )
+    return f"{rows}{f' ({shape})' if len(study.shape) > 1 else ''} of {', '.join(study.paths)}"
 
 
 def _problem(document: dict[str, Any], folder: Path) -> str:
     from ...studies.design.files import problem_of
 
     problem = problem_of(document, folder).problem
-    size = problem.space.size
-    variables = number_of(size, "variable")
-    content = (variables, _names("objectives", problem.objectives), _names("constraints", problem.constraints))
-    return _add_title(PROBLEM.words, "; ".join(content), document)
+    variables = number_of(problem.space.size, "variable")
+    return f"{variables}; {_names('objectives', problem.objectives)}; {_names('constraints', problem.constraints)}"
 
 
 def _control(document: dict[str, Any], folder: Path) -> str:
     from ...studies.design.files import read_control
 
-    problem = read_control(document, folder)
-    return _add_title(CONTROL.words, f"{problem.intervals} intervals to start with", document)
+    return f"{read_control(document, folder).intervals} intervals to start with"
 
 
 def _names(what: str, items: Mapping[str, Any]) -> str:
     return f"{what} {', '.join(items)}" if items else f"no {what}"
-
-
-def _add_title(kind: str, content: str, document: dict[str, Any]) -> str:
-    title = document.get("title", "")
-    return f'{kind}, "{heading(title)}": {content}.' if title else f"{kind}: {content}."

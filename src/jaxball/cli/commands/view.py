@@ -10,7 +10,7 @@ from ...interface.output import MOST_BODIES, check_view
 from ...interface.wording import number_of
 from ..input import refuse_document
 from ..jax_setup import compile_for, set_up_jax
-from ..options import BadInputError, add_quiet, name_files, positive, say, working
+from ..options import BadInputError, add_quiet, name_files, positive, refuse, say, working
 from .sweep import require_packages
 
 if TYPE_CHECKING:
@@ -49,11 +49,11 @@ def run(options: argparse.Namespace) -> int:
             raise BadInputError(f'Argument `--rows` must say which rows of "{options.saved}" to show, as in 3,17,40.')
         require_packages(("zarr", "google_crc32c"))
     else:
-        for name in ("rows", "colour"):
-            if getattr(options, name) is not None:
-                raise BadInputError(f'Argument `--{name}` is for the store of a sweep, which "{options.saved}" is not.')
+        refuse(options, ("rows", "colour"), f'is for the store of a sweep, which "{options.saved}" is not.')
     set_up_jax()
-    return {DESIGN: _of_design, SWEEP: _of_sweep}.get(kind, _of_run)(options)
+    lines = {DESIGN: _of_design, SWEEP: _of_sweep}.get(kind, _of_run)(options)
+    say(options, *lines, name_files([options.out]))
+    return 0
 
 
 def _kind(path: Path) -> str:
@@ -82,7 +82,7 @@ def _rows(text: str) -> tuple[int, ...]:
     return rows
 
 
-def _of_run(options: argparse.Namespace) -> int:
+def _of_run(options: argparse.Namespace) -> list[object]:
     """Writes the view of a saved run, and prints a summary of the run."""
     from ... import plot
     from ...files.results import saved_scenario
@@ -94,21 +94,20 @@ def _of_run(options: argparse.Namespace) -> int:
         _check(options, run, f'The run "{options.saved}"')
         title = saved_scenario(options.saved).title
         plot.write_view(run, options.out, title, friction=options.friction, all_times=options.all_times)
-    return _finish(options, run)
+    return [run]
 
 
-def _of_design(options: argparse.Namespace) -> int:
+def _of_design(options: argparse.Namespace) -> list[object]:
     """Writes the view of a design, before and after."""
     from ...studies.design import load_result
 
     result = load_result(options.saved)
     runs = _simulate(options, {"before": result.before, "after": result.after})
-    with working(options, "writing the view"):
-        _write(options, runs, result.title, wanted=result.wanted, discs=result.discs)
-    return _finish(options, *(f"{name}: {run}" for name, run in runs.items()))
+    _write(options, runs, result.title, wanted=result.wanted, discs=result.discs)
+    return [f"{name}: {run}" for name, run in runs.items()]
 
 
-def _of_sweep(options: argparse.Namespace) -> int:
+def _of_sweep(options: argparse.Namespace) -> list[object]:
     """Writes the view of some rows of a sweep."""
     from ... import plot
     from ...plot.sweeps.axes import title_of
@@ -124,9 +123,8 @@ def _of_sweep(options: argparse.Namespace) -> int:
     named = {f"row {row}": scenario for row, scenario in zip(options.rows, scenarios, strict=True)}
     runs = _simulate(options, named, store.events())
     title = ", ".join([title_of(data), *(named if len(named) == 1 else ())])
-    with working(options, "writing the view"):
-        _write(options, runs, title, scale=scale)
-    return _finish(options, title, *(f"  {name}: {run.message}" for name, run in runs.items()))
+    _write(options, runs, title, scale=scale)
+    return [title, *(f"  {name}: {run.message}" for name, run in runs.items())]
 
 
 def _check(options: argparse.Namespace, trajectory: "Trajectory[Any, Any]", what: str) -> None:
@@ -173,9 +171,5 @@ def _write(options: argparse.Namespace, runs: "Mapping[str, Trajectory[Any, Any]
             f'The runs of "{options.saved}" must be on the same ground to be shown together, but the ground of '
             f'"{names[other]}" differs from that of "{names[0]}".'
         )
-    plot.write_view(runs, options.out, title, friction=options.friction, all_times=options.all_times, **more)
-
-
-def _finish(options: argparse.Namespace, *lines: object) -> int:
-    say(options, *lines, name_files([options.out]))
-    return 0
+    with working(options, "writing the view"):
+        plot.write_view(runs, options.out, title, friction=options.friction, all_times=options.all_times, **more)
