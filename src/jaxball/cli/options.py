@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 
 from ..interface.activity import Line, activity
-from ..interface.output import OutputError, check_destination, check_folder
+from ..interface.output import OutputError, check_destination, check_folder, write_text
 from ..interface.wording import UserError, plain
 
 BAD_INPUT = 2
@@ -132,6 +132,28 @@ def add_replacing(parser: argparse.ArgumentParser) -> None:
         help="keep text in SVG files as text, which can be edited but needs the fonts, instead of outlines",
     )
     parser.add_argument("--force", action="store_true", help="replace figures of another run as well")
+
+
+def add_force(parser: argparse.ArgumentParser, what: str) -> None:
+    """Adds --force, for a file of text that users also write themselves."""
+    parser.add_argument("--force", action="store_true", help=f"replace {what} as well")
+
+
+def write_new(options: argparse.Namespace, text: str, mark: str | None = None) -> Path:
+    """Writes the text to the file of --out, and returns its path.
+
+    **Raises:** :class:`~jaxball.files.results.OutputError` where, without --force, another text is there, unless it has
+    the ``mark`` of what the same command wrote.
+    """
+    path: Path = options.out
+    if not options.force and path.exists():
+        there = path.read_bytes().decode(errors="replace")
+        if there not in ("", text) and (mark is None or mark not in there):
+            raise OutputError(
+                f'Argument `--out` must be a new file, but "{path}" is there and has other content; write elsewhere, '
+                "or replace it with --force."
+            )
+    return write_text(path, text)
 
 
 def check_figures_folder(options: argparse.Namespace, folder: str, formats: str) -> None:

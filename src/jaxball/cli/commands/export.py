@@ -4,10 +4,10 @@ import argparse
 import sys
 from pathlib import Path
 
-from ...interface.output import check_destination, replacing, write_text
+from ...interface.output import check_destination, replacing
 from ..input import add_scenario, scenario_document, scenario_of
 from ..jax_setup import set_up_jax
-from ..options import STDOUT, BadInputError, add_quiet, name_files, positive, say
+from ..options import STDOUT, BadInputError, add_force, add_quiet, name_files, positive, say, write_new
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -34,6 +34,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         metavar="LENGTH",
         help="half the side of the height field that a curved ground is written as; default: 10 radii of the body",
     )
+    add_force(parser, "a file that no export wrote")
     add_quiet(parser)
 
 
@@ -45,6 +46,7 @@ def run(options: argparse.Namespace) -> int:
     document = scenario_document(options)
     set_up_jax()
     from ...files.mjcf import to_mjcf
+    from ...files.mjcf.drives import TIMES
     from ..files import write_csv
 
     scenario = scenario_of(document, options.scenario)
@@ -56,7 +58,7 @@ def run(options: argparse.Namespace) -> int:
     if options.out == STDOUT:
         sys.stdout.write(exported.text)
     else:
-        written.append(write_text(options.out, exported.text))
+        written.append(write_new(options, exported.text, mark=TIMES))
     if options.controls is not None:
         rows = ((t, *row) for t, row in zip(scenario.times, exported.controls_at(scenario.times), strict=True))
         with replacing(options.controls) as temporary:

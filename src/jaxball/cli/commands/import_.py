@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 from ...files.scenario.errors import ScenarioError
 from ...files.scenario.sources import text_of
-from ...interface.output import check_destination, write_text
+from ...interface.output import check_destination
 from ..input import STDIN, refuse_document
 from ..jax_setup import set_up_jax
-from ..options import STDOUT, BadInputError, add_quiet, name_files, positive, say
+from ..options import STDOUT, BadInputError, add_force, add_quiet, name_files, positive, say, write_new
 
 if TYPE_CHECKING:
     from ...files.scenario.scenario import Scenario
@@ -43,6 +43,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         "--contact", action="store_true", help="let it slip and fly, with MuJoCo's coefficient of friction; MJCF alone"
     )
     parser.add_argument("--shell", metavar="LINK", help="which link rolls, where several have a sphere; URDF alone")
+    add_force(parser, "a file with other content")
     add_quiet(parser)
 
 
@@ -79,8 +80,7 @@ def run(options: argparse.Namespace) -> int:
         for note in () if options.quiet else notes:
             print(note, file=sys.stderr)
     else:
-        write_text(options.out, written)
-        say(options, *notes, name_files([options.out]))
+        say(options, *notes, name_files([write_new(options, written)]))
     return 0
 
 
