@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from ...interface.output import check_destination, replacing
-from ..input import add_scenario, scenario_document, scenario_of
+from ..input import SETTINGS, add_scenario, refuse_settings, scenario_document, scenario_of
 from ..jax_setup import set_up_jax
 from ..options import STDOUT, BadInputError, add_force, add_quiet, name_files, positive, say, write_new
 
@@ -43,6 +43,7 @@ def run(options: argparse.Namespace) -> int:
         check_destination(options.out, (".xml",), "--out")
     if options.controls is not None:
         check_destination(options.controls, (".csv",), "--controls")
+    refuse_settings(options, "export", SETTINGS)
     document = scenario_document(options)
     set_up_jax()
     from ...files.mjcf import to_mjcf

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...files.scenario.errors import ScenarioError
 from ...interface.wording import all_of
-from ..input import add_scenario, scenario_document, scenario_of
+from ..input import SETTINGS, add_scenario, refuse_settings, scenario_document, scenario_of
 from ..jax_setup import set_up_jax
 from ..options import BadInputError, add_results, check_outputs, in_commands, number, working
 
@@ -41,6 +41,7 @@ def run(options: argparse.Namespace) -> int:
     check_outputs(options, (".csv",))
     if options.turning is not None and not options.initial:
         raise BadInputError("Argument `--turning` is for the scenario's initial state; give --initial with it.")
+    refuse_settings(options, "stability", SETTINGS)
     document = scenario_document(options)
     set_up_jax()
     from ...programs.program import compile_quickly
