@@ -10,8 +10,8 @@ from .links import DOCS, write_page
 
 LEAD = """# The command line
 
-This is what `jaxball COMMAND --help` prints. [Scenario files](scenario-files.md#scenarios-on-the-command-line) explains the
-options that change a scenario, and [exit codes](scenario-files.md#exit-codes).
+This is what `jaxball COMMAND --help` prints. [Scenario files](scenario-files.md#scenarios-on-the-command-line) explains
+the options that change a scenario, and [exit codes](scenario-files.md#exit-codes).
 """
 
 
