@@ -10,8 +10,8 @@ from .links import DOCS, write_page
 
 LEAD = """# The command line
 
-This is what `jaxball COMMAND --help` prints. The exit code is 0 for success, 1 for a run that fails verification
-or a design that violates a constraint, 2 for bad input, 3 for a solve that failed, and 130 after Ctrl-C.
+This is what `jaxball COMMAND --help` prints. [Scenario files](scenario-files.md#scenarios-on-the-command-line) explains
+the options that change a scenario, and [exit codes](scenario-files.md#exit-codes).
 """
 
 

@@ -90,6 +90,31 @@ def test_a_robot_goes_to_mujoco_and_back(robot, capsys):
     assert load_scenario("more.toml").times.tolist() == [0.0, 1.0, 2.0]
 
 
+@pytest.mark.parametrize(
+    ("command", "file", "own"),
+    [
+        (["import", "robot.xml"], "mine.toml", False),
+        (["export", "robot.toml", "--to", "mjcf"], "mine.xml", True),
+    ],
+    ids=["import", "export"],
+)
+def test_a_file_written_by_hand_is_replaced_only_by_force(robot, capsys, command, file, own):
+    """The same content may be written again, and an export over another; an import may have been edited since."""
+    assert main(["export", "robot.toml", "--to", "mjcf", "--out", "robot.xml", "--quiet"]) == 0
+    (robot / file).write_text("# my own\n")
+    refuses_command(capsys, [*command, "--out", file], "--out", "--force")
+    assert (robot / file).read_text() == "# my own\n"
+    assert main([*command, "--out", file, "--force", "--quiet"]) == 0
+    written = (robot / file).read_text()
+    assert main([*command, "--out", file, "--quiet"]) == 0
+    (robot / file).write_text(written.replace("0.5", "0.25"))
+    if own:
+        assert main([*command, "--out", file, "--quiet"]) == 0
+        assert (robot / file).read_text() == written
+    else:
+        refuses_command(capsys, [*command, "--out", file], "--out", "--force")
+
+
 def test_files_go_to_standard_output(robot, capsys):
     assert main(["export", "robot.toml", "--to", "mjcf", "--timestep", "0.001"]) == 0
     captured = capsys.readouterr()

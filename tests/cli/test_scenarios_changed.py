@@ -190,3 +190,24 @@ def test_every_problem_of_a_scenario_is_told(folder, capsys, command):
     assert [line.split("`")[1] for line in sentences] == ["titel", "body.mas", "body.height"]
     assert main([*command[:1], "wrong.toml", *command[1:]]) == 2
     assert capsys.readouterr().err.splitlines() == [f"jaxball: {line}" for line in sentences]
+
+
+@pytest.mark.parametrize(
+    ("command", "setting"),
+    [
+        (["chaos"], "solve.max_step=0.1"),
+        (["periodic", "--period", "1"], "solve.solver=radau9"),
+        (["stability"], "solve.rtol=1e-3"),
+        (["export", "--to", "mjcf"], "solve.rtol=1e-3"),
+    ],
+)
+def test_a_setting_of_the_solve_that_a_command_does_not_use_is_refused(folder, capsys, command, setting):
+    assert main([command[0], "disk.toml", *command[1:], "--set", setting]) == 2
+    said(capsys.readouterr().err, "--set", setting.partition("=")[0])
+
+
+@pytest.mark.thorough
+def test_exponents_have_the_steps_of_the_scenario(capsys):
+    """It needs more than three for the first interval."""
+    assert main(["chaos", "ball", "--end", "3", "--set", "solve.max_steps=3"]) == 3
+    said(capsys.readouterr().err, "max_steps")

@@ -31,6 +31,7 @@ def last_line(capsys, typed):
         ("simulate ball --rtoll=1e-3", "--rtol"),
         ("verify ball --knob x", "jaxball verify --help"),
         ("sweep plot x --oot y", "--out"),
+        ("sweep study.toml --out s.zarr --quiet", "jaxball sweep --help"),
         ("reproduce all", "jaxball reproduce --help"),
         (ROWS + "1,x", "--rows"),
         (ROWS + "1,1", "--rows"),

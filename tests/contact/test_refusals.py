@@ -37,6 +37,10 @@ SENTENCES = {
         lambda: simulate(BALL, TIMES, BallState(), contact=LAW, dae=True, solver=jaxball.simulation.solvers.RadauIIA()),
         "dae",
     ),
+    "a projection of a disk's state": (
+        lambda: simulate(DISK, TIMES, ReleasedState(jaxball.DiskState(), V=(1.0, 0.0, 0.0)), contact=LAW, project=True),
+        "project",
+    ),
     "a rotor": (
         lambda: simulate(
             jaxball.physics.classical.FreeRigidBody(inertia=(1.0, 2.0, 3.0)),

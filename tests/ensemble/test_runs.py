@@ -305,6 +305,7 @@ def _with_mass(system, m):
     [
         ({"solver": diffrax.Euler()}, "solver"),
         ({"dae": True, "solver": RadauIIA()}, "state"),
+        ({"project": True}, "project"),
         ({"adjoint": diffrax.DirectAdjoint()}, "adjoint"),
         ({"times": np.zeros((3, 2))}, "system"),
         ({"in_axes": (None, None)}, "system"),

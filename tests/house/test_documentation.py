@@ -18,6 +18,8 @@ import numpy as np
 import pytest
 from sybil.example import SybilFailure
 
+from jaxball import Status
+from jaxball.analysis.verify.laws import LAWS
 from jaxball.cli import main
 from jaxball.cli.dispatch import parser_of
 from tests.support.documents import agrees, examples_of
@@ -205,6 +207,20 @@ def test_every_folder_of_tests_says_what_it_compares_with():
         name for row in re.findall(r"^\| (`.*?) \|", table, flags=re.MULTILINE) for name in re.findall(r"`(\w+)`", row)
     ]
     assert sorted(said) == sorted(folders - {"support"})
+
+
+def test_the_page_on_files_has_every_status():
+    table = (ROOT / "docs" / "reference" / "files.md").read_text()
+    rows = re.findall(r"^\| (\d+) \| `([A-Z_]+)` \|", table, flags=re.MULTILINE)
+    assert rows == [(str(int(status)), status.name) for status in Status]
+
+
+def test_the_page_on_verification_states_every_law_as_the_command_does():
+    table = (ROOT / "docs" / "how-to" / "verify.md").read_text().split("\n## The laws\n")[1].split("\n## ")[0]
+    rows = re.findall(r"^\| `([\w-]+)` \| (.*?) \| [^|]+ \|$", table.replace("\\|", "¦"), flags=re.MULTILINE)
+    stated = {name: law.replace("¦", "|") for name, law in rows}
+    assert list(stated) == list(LAWS)
+    assert [name for name, law in LAWS.items() if not stated[name].startswith(law)] == []
 
 
 def test_the_page_on_sweeps_names_every_option_of_their_figures():

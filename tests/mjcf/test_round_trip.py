@@ -18,6 +18,7 @@ from jaxball import (
     Resistance,
     Spring,
     load_scenario,
+    read_scenario,
 )
 from jaxball.files.mjcf import MJCFError, read_mjcf, to_mjcf
 from jaxball.files.scenario import Units
@@ -392,3 +393,28 @@ def test_numbers_in_other_units_than_si_are_written_only_if_asked_for():
     assert to_mjcf(grams, any_units=True).text == plain
     for units in (Units("m", "kg", "s"), Units()):
         assert to_mjcf(dataclasses.replace(robot, units=units)).text == plain
+
+
+HELD = """
+format = 1
+kind = "disk"
+body = { mass = 1.0, inertia = 0.5, radius = 1.0, gravity = 10.0 }
+time = { start = 0.0, end = 4.0, step = 0.04 }
+
+[[mechanisms]]
+masses = [{ mass = 0.8, place = [0.0, 0.0, -0.5] }]
+joints = [{ kind = "hinge", axis = [0.0, 1.0, 0.0], schedule = { kind = "constant-rate", theta = 0.0, rate = 0.1 } }]
+"""
+NOT_WRITTEN = {
+    "[sensors.way]\nkind = 'position'": None,
+    "[events.turned]\nof = 'phi'\nlevel = 1.0": "`events`",
+    "[sensors.way]\nkind = 'position'\nerrors.noise = 0.01": "`sensors.way.errors`",
+    "[feedback]\nkind = 'tvlqr'\nQ = 1.0\nR = 1.0\n[estimator]\nspread = { phi = 0.1 }\n"
+    "[sensors.way]\nkind = 'position'\nerrors.noise = 0.01": "`feedback`, `estimator` and `sensors.way.errors`",
+}
+
+
+@pytest.mark.parametrize(("tables", "told"), NOT_WRITTEN.items())
+def test_what_is_left_out_is_told(tables, told):
+    notes = [note for note in to_mjcf(read_scenario(f"{HELD}{tables}\n")).notes if note.startswith("Not written")]
+    assert notes == ([] if told is None else [f"Not written, because MJCF has nothing like it: {told}."])

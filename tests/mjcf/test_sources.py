@@ -142,6 +142,19 @@ def test_an_exported_file_keeps_its_times_and_controls():
     np.testing.assert_array_equal(read_mjcf(exported.text, times=[0.0, 1.0]).scenario.times, [0.0, 1.0])
 
 
+def test_a_file_of_many_times_opens_in_mujoco_and_comes_back():
+    """MuJoCo takes at most 500 numbers in an element."""
+    times = np.linspace(0.0, 4.0, 1001)
+    pendulum = Mechanism([Hinge((0.0, 1.0, 0.0), drive=Motor(SWAY))], [CarriedMass(0.5, (0.1, 0.0, -0.5))])
+    system = Ball(mass=1.0, inertia=(0.5, 0.4, 0.45), mechanisms=[pendulum])
+    exported = to_mjcf(dataclasses.replace(scenario(system), times=times))
+    model, _ = loaded(exported.text)
+    assert int(model.numeric_size.sum()) == 2002
+    read = read_mjcf(exported.text).scenario
+    np.testing.assert_array_equal(read.times, times)
+    np.testing.assert_allclose(to_mjcf(read).controls_at(times), exported.controls_at(times), rtol=1e-14)
+
+
 def test_a_signal_that_jumps_comes_back_without_ringing():
     steps = Motor(PiecewiseSignal(times=[0.0, 0.5, 1.0], values=[0.5, -0.5]))
     pendulum = Mechanism([Hinge((0.0, 1.0, 0.0), drive=steps)], [CarriedMass(0.5, (0.1, 0.0, -0.5))])

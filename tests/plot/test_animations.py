@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.animation import FFMpegWriter
 from matplotlib.colors import to_rgb
+from mpl_toolkits.mplot3d import proj3d
 from PIL import Image
 
 import jaxball
@@ -14,7 +15,7 @@ from jaxball.interface.output import OutputError
 from jaxball.plot.animation import Canvas, frames, long_runs, palette_of
 from jaxball.plot.palette import mass_colour
 from jaxball.plot.record import record
-from jaxball.plot.scene import scene
+from jaxball.plot.scene import scene, stage
 from jaxball.plot.shapes import Placed, Setting, place
 from tests.support.sentences import refuses
 
@@ -262,3 +263,16 @@ def test_a_slope_is_seen_from_beside_its_descent():
     run = jaxball.simulate(tilted, [0.0, 1.0, 2.0], jaxball.BallState(Omega=(0.0, 0.5, 0.1)))
     placed = place(run, record(run))
     assert placed.azimuth(-60.0) == pytest.approx(placed.setting.downhill - 60.0)
+
+
+@pytest.mark.parametrize("size", [(10.0, 6.0, 1.0), (20.0, 1.0, 1.0), (1.0, 10.0, 1.0), (1.0, 1.0, 10.0)])
+@pytest.mark.parametrize("azimuth", [-60.0, 0.0, 45.0])
+def test_nothing_of_a_long_scene_is_cut_off(size, azimuth):
+    """The Axes clip what is outside of them, and the figure what is outside of it."""
+    corners = np.array([[x, y, z] for x in (0.0, size[0]) for y in (0.0, size[1]) for z in (0.0, size[2])])
+    figure, ax = stage(corners, azimuth)
+    figure.canvas.draw()
+    x, y, _ = proj3d.proj_transform(*corners.T, ax.get_proj())
+    places = ax.transData.transform(np.column_stack([x, y]))
+    for box in (ax.bbox, figure.bbox):
+        assert np.all((places >= box.min - 1e-6) & (places <= box.max + 1e-6))

@@ -177,6 +177,15 @@ def test_a_matrix_has_every_pair_once():
     assert [text.get_text() for text in figure.legends[0].get_texts()] == [f"MAX_STEPS ({np.sum(~good)})"]
 
 
+def test_the_key_of_a_matrix_is_below_a_caption_of_several_lines():
+    figure = plot.sweep_matrix(disks(DESIGN).assign_attrs(title="Disks of many masses, " * 24), ["phi", "steps"])
+    figure.canvas.draw()
+    (key,) = figure.legends
+    (caption,) = (text for text in figure.texts if text.get_text() == figure.get_suptitle())
+    assert caption.get_text().count("\n") > 1
+    assert key.get_window_extent().y1 <= caption.get_window_extent().y0
+
+
 def counted(ax):
     """How many rows each stack of a histogram has in all."""
     stacks = [patch.get_data() for patch in ax.patches if isinstance(patch, StepPatch)]

@@ -108,6 +108,7 @@ def test_what_is_written_reads_the_same(text):
         (RACER, "[1.0, 0.0, 0.0, 0.0]", "[1.0, 0.0, 0.0]", "initial.qdot"),
         (SLEIGH, "time", "solve = { solver = 'radau5', dae = true }\ntime", "solve.dae"),
         (PARTICLE, "[time]", "[solve]\nsolver = 'radau5'\ndae = true\n[time]", "solve.dae"),
+        (PARTICLE, "[time]", "[solve]\nproject = true\n[time]", "solve.project"),
     ],
 )
 def test_what_is_refused(text, old, new, named):

@@ -119,6 +119,7 @@ RUNS = {
     "another solver": (BALL + '[solve]\nsolver = "euler"', "solve.solver"),
     "a DAE by a solver for ODEs": (BALL + '[solve]\nsolver = "gauss16"\ndae = true', "solve.solver"),
     "a DAE of a disk": (DISK + '[solve]\nsolver = "radau5"\ndae = true', "solve.dae"),
+    "a projection of a disk": (DISK + "[solve]\nproject = true", "solve.project"),
     "no tolerance": (BALL + "[solve]\nrtol = 0.0", "solve.rtol"),
     "no length of steps": (BALL + "[solve]\nmax_step = 0.0", "solve.max_step"),
     "no steps": (BALL + "[solve]\nmax_steps = 0", "solve.max_steps"),

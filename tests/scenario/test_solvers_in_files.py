@@ -11,13 +11,22 @@ from jaxball import read_scenario
 from jaxball.cli import main
 from jaxball.files.scenario.solvers import KNOW_MASS_MATRICES, SOLVERS
 from jaxball.files.scenario.sources import builtin_text
+from jaxball.simulation.solvers import RadauIIA
 from tests.support.paper import reference
 from tests.support.sentences import said
 
 pytestmark = pytest.mark.usefixtures("command_line")
 
+
 EPS = np.finfo(float).eps
 DAE = 'solver = "radau9"\ndae = true'
+
+
+class OwnCollocation(RadauIIA):
+    """A solver of a user's own that knows mass matrices."""
+
+    def __init__(self):
+        super().__init__(stages=5)
 
 
 def file(name, solve):
@@ -59,6 +68,16 @@ def test_disk(solver, tolerance, bound):
 def test_ball_in_differential_algebraic_form():
     state = run("ball", DAE, 1e-9)
     assert error("ball", [state.q, state.Omega, state.z]) < 2e-8
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("solver", ["trapezoidal", "tr-bdf2", "tests.scenario.test_solvers_in_files:OwnCollocation"])
+def test_ball_in_differential_algebraic_form_by_methods_of_low_order_and_of_a_users_own(solver):
+    """Up to t = 2, with a tolerance of 1e-6; both of low order are off by some 1e-4."""
+    text = file("ball", f'solver = "{solver}"\ndae = true\nrtol = 1e-6\natol = 1e-6').replace("end = 20", "end = 2")
+    state = read_scenario(text).simulate(throw=True).state
+    expected = reference("paper_ball")[0]
+    np.testing.assert_allclose(state.q, expected[: len(state.q), 6:10], rtol=0, atol=1e-3)
 
 
 @pytest.mark.slow

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from ..files.scenario.scenario import Scenario
 
 STDIN = "-"
+SETTINGS = ("solver", "rtol", "atol", "max_steps", "max_step", "step_to_times", "dae", "project")  # the keys of [solve]
 
 
 class FileKind(NamedTuple):
@@ -103,6 +104,16 @@ def scenario_document(options: argparse.Namespace, end: float | None = None) -> 
             )
         document = with_values(document, [f"time.end={end!r}"])
     return document
+
+
+def refuse_settings(options: argparse.Namespace, command: str, names: Sequence[str]) -> None:
+    """Raises a :class:`~jaxball.ScenarioError` where --set gives a setting of the solve that a command does not use."""
+    for change in options.set:
+        path, _, value = (part.strip() for part in change.partition("="))
+        if value and path in [f"solve.{name}" for name in names]:
+            raise ScenarioError(
+                f"Argument `--set` must change what `jaxball {command}` uses, but it changes `{path}`; leave it out."
+            )
 
 
 def change_document(source: str, changes: Sequence[str]) -> dict[str, Any]:

@@ -147,6 +147,28 @@ def add_replacing(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--force", action="store_true", help="replace figures of another run as well")
 
 
+def add_force(parser: argparse.ArgumentParser, what: str) -> None:
+    """Adds --force, for a file of text that users also write themselves."""
+    parser.add_argument("--force", action="store_true", help=f"replace {what} as well")
+
+
+def write_new(options: argparse.Namespace, text: str, mark: str | None = None) -> list[Path]:
+    """Writes the text to the file of --out, or prints it, and lists the files written.
+
+    **Raises:** :class:`~jaxball.files.results.OutputError` where, without --force, another text is there, unless it has
+    the ``mark`` of what the same command wrote.
+    """
+    path: Path = options.out
+    if path != STDOUT and not options.force and path.exists():
+        there = path.read_bytes().decode(errors="replace")
+        if there not in ("", text) and (mark is None or mark not in there):
+            raise OutputError(
+                f'Argument `--out` must be a new file, but "{path}" is there and has other content; write elsewhere, '
+                "or replace it with --force."
+            )
+    return print_or_write(path, text)
+
+
 def check_figures_folder(options: argparse.Namespace, folder: str, formats: str) -> None:
     """Raises an :class:`~jaxball.files.results.OutputError` where figures cannot be written into the folder of an
     option.

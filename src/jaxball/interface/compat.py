@@ -21,6 +21,11 @@ except ImportError:  # in a version that has it elsewhere
     _put = None
 
 try:
+    from jaxlib._jax import ArrayImpl as _Array
+except ImportError:  # in a version that has it elsewhere
+    _Array = None
+
+try:
     from jax._src.config import trace_context as trace_context
 except ImportError:  # in a version that has it elsewhere
 

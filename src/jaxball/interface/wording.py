@@ -67,13 +67,16 @@ def duration(seconds: float) -> str:
 
 
 def nearest(name: Any, known: Iterable[str], most: int = 1, cutoff: float = 0.6) -> list[str]:
-    """Finds up to ``most`` known names similar to ``name``, the most similar first, ignoring case."""
+    """Finds up to ``most`` known names similar to ``name``, the most similar first.
+
+    Case does not count, nor do the dashes before an option, by which any two would be similar.
+    """
     if not isinstance(name, str):  # which the error shows
         return []
     import difflib  # here, because it is for mistakes alone
 
-    lower = {candidate.lower(): candidate for candidate in known}
-    return [lower[near] for near in difflib.get_close_matches(name.lower(), lower, most, cutoff)]
+    lower = {candidate.lower().lstrip("-"): candidate for candidate in known}
+    return [lower[near] for near in difflib.get_close_matches(name.lower().lstrip("-"), lower, most, cutoff)]
 
 
 def any_of(names: Sequence[str]) -> str:

@@ -35,6 +35,7 @@ from .solvers import NDF, TRBDF2, RadauIIA, Trapezoidal
 DEFAULT_SOLVER = diffrax.Dopri8()
 DEFAULT_ADJOINT = diffrax.RecursiveCheckpointAdjoint()
 NO_PROGRESS = diffrax.NoProgressMeter()
+KNOW_MASS_MATRICES = (RadauIIA, NDF, Trapezoidal, TRBDF2)
 PLAIN = 1e30  # numbers between this and its negative have a place in every floating-point type
 LEAST_REFINEMENT = 1 / 3  # of the tolerance, by which the error can still be told
 FINEST = {name: 8 * float(np.finfo(name).eps) for name in ("float32", "float64")}
@@ -320,11 +321,28 @@ def require_dae(
             f"Argument `state` must be {WITH_UNIT} where `dae` is True, because it is a component of their unit "
             f"vector that becomes algebraic, but it is a {type(state).__name__}."
         )
-    if not isinstance(solver, RadauIIA | NDF | Trapezoidal | TRBDF2):
+    if not isinstance(solver, KNOW_MASS_MATRICES):
         raise TypeError(
             "Argument `solver` must be a RadauIIA, NDF, Trapezoidal or TRBDF2 of jaxball.simulation.solvers where "
             "`dae` is True, because other solvers do not support a mass matrix, "
             f"but it is a {type(DEFAULT_SOLVER if solver is None else solver).__name__}."
+        )
+
+
+def has_projection(system: AbstractSystem, state: AbstractState | ReleasedState) -> bool:
+    """Returns whether there is anything for ``project`` to keep: a unit vector, a rotation matrix, or constraints."""
+    kind = type(state.body if isinstance(state, ReleasedState) else state)
+    if isinstance(system, BodyOnPlane) or type(system).projected is AbstractSystem.projected:
+        return kind.unit_vector is not None or kind.projected is not AbstractState.projected
+    return True
+
+
+def require_projection(system: AbstractSystem, state: AbstractState | ReleasedState) -> None:
+    """Raises ``TypeError`` where ``project`` is asked for but would change nothing."""
+    if not has_projection(system, state):
+        raise TypeError(
+            f"Argument `project` must be False for a {system.shown.title}, whose state has nothing to normalise, "
+            "but it is True."
         )
 
 

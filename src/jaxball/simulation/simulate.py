@@ -46,6 +46,7 @@ from .arguments import (
     check_times,
     check_tolerances,
     require_dae,
+    require_projection,
     require_single,
     require_single_numbers,
     system_to_solve,
@@ -109,7 +110,7 @@ def simulate(
     - ``dae``: whether to solve the differential-algebraic form of the paper, in which |q|² = 1 determines a component
       of q, with a solver that knows mass matrices, such as :class:`jaxball.simulation.solvers.RadauIIA`.
     - ``project``: whether each step ends with q, Γ or Λ normalised, or on the constraints of a
-      :class:`~jaxball.physics.classical.LagrangianSystem`; with holonomic ones it always does.
+      :class:`~jaxball.physics.classical.LagrangianSystem`; with holonomic ones it always does. A disk has neither.
     - ``events``: the events to detect, by name, such as an :class:`~jaxball.Event`; ``trajectory.events[name]`` says
       when each happened. One that ends the run sets its status, and the states saved after that are NaN.
     - ``contact``: a :class:`~jaxball.Contact`, by which a body may slip, leave the ground and land on it, also from a
@@ -147,6 +148,8 @@ def simulate(
     tolerances = check_tolerances(rtol, atol)
     if dae:
         require_dae(moving, state, solver)
+    if project:
+        require_projection(moving, state)
     flags["swinging"] = inside and may_swing_out(moving)
     method = Method.of(solver, adjoint, max_steps, progress, max_step, **flags)
     trajectory = _run(method, moving, times, state, *tolerances, check_events(moving, events))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ...files.scenario.paths import entries
 from ...files.scenario.solvers import SOLVERS
 from ...interface.status import Status
-from ..input import add_scenario, read_scenario, scenario_document
+from ..input import add_scenario, read_scenario, refuse_settings, scenario_document
 from ..jax_setup import set_up_jax
 from ..options import (
     CHART_AXIS,
@@ -32,6 +32,9 @@ if TYPE_CHECKING:
 DIRECTIONS = {"rising": 1, "falling": -1, "both": 0}
 INTERVAL, INTERVAL_OF_A_CHART = 1.0, 10.0
 MOST_CROSSINGS = 10_000
+
+
+UNUSED = ("max_step", "step_to_times", "dae", "project")  # settings of a solve
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -68,6 +71,7 @@ def run(options: argparse.Namespace) -> int:
     else:
         others = ("exponents", "interval", "transient")
         refuse(options, others, "is for Lyapunov exponents; leave it out with --poincare.")
+    refuse_settings(options, "chaos", UNUSED)
     try:
         if options.chart is not None:
             return _chart(options)
@@ -101,6 +105,7 @@ def _exponents(options: argparse.Namespace) -> int:
             solver=SOLVERS[scenario.solver](),
             rtol=scenario.rtol,
             atol=scenario.atol,
+            max_steps=scenario.max_steps,
         )
     return report(
         options,
@@ -163,6 +168,7 @@ def _poincare(options: argparse.Namespace) -> int:
             solver=SOLVERS[scenario.solver](),
             rtol=scenario.rtol,
             atol=scenario.atol,
+            max_steps=scenario.max_steps,
         )
     crossed = numbers_of(crossings.state)
     columns = {"time": crossings.times} | {

@@ -4,8 +4,8 @@ import argparse
 from pathlib import Path
 
 from ...interface.output import replacing
-from ..input import add_scenario, read_scenario
-from ..options import STDOUT, BadInputError, add_quiet, check_file, name_files, positive, print_or_write, say
+from ..input import SETTINGS, add_scenario, read_scenario, refuse_settings
+from ..options import STDOUT, BadInputError, add_force, add_quiet, check_file, name_files, positive, say, write_new
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -32,21 +32,24 @@ def add(parser: argparse.ArgumentParser) -> None:
         metavar="LENGTH",
         help="half the side of the height field that a curved ground is written as; default: 10 radii of the body",
     )
+    add_force(parser, "a file that no export wrote")
     add_quiet(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     check_file(options, "out", (".xml",), also=STDOUT)
     check_file(options, "controls", (".csv",))
+    refuse_settings(options, "export", SETTINGS)
     scenario = read_scenario(options)
     from ...files.mjcf import to_mjcf
+    from ...files.mjcf.drives import TIMES
     from ..files import write_csv
 
     timestep = {} if options.timestep is None else {"timestep": options.timestep}
     exported = to_mjcf(scenario, any_units=options.any_units, extent=options.extent, **timestep)
     if options.controls is not None and not exported.controls:
         raise BadInputError("Argument `--controls` must be left out, because nothing in this robot is controlled.")
-    written = print_or_write(options.out, exported.text)
+    written = write_new(options, exported.text, mark=TIMES)
     if options.controls is not None:
         rows = ((t, *row) for t, row in zip(scenario.times, exported.controls_at(scenario.times), strict=True))
         with replacing(options.controls) as temporary:

@@ -10,7 +10,7 @@ from ...files.scenario.errors import ScenarioError
 from ...files.scenario.sources import text_of
 from ..input import STDIN, refuse_document
 from ..jax_setup import set_up_jax
-from ..options import STDOUT, BadInputError, add_quiet, check_file, name_files, positive, print_or_write, say
+from ..options import STDOUT, BadInputError, add_force, add_quiet, check_file, name_files, positive, say, write_new
 
 if TYPE_CHECKING:
     from ...files.scenario.scenario import Scenario
@@ -42,6 +42,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         "--contact", action="store_true", help="let it slip and fly, with MuJoCo's coefficient of friction; MJCF alone"
     )
     parser.add_argument("--shell", metavar="LINK", help="which link rolls, where several have a sphere; URDF alone")
+    add_force(parser, "a file with other content")
     add_quiet(parser)
 
 
@@ -69,7 +70,7 @@ def run(options: argparse.Namespace) -> int:
 
     robot = read_urdf(text, shell=options.shell) if urdf else read_mjcf(text, contact=options.contact)
     scenario = _with_times(robot.scenario, options.end, options.step)
-    written = print_or_write(options.out, with_schema(write_scenario(scenario)))
+    written = write_new(options, with_schema(write_scenario(scenario)))
     say(options, *robot.notes, *_problems(scenario), name_files(written))
     return 0
 

@@ -11,7 +11,7 @@ from ...files.scenario.errors import ScenarioError
 from ...files.scenario.paths import check_number, entries, value_at
 from ...interface.status import Status
 from ...interface.wording import number_of
-from ..input import add_scenario, scenario_document, scenario_of
+from ..input import add_scenario, refuse_settings, scenario_document, scenario_of
 from ..jax_setup import compile_for, set_up_jax
 from ..options import (
     CHART_AXIS,
@@ -36,6 +36,9 @@ if TYPE_CHECKING:
 ITERATIONS = 20
 NAMES = ("period", "turns", "residual", "ok", "stable", "kind", "growth", "least_normal_force", "iterations")
 COMPLEX = ("multipliers", "exponents")
+
+
+UNUSED = ("solver", "max_step", "step_to_times", "dae", "project")  # settings of a solve
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -88,6 +91,8 @@ def run(options: argparse.Namespace) -> int:
         refuse(options, ("after", "turns"), "is for one motion; leave it out with --chart.")
     check_outputs(options, (".csv",) if options.chart is None else (".nc", ".csv"))
     axes = None if options.chart is None else chart_axes(options)
+    # The run of --after uses all.
+    refuse_settings(options, "periodic", UNUSED if options.after is None else ())
     document = scenario_document(options)
     period = _period(options, document)
     options.iterations = options.iterations or ITERATIONS

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...files.scenario.errors import ScenarioError
 from ...interface.wording import all_of
-from ..input import add_scenario, read_scenario
+from ..input import SETTINGS, add_scenario, read_scenario, refuse_settings
 from ..options import BadInputError, add_results, check_outputs, in_commands, number, working
 
 if TYPE_CHECKING:
@@ -40,6 +40,7 @@ def run(options: argparse.Namespace) -> int:
     check_outputs(options, (".csv",))
     if options.turning is not None and not options.initial:
         raise BadInputError("Argument `--turning` is for the scenario's initial state; give --initial with it.")
+    refuse_settings(options, "stability", SETTINGS)
     scenario = read_scenario(options)
     from ...programs.program import compile_quickly
     from ..files import motion_content, report, save_motions

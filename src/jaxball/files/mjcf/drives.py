@@ -4,6 +4,7 @@ Controls that vary over time, and save times, stand beside the robot in a file o
 them but ``<custom>``, whose numbers MuJoCo keeps and does not heed.
 """
 
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple, TypeGuard
@@ -191,6 +192,8 @@ def control_values(controls: Iterable[Control], times: Float[np.ndarray, " T"]) 
 
 TIMES = "jaxball.times"
 CONTROL = "jaxball.control "  # and the name of the actuator
+MORE = "jaxball.more {} "  # with a number, and the name of the element whose numbers go on here
+MOST_NUMBERS = 500  # in one element: with more MuJoCo does not open a file, or ends the process
 
 
 class Recording(NamedTuple):
@@ -257,10 +260,26 @@ def _follow(spline: CubicSpline, lag: float) -> Float[np.ndarray, " T"]:
 def write_recordings(root: ET.Element, times: Float[np.ndarray, " T"], controls: Sequence[Control]) -> None:
     """Adds the save times to a file, and the controls that vary over them."""
     custom = ET.SubElement(root, "custom")
-    add(custom, "numeric", name=TIMES, data=times)
+    _add_numbers(custom, TIMES, times)
     for control, values in zip(controls, control_values(controls, times).T, strict=True):
         if np.any(values != values[0]):
-            add(custom, "numeric", name=f"{CONTROL}{control.actuator}", data=values)
+            _add_numbers(custom, f"{CONTROL}{control.actuator}", values)
+
+
+def _add_numbers(custom: ET.Element, name: str, values: Float[np.ndarray, " T"]) -> None:
+    """Adds numbers, in as many elements as they need, whose names differ, as MuJoCo requires."""
+    for start in range(0, len(values), MOST_NUMBERS):
+        more = MORE.format(start // MOST_NUMBERS) if start else ""
+        add(custom, "numeric", name=f"{more}{name}", data=values[start : start + MOST_NUMBERS])
+
+
+def _join_numbers(root: ET.Element) -> dict[str, ET.Element]:
+    """Returns the elements with numbers by name, those that go on in others joined with these."""
+    parts: dict[str, list[str]] = {}
+    for element in root.findall("custom/numeric"):
+        name = re.sub(f"^{MORE.format(r'[0-9]+')}", "", element.get("name", ""))
+        parts.setdefault(name, []).append(element.get("data", ""))
+    return {name: ET.Element("numeric", name=name, data=" ".join(data)) for name, data in parts.items()}
 
 
 def read_recordings(root: ET.Element) -> Mapping[str, Recording]:
@@ -270,7 +289,7 @@ def read_recordings(root: ET.Element) -> Mapping[str, Recording]:
 
     **Raises:** :class:`MJCFError` for times that do not increase, and for controls of other times.
     """
-    numeric = {element.get("name", ""): element for element in root.findall("custom/numeric")}
+    numeric = _join_numbers(root)
     if TIMES not in numeric:
         return {}
     times = numbers(numeric[TIMES], "data")

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...interface.arguments import a, describe, require, require_flags
+from ...interface.wording import all_of
 from ...numerics.arrays import to_array
 from ...physics.body import System
 from ...physics.contact.released import ReleasedState, release
@@ -344,6 +345,11 @@ def _notes(scenario: Scenario, links: Links) -> tuple[str, ...]:
         notes.append("Joints with dry friction stick here; in MuJoCo, where it is a soft constraint, they creep.")
     if any(_has(mechanism, EndStops) for mechanism in system.mechanisms):
         notes.append(f"End stops are the ranges of joints: {LIMITS}.")
+    left_out = {"feedback": scenario.feedback, "estimator": scenario.estimator, "events": scenario.events}
+    left_out |= {f"sensors.{name}.errors": sensor.errors for name, sensor in scenario.sensors.items()}
+    if any(left_out.values()):
+        keys = all_of([f"`{key}`" for key, value in left_out.items() if value])
+        notes.append(f"Not written, because MJCF has nothing like it: {keys}.")
     return tuple(notes)
 
 

@@ -55,7 +55,7 @@ from .mechanisms import MECHANISM, joints_in_state, read_mechanisms, write_mecha
 from .motions import MASSES, read_masses, write_masses
 from .paths import has_path, key_of, numbers_of, value_at, with_values
 from .scenario import Scenario
-from .solve import SOLVE, TIMES, SaveTimes, check_dae, read_times, write_times
+from .solve import SOLVE, TIMES, SaveTimes, check_dae, check_projection, read_times, write_times
 from .sources import SCENARIO, document_of, naming, scenario_text
 from .table import Key, keeping_defaults, keys_of, read_family, read_table, write_table
 from .units import UNITS_KEY, Units, check_units_of_logs, write_units
@@ -275,6 +275,7 @@ def _join_tables(kind: str, document: Mapping[str, Any], tables: Mapping[str, An
         lambda: each_of(
             lambda: contact is None or check_contact(contact, "contact", system),
             lambda: solve and check_dae(system, contact, solve["solver"], solve["dae"]),
+            lambda: solve and check_projection(system, contact, state, solve["project"]),
             lambda: check_run(system, span),
             lambda: check_confinement(system, span, state),
             lambda: check_start(system, start, state),
@@ -305,6 +306,7 @@ def _read_classical(document: dict[str, Any]) -> Contents:
     resistance = table.get("resistance")
     system, state = read_classical(table["kind"], table["body"], table["initial"], times.start, resistance)
     check_dae(system, None, solve["solver"], solve["dae"])
+    check_projection(system, None, state, solve["project"])
     check_events_of(events, "events", system, None, times.start, state)
     return Contents(table["title"], system, state, None, times, solve, {}, events, units=table["units"])
 

@@ -109,9 +109,9 @@ SIGNAL_OR_SCHEDULE_FROM_LOG = SignalOrSchedule(
         "outside": Key(
             Choice(_OUTSIDE),
             "refuse",
-            says='outside of the log, whether a run is refused, or the signal is that of the nearest row ("hold"), or '
-            "0; of a "
-            'schedule "continue", at the rate at that end, instead of these two',
+            says='before the first time and after the last, "hold" for the first and the last value, "zero" for 0, or '
+            '"refuse" for a run that must not go beyond the log; where `schedule` is true "refuse" or "continue", for '
+            "motion at the rate at that end",
         ),
         "schedule": Key(Flag(), False, says="whether the signal is the value of a schedule from the log, a spline"),
     },

@@ -150,9 +150,30 @@ def check_dae(
         raise key_error("solve.dae", f"false for a {named}, whose state has no versor", "true")
     if (solved := system_to_solve(system, contact)).is_hybrid:
         raise key_error("solve.dae", f"false for a {solved.title}, whose modes are differential equations", "true")
-    if solver not in KNOW_MASS_MATRICES:
+    if not _knows_mass_matrices(solver):
         names = ", ".join(f'"{name}"' for name in KNOW_MASS_MATRICES)
         raise ScenarioError(
             f"{named} must be one of {names} where `solve.dae` is true, because other solvers do not support a mass "
             f'matrix, but it is "{solver}".'
+        )
+
+
+def _knows_mass_matrices(solver: str) -> bool:
+    if solver in KNOW_MASS_MATRICES or not is_python_name(solver):
+        return solver in KNOW_MASS_MATRICES
+    from ...simulation import arguments  # here, as above
+
+    return isinstance(SOLVERS[solver](), arguments.KNOW_MASS_MATRICES)
+
+
+def check_projection(system: AbstractSystem, contact: Contact | None, state: Any, project: bool) -> None:
+    """Raises a :class:`ScenarioError` where steps are to end on constraints, but the system has none."""
+    if not project:
+        return
+    from ...simulation.arguments import has_projection, system_to_solve  # here, as above
+
+    if not has_projection(system_to_solve(system, contact), state):
+        raise ScenarioError(
+            f"Key `solve.project` must be false for a {system.title}, whose state has nothing to normalise, but it is "
+            "true; leave it out."
         )

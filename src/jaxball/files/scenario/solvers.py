@@ -52,7 +52,7 @@ class _Solvers(dict[str, Callable[[], "diffrax.AbstractAdaptiveSolver"]]):
 # The order of Radau IIA is part of its name, as in the codes of Hairer & Wanner.
 KNOW_MASS_MATRICES: "Mapping[str, Callable[[], diffrax.AbstractAdaptiveSolver]]" = {
     f"radau{2 * stages - 1}": _of_jaxball("RadauIIA", stages=stages) for stages in (3, 5, 7)
-} | {"ndf": _of_jaxball("NDF")}
+} | {"ndf": _of_jaxball("NDF"), "trapezoidal": _of_jaxball("Trapezoidal"), "tr-bdf2": _of_jaxball("TRBDF2")}
 SOLVERS: "Mapping[str, Callable[[], diffrax.AbstractAdaptiveSolver]]" = _Solvers(
     {
         "dopri5": _of_diffrax("Dopri5"),
@@ -63,7 +63,5 @@ SOLVERS: "Mapping[str, Callable[[], diffrax.AbstractAdaptiveSolver]]" = _Solvers
         "adams": _of_jaxball("Adams"),
         **KNOW_MASS_MATRICES,
         "gauss16": _of_jaxball("Gauss", stages=8),
-        "trapezoidal": _of_jaxball("Trapezoidal"),
-        "tr-bdf2": _of_jaxball("TRBDF2"),
     }
 )

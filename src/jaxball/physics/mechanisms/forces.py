@@ -249,7 +249,7 @@ class Motor(AbstractJointForce):
     **Arguments:**
 
     - ``signal``: the torque of a hinge or the force along a slider, mass length²/time² or mass length/time². A number,
-      a :class:`~jaxball.PiecewiseSignal`, or a schedule of it.
+      a :class:`~jaxball.PiecewiseSignal`, a :class:`~jaxball.RecordedSignal`, or a schedule of it.
     - ``limit``: the largest |Q|; none if not given.
 
     **Example:**

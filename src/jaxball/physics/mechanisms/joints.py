@@ -357,8 +357,8 @@ class HardStops(AbstractJointForce):
     - ``lower``: θ at the lower stop.
     - ``upper``: θ at the upper stop, more than ``lower``.
     - ``restitution``: Newton's e, from 0 to 1.
-    - ``slowest``: rebounds slower than this times √(g r) count as none, as the masses that the joint moves have them;
-      without gravity, the acceleration to the stop takes the place of g.
+    - ``slowest``: a rebound in which the masses that the joint moves are slower than this times √(g r) counts as none;
+      without gravity, their acceleration towards the stop takes the place of g.
 
     **Source:** Brogliato, *Nonsmooth Mechanics*, 3rd ed., Springer 2016, chapter 4.
 

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import blended_transform_factory
 
 from ...interface.status import Status
 from ...interface.wording import number_of
@@ -118,6 +119,9 @@ def sweep_matrix(
         handles=list(keys.values()),
         title=left_out[0] if left_out else number_of(len(rows), "row"),
         loc="upper right",
+        # In the empty corner, and not over a caption of several lines.
+        bbox_to_anchor=(1.0, 1.0),
+        bbox_transform=blended_transform_factory(figure.transFigure, panels[0, 0].transAxes),
         frameon=False,
         prop=SMALL_FONT,
         title_fontproperties=SMALL_FONT,

@@ -24,7 +24,7 @@ from ...physics.observables import Observables
 from ...physics.system import AbstractState, AbstractSystem
 from ...programs.operation import in_threads
 from .. import DEFAULT_TOLERANCE
-from ..arguments import check_tolerances, require_dae, require_kind_of_state, system_to_solve
+from ..arguments import check_tolerances, require_dae, require_kind_of_state, require_projection, system_to_solve
 from ..events import AbstractEvent, Occurrences, check_events
 from ..simulate import Method, at_rest
 from ..trajectory import Trajectory
@@ -208,6 +208,8 @@ def simulate_ensemble(
     require_kind_of_state(simulated, state)
     if dae:
         require_dae(simulated, state, solver)
+    if project:
+        require_projection(simulated, state)
     events = check_events(simulated, events)
     swinging = inside and may_swing_out(simulated)
     method = Method.of(solver, adjoint, max_steps, None, max_step, swinging=swinging, **flags)

@@ -56,6 +56,7 @@ def scenario_chart(
         solver=SOLVERS[template.solver](),
         rtol=template.rtol,
         atol=template.atol,
+        max_steps=template.max_steps,
         progress=progress,
     )
     return cells.finish(data, ("exponent", "exponent_regardless", "standard_error", "least_normal_force"))

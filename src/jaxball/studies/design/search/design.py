@@ -121,7 +121,8 @@ def _run_search(problem: Problem, settings: Settings, folder: Path | None, say: 
     if folder is not None and (folder / PROGRESS).exists():
         # A resumed search needs no check of its gradient: the one at its start has passed.
         progress = load_progress(folder / PROGRESS, identity)
-        say(f"resumed from {progress.phase} {progress.step}, objective {progress.merit.objective:.6g}")
+        where = "the end of the search" if progress.phase == "done" else f"{progress.phase} {progress.step}"
+        say(f"resumed from {where}, objective {progress.merit.objective:.6g}")
     else:
         say("compiling the gradient, and checking it at the start")
         check = check_gradient(
