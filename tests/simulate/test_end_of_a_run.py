@@ -139,3 +139,11 @@ def test_what_bends_at_the_end_needs_no_more_than_its_own_derivative():
     given = jnp.array([1.0, 1.0])
     found = jaxball.jit(jax.jacrev(lambda x: last(*x)))(given)
     np.testing.assert_allclose(found, jacobian(lambda x: last(*x), given, 1e-5, points=2), atol=1e-6)
+
+
+@pytest.mark.parametrize("end", [1e-20, 1e-60, 1e-120])
+def test_a_run_may_be_as_short_as_a_unit_of_time_makes_it(end):
+    """A disk that rolls freely, z = v t with v = 1 / end."""
+    run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, end / 4, end], DiskState(phidot=-1 / end))
+    assert run.ok
+    np.testing.assert_allclose(run.state.z, [0.0, 0.25, 1.0], rtol=1e-12)
