@@ -31,6 +31,7 @@ from jaxball.numerics.kinks import just_before
 from jaxball.physics.sensors import Accelerometer
 from jaxball.plot.coordinates import accelerations
 from jaxball.simulation.ensemble import simulate_ensemble
+from jaxball.simulation.one_sided import with_one_sided_limits
 from jaxball.studies.design.problem.run import Run
 from tests.support.differences import jacobian
 
@@ -168,6 +169,11 @@ def test_what_ends_a_mode_by_a_jump_is_told_from_before_as_the_mode_is():
     np.testing.assert_allclose(seen.friction_ratio, [0.0, 0.0, 0.0, 0.3], rtol=0, atol=1e-9)
     felt = run.measured({"centre": Accelerometer()})["centre"]
     np.testing.assert_allclose(felt[:3], np.tile([0.0, 0.0, 9.81], (3, 1)), rtol=0, atol=1e-9)
+    # A figure has both sides, in two rows of the same time, a rounding after the jump.
+    both = with_one_sided_limits(run)
+    efforts = both.observables.joint_efforts[:6, 0]
+    np.testing.assert_array_equal(both.contact.mode[:6], [0, 0, 0, 0, 1, 1])
+    np.testing.assert_allclose(efforts, [0.0, 0.0, 0.0, 0.0, 6.0, 6.0], rtol=0, atol=1e-12)
     # Without a law of contact no mode ends, and the row is of the later side.
     rolling = simulate(wheel, times, DiskState(theta=[0.0], thetadot=[0.0]))
     np.testing.assert_allclose(rolling.observables.joint_efforts[:, 0], [0.0, 0.0, 6.0, 6.0], rtol=0, atol=1e-12)

@@ -451,8 +451,11 @@ def times_looked_at(
 
 
 def times_before_jumps(system: AbstractSystem, times: Float[Array, " T"]) -> Float[Array, " T"]:
-    """Returns the times of a run, but just before a kink where there is one; not so its start."""
-    return jnp.concatenate([times[:1], just_before(system.kinks(), times[1:])])
+    """Returns the times of a run, but just before a kink where there is one; not so its start, nor a row after one with
+    the same time, which is of what comes after a switch.
+    """
+    again = jnp.concatenate([jnp.ones((1,), bool), times[1:] == times[:-1]])
+    return jnp.where(again, times, just_before(system.kinks(), times))
 
 
 @programs.filter_jit
