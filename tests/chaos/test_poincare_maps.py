@@ -70,6 +70,21 @@ def test_sections_of_a_bounce(direction):
 
 
 @pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("end", "direction", "height", "velocity"), [(1.5, -1, 0.25, 0.0), (2.0, 1, 0.0, 0.5)], ids=["highest", "impact"]
+)
+def test_a_crossing_with_which_the_run_ends_has_a_state(end, direction, height, velocity):
+    """A ball dropped from g/2 bounces by 1/2: it lands at t = 1 and 2, where it rebounds at 1/2, and turns at 1.5."""
+    ball = jaxball.Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), gravity=2.0)
+    start = jaxball.physics.ReleasedState(jaxball.BallState(), V=(0.0, 0.0, 0.0), height=1.0)
+    law = jaxball.Contact(0.3, restitution=0.5, slowest=0.01)
+    crossings = poincare_map(ball, "V[2]", [0.0, end], start, contact=law, direction=direction)
+    np.testing.assert_allclose(crossings.times[-1], end, rtol=1e-12)
+    np.testing.assert_allclose(crossings.state.height[-1], height, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(crossings.state.V[-1], [0.0, 0.0, velocity], rtol=0, atol=1e-9)
+
+
+@pytest.mark.thorough
 def test_a_section_of_a_system_with_a_wall():
     """A point that bounces without loss crosses half of its height upwards at the same speed each time."""
 

@@ -184,9 +184,11 @@ def test_inputs_are_known_to_the_filter():
     torque = jaxball.planar_pendulum(0.5, 0.6, drive=jaxball.Motor(driven))
     start = DiskState(theta=[0.1], thetadot=[0.0])
     run = jaxball.simulate(Disk(mass=1.0, inertia=0.5, mechanisms=[torque]), TIMES, start)
-    sensors = {"angle": Encoder(joint, errors=SensorErrors(noise=1e-6))}
+    exact = SensorErrors(noise=1e-6)
+    sensors = {"angle": Encoder(joint, errors=exact), "felt": Accelerometer(errors=exact)}
     known = ErrorStateFilter.of(disk, sensors, sample=H, inputs=[joint])
-    estimate = known(run.measured({"angle": Encoder(joint)}), start, {"phi": 0.1}, u=u)
+    readings = run.measured({"angle": Encoder(joint), "felt": Accelerometer()})
+    estimate = known(readings, start, {"phi": 0.1}, u=u)
     np.testing.assert_allclose(estimate.state.theta, run.state.theta, rtol=0, atol=1e-8)
     np.testing.assert_allclose(estimate.state.phi, run.state.phi, rtol=0, atol=1e-8)
 

@@ -10,7 +10,7 @@ import pytest
 from scipy.special import ellipj, ellipk
 
 import jaxball
-from jaxball import Event, Status, simulate
+from jaxball import Disk, DiskState, Event, Status, simulate
 from jaxball.physics.classical import FreeRigidBody, RigidBodyState
 from jaxball.simulation.solvers import Gauss
 from tests.support.differences import slope
@@ -134,6 +134,23 @@ def test_a_terminal_event_ends_the_run(runs):
     np.testing.assert_array_equal(np.isfinite(run.state.Omega[:, 0]), first >= TIMES)
     assert run.events["b"].count == (2 if first > 5.02 else 0)
     said(run.message)
+
+
+def test_extreme_values_are_those_up_to_the_end_of_the_run():
+    """A free disk rolls at 1 to z = 1.5 in a step that goes on to 2, where an event ends the run."""
+    rolling = {"there": Event("z", level=1.5, terminal=True)}
+    others = {
+        "far": Event("z", level=9.0),
+        "up": Event(lambda disk, t, state: 0.7 - state.z, direction=1),
+        "ahead": Event(lambda disk, t, state: state.z + 1.0, direction=-1),
+    }
+    run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 2.0], DiskState(phidot=-1.0), events=rolling | others)
+    extremes = {"there": (-1.5, 0.0), "far": (-9.0, -7.5), "up": (-0.8, 0.7), "ahead": (1.0, 2.5)}
+    found = {name: (float(event.least), float(event.largest)) for name, event in run.events.items()}
+    for name, expected in extremes.items():
+        np.testing.assert_allclose(found[name], expected, rtol=0, atol=1e-12)
+    said(run.events["far"].message, "-7.5")
+    said(run.events["up"].message, "direction")
 
 
 @functools.cache

@@ -256,6 +256,21 @@ def test_a_plane_that_shakes_is_felt():
     np.testing.assert_allclose(found[:, 2], expected, rtol=1e-12)
 
 
+def test_a_reading_is_of_what_has_acted_until_then():
+    """A motor's torque jumps at t = 1, and with it φ̈: before, it is the slope of a polynomial through nine φ̇.
+
+    At the centre of a disk that rolls the specific force is (r φ̈, g), in axes that turn.
+    """
+    arm = jaxball.planar_pendulum(0.3, 0.4, drive=jaxball.Motor(jaxball.PiecewiseSignal([0.0, 1.0, 2.0], [0.5, -0.7])))
+    disk = Disk(mass=M, inertia=D, radius=R, gravity=G, mechanisms=[arm])
+    times = np.append(0.0, 1.0 + 0.005 * np.arange(-8.0, 2.0))
+    run = jaxball.simulate(disk, times, DiskState(theta=[0.7], thetadot=[0.0]), **FINE)
+    felt = np.linalg.norm(run.measured({"centre": Accelerometer()})["centre"], axis=1)
+    before = np.polynomial.Polynomial.fit(times[1:10], np.asarray(run.state.phidot)[1:10], 8).deriv()
+    np.testing.assert_allclose(felt[9], np.hypot(R * before(1.0), G), rtol=1e-9)
+    assert abs(felt[10] - felt[9]) > 1e-3  # it does jump
+
+
 @pytest.mark.thorough
 def test_a_failed_run_has_no_readings_where_it_did_not_come():
     """NaN after the time that the solve reached, also of what a schedule prescribes."""

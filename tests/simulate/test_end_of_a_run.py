@@ -28,8 +28,10 @@ from jaxball import (
     simulate,
 )
 from jaxball.numerics.kinks import just_before
+from jaxball.physics.sensors import Accelerometer
 from jaxball.plot.coordinates import accelerations
 from jaxball.simulation.ensemble import simulate_ensemble
+from jaxball.simulation.one_sided import with_one_sided_limits
 from jaxball.studies.design.problem.run import Run
 from tests.support.differences import jacobian
 
@@ -139,3 +141,39 @@ def test_what_bends_at_the_end_needs_no_more_than_its_own_derivative():
     given = jnp.array([1.0, 1.0])
     found = jaxball.jit(jax.jacrev(lambda x: last(*x)))(given)
     np.testing.assert_allclose(found, jacobian(lambda x: last(*x), given, 1e-5, points=2), atol=1e-6)
+
+
+@pytest.mark.parametrize("end", [1e-20, 1e-60, 1e-120])
+def test_a_run_may_be_as_short_as_a_unit_of_time_makes_it(end):
+    """A disk that rolls freely, z = v t with v = 1 / end."""
+    run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, end / 4, end], DiskState(phidot=-1 / end))
+    assert run.ok
+    np.testing.assert_allclose(run.state.z, [0.0, 0.25, 1.0], rtol=1e-12)
+
+
+def test_what_ends_a_mode_by_a_jump_is_told_from_before_as_the_mode_is():
+    """A wheel at rest with its pendulum, whose motor jumps to 6 at t = 1: friction of 0.3 cannot hold it from then on.
+
+    Where it rolls, as it is said to do at the time of the jump, nothing acts but its weight; just after, it slides.
+    """
+    motor = Motor(PiecewiseSignal([0.0, 1.0, 2.0], [0.0, 6.0]))
+    arm = jaxball.planar_pendulum(0.5, 0.3, drive=motor)
+    wheel = Disk(mass=1.0, inertia=0.05, radius=0.3, gravity=9.81, mechanisms=[arm])
+    times = np.array([0.0, 0.5, 1.0, 1.0 + 1e-3])
+    run = simulate(wheel, times, DiskState(theta=[0.0], thetadot=[0.0]), contact=Contact(0.3))
+    np.testing.assert_allclose(run.switches.times[0], 1.0, rtol=1e-12)
+    np.testing.assert_array_equal(run.contact.mode, [0, 0, 0, 1])
+    seen = run.observables
+    np.testing.assert_allclose(seen.joint_efforts[:, 0], [0.0, 0.0, 0.0, 6.0], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(seen.normal_force[:3], 1.5 * 9.81, rtol=1e-12)
+    np.testing.assert_allclose(seen.friction_ratio, [0.0, 0.0, 0.0, 0.3], rtol=0, atol=1e-9)
+    felt = run.measured({"centre": Accelerometer()})["centre"]
+    np.testing.assert_allclose(felt[:3], np.tile([0.0, 0.0, 9.81], (3, 1)), rtol=0, atol=1e-9)
+    # A figure has both sides, in two rows of the same time, a rounding after the jump.
+    both = with_one_sided_limits(run)
+    efforts = both.observables.joint_efforts[:6, 0]
+    np.testing.assert_array_equal(both.contact.mode[:6], [0, 0, 0, 0, 1, 1])
+    np.testing.assert_allclose(efforts, [0.0, 0.0, 0.0, 0.0, 6.0, 6.0], rtol=0, atol=1e-12)
+    # Without a law of contact no mode ends, and the row is of the later side.
+    rolling = simulate(wheel, times, DiskState(theta=[0.0], thetadot=[0.0]))
+    np.testing.assert_allclose(rolling.observables.joint_efforts[:, 0], [0.0, 0.0, 6.0, 6.0], rtol=0, atol=1e-12)

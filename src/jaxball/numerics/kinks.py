@@ -98,16 +98,20 @@ def before_kink(kinks: Float[Array, " kinks"], t0: Float[Array, ""], t1: Float[A
     return jnp.minimum(jnp.min(jnp.where(ends > t0, ends, jnp.inf), initial=jnp.inf), t1)
 
 
-def just_before(kinks: Float[Array, " kinks"], end: Float[Array, ""]) -> Float[Array, ""]:
+def just_before(kinks: Float[Array, " kinks"], end: Float[Array, "*times"]) -> Float[Array, "*times"]:
     """Returns the time at which to evaluate the end of a run: just before a kink there, otherwise ``end`` itself.
 
-    A quantity that jumps there has, at the kink, the value of the later side, which is not part of the run.
+    A quantity that jumps there has, at the kink, the value of the later side, which is not part of the run. Of several
+    ends, each is told alone.
     """
-    kinks, near = kinks.astype(end.dtype), CLOSE_KINKS * jnp.finfo(end.dtype).eps * jnp.abs(end)
-    here = (kinks <= end) & (end - kinks <= near)
-    earlier = jnp.min(jnp.where(here, before(kinks), jnp.inf), initial=jnp.inf)
+    if not kinks.size:
+        return end
+    near = CLOSE_KINKS * jnp.finfo(end.dtype).eps * jnp.abs(end)
+    kinks, earliest = jnp.sort(jax.lax.stop_gradient(kinks).astype(end.dtype)), jax.lax.stop_gradient(end - near)
+    kink = kinks[jnp.minimum(jnp.searchsorted(kinks, earliest), kinks.size - 1)]
+    here = (kink >= earliest) & (kink <= end)
     # The derivative is that of `end`: the distance to the time before is rounding.
-    return end + jax.lax.stop_gradient(jnp.minimum(earlier, end) - end)
+    return end + jnp.where(here, before(kink) - jax.lax.stop_gradient(end), 0.0)
 
 
 def before(t: Float[Array, "..."]) -> Float[Array, "..."]:

@@ -185,7 +185,7 @@ def accelerations(source: Trajectory | System, times: Numbers | None = None) -> 
         require_one_of_body(source)
         rows = finite_rows(source)
         if rows.size and system.driven and system.law is not None:
-            by_law = _accelerations_by_law(system, to_array(source.times), source.reached, source.state)
+            by_law = _accelerations_by_law(system, to_array(source.times), source.ends, source.state)
             size = np.abs(np.asarray(by_law))[rows]
             t = np.asarray(source.times)[rows]
             curves |= {index + 1: (t, size[:, slot]) for slot, index in enumerate(system.driven)}
@@ -200,8 +200,8 @@ def accelerations(source: Trajectory | System, times: Numbers | None = None) -> 
 
 
 @programs.filter_jit
-def _accelerations_by_law(system, times, reached, states):
-    return evaluate_law(system, times_looked_at(system, times, reached), states)
+def _accelerations_by_law(system, times, ends, states):
+    return evaluate_law(system, times_looked_at(system, times, ends), states)
 
 
 def _close(a: np.ndarray, b: np.ndarray) -> bool:

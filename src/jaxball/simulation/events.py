@@ -64,7 +64,9 @@ class Occurrences(Printed):
                 f"quickly in {places} to be followed."
             )
         if count == 0:
-            return f"It never happened: its function {span}, and did not cross zero in the direction asked for."
+            # Of one that has both signs, the crossings were in the other direction.
+            which = " in the direction asked for" if float(self.least) < 0 < float(self.largest) else ""
+            return f"It never happened: its function {span}, and did not cross zero{which}."
         first = f"first at t = {float(np.asarray(self.times)[0]):.10g}"
         if count == 1:
             return f"It happened once, at t = {float(np.asarray(self.times)[0]):.10g}."

@@ -40,6 +40,8 @@ from .watch import Watch, Within
 
 # A step that would end this close to the end of the run, relative to it, ends there.
 CLOSE_TO_END = 100
+# A shorter step ends the solve, as no step is accepted where the field is not finite; of runs shorter than 1, in runs.
+LEAST_STEP = 1e-30
 MOST_CHECKPOINTS = 4096  # of some kilobytes each, which XLA fills with zeros
 MOST_NATIVELY = 16384  # where memory that is not used costs nothing
 RESULTS: Any = diffrax.RESULTS
@@ -412,14 +414,21 @@ def by_tolerances(
     solver: diffrax.AbstractSolver | None = None,
     norm: Callable[[PyTree], Float[Array, ""]] = optx.rms_norm,
     longest: float | None = None,
+    least: Float[Array, ""] | float = LEAST_STEP,
 ) -> diffrax.PIDController | AbstractMultistepController:
     """Steps by the tolerances only, no longer than ``longest``, with the controller that ``solver`` needs.
 
-    A step below 1e-30 ends the solve.
+    A step below ``least`` ends the solve.
     """
     if isinstance(solver, AbstractMultistep):
-        return solver.controller_cls(rtol, atol, norm, dtmin=1e-30, dtmax=longest)
-    return diffrax.PIDController(rtol=rtol, atol=atol, norm=norm, dtmin=1e-30, dtmax=longest, force_dtmin=False)
+        return solver.controller_cls(rtol, atol, norm, dtmin=least, dtmax=longest)
+    return diffrax.PIDController(rtol=rtol, atol=atol, norm=norm, dtmin=least, dtmax=longest, force_dtmin=False)
+
+
+def least_step(times: Float[Array, " T"]) -> Float[Array, ""]:
+    """Returns the length below which a step of a run that is saved at ``times`` ends the solve, in any unit of time."""
+    span = jax.lax.stop_gradient(times[-1] - times[0])
+    return jnp.maximum(LEAST_STEP * jnp.minimum(span, 1.0), jnp.finfo(times.dtype).tiny)
 
 
 def to_kinks(

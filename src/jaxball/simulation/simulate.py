@@ -53,7 +53,7 @@ from .arguments import (
 )
 from .events import AbstractEvent, EndOfGround, Leaving, check_events
 from .inputs import LimitedSteps, limits_of_steps, share_of
-from .loop import SolveLoop, by_tolerances, kinks_of, to_kinks
+from .loop import SolveLoop, by_tolerances, kinks_of, least_step, to_kinks
 from .observers import Observation, Observers, visible
 from .solvers import SwitchingMassMatrixTerm
 from .solvers.base import approach_of
@@ -425,7 +425,8 @@ def _controller(
     method: Method, system: AbstractSystem, times: Array, initial: Array, functions: _Functions, accuracy: Accuracy
 ) -> diffrax.AbstractAdaptiveStepSizeController:
     """Steps by the tolerances, to the kinks and, where asked for, to ``times``, and no longer than the inputs allow."""
-    controller = by_tolerances(accuracy.rtol, accuracy.atol, method.solver, longest=method.max_step)
+    least = least_step(times)
+    controller = by_tolerances(accuracy.rtol, accuracy.atol, method.solver, longest=method.max_step, least=least)
     if method.step_to_times:
         controller = diffrax.ClipStepSizeController(controller, step_ts=times)
     kinks, parameters = kinks_of(system), functions.parameters
@@ -455,7 +456,7 @@ def _cause_of_end(packing: Packing[Any, Any], t: Array, x: Array) -> Array:
 
 
 def status_of(result: diffrax.RESULTS) -> Array:
-    """Returns the status of a result: a step below 1e-30 means that none was accepted, because the field is
+    """Returns the status of a result: a step below the least length means that none was accepted, because the field is
     not finite.
     """
     R = diffrax.RESULTS

@@ -18,7 +18,7 @@ from ..interface.printing import Printed, as_html, sketch_of
 from ..interface.status import SUCCESSES, SolveError, Status
 from ..interface.wording import no_attribute, number_of
 from ..numerics.arrays import Numbers, to_array
-from ..numerics.kinks import just_before
+from ..numerics.kinks import CLOSE_KINKS, just_before
 from ..physics.body import AbstractBody, System
 from ..physics.conditions import Problem
 from ..physics.contact.body_on_plane import BodyOnPlane
@@ -217,7 +217,8 @@ class Trajectory(Printed, TrajectoryMethods, Generic[AnySystem, AnyState]):
     def observables(self) -> Observables:
         """Positions, energies and forces at every saved time; in a batch, those of each run.
 
-        Where the actuation jumps at the end of the run, the values at the end are those just before the jump.
+        Where the actuation jumps at a saved time, the values are those just after the jump; at the end of the run, and
+        where the jump ends a mode, those just before it, as the mode is.
 
         **Raises:** ``ValueError`` for a reduced trajectory, which does not contain the position of the ball, and for
         one of another system, which may have ``laws``.
@@ -227,6 +228,9 @@ class Trajectory(Printed, TrajectoryMethods, Generic[AnySystem, AnyState]):
 
     def measured(self, sensors: "Mapping[str, AbstractSensor]", key: Any = None) -> dict[str, Array]:
         """Computes the readings of sensors at every saved time, by name; NaN at times that the solve did not reach.
+
+        A reading at a saved time is of what has acted until then: where the actuation jumps at that time, it is of just
+        before the jump. At the start it is of just after.
 
         **Arguments:**
 
@@ -298,11 +302,18 @@ class Trajectory(Printed, TrajectoryMethods, Generic[AnySystem, AnyState]):
         return self._evaluate(functools.partial(_call_at_all, "multipliers"), self.system, self.state)
 
     def _evaluate(self, function: Callable[..., Any], system: Any, states: Any) -> Any:
-        """Evaluates ``function`` of a system, the times, its states and its end, for each run of a batch."""
-        arguments = system, jnp.asarray(self.times), states, jnp.asarray(self.reached)
+        """Evaluates ``function`` of a system, the times, its states and its ends, for each run of a batch."""
+        arguments = system, jnp.asarray(self.times), states, self.ends
         for _ in range(np.ndim(self.status)):
             function = eqx.filter_vmap(function)
         return function(*arguments)
+
+    @property
+    def ends(self) -> Float[Array, "*batch ends"]:
+        """When each mode that was kept ended, NaN for none, and the run: what jumps there is told from before."""
+        reached, switches = jnp.asarray(self.reached), jnp.asarray(self.history.switches.times)
+        each = jnp.broadcast_to(switches, (*reached.shape, switches.shape[-1]))
+        return jnp.concatenate([each.astype(reached.dtype), reached[..., None]], axis=-1)
 
     def _body(self, what: str) -> AbstractBody:
         """Returns the system, which must be a body whose position is known: ``what`` needs both."""
@@ -389,30 +400,30 @@ def _outline() -> Any:
 
 
 @programs.filter_jit
-def _observe_all(system, times, state, reached) -> Observables:
+def _observe_all(system, times, state, ends) -> Observables:
     def observe_at(system, t, x):
         return compute_observables(system.shown, t, movement(system, t, x))
 
-    return _at_each(observe_at, system, times, state, reached)
+    return _at_each(observe_at, system, times, state, ends)
 
 
 @programs.filter_jit
-def _measure_all(sensors, system, times, states, reached) -> dict[str, Array]:
+def _measure_all(sensors, system, times, states, ends) -> dict[str, Array]:
     def read_sensors(system, t, x):
         moves = movement(system, t, x)
         finite = jnp.all(jnp.isfinite(moves.state.Omega))
         readings = {name: sensor.reading(system.shown, t, moves) for name, sensor in sensors.items()}
         return {name: jnp.where(finite, reading, jnp.nan) for name, reading in readings.items()}
 
-    return _at_each(read_sensors, system, times, states, reached)
+    return _at_each(read_sensors, system, times_before_jumps(system, times), states, ends)
 
 
 @programs.filter_jit
-def _call_at_all(method: str, system, times, state, reached) -> Any:
-    return _at_each(lambda system, t, x: getattr(system, method)(t, x), system, times, state, reached)
+def _call_at_all(method: str, system, times, state, ends) -> Any:
+    return _at_each(lambda system, t, x: getattr(system, method)(t, x), system, times, state, ends)
 
 
-def _at_each(function: Callable[..., Any], system: Any, times: Array, state: Any, reached: Array) -> Any:
+def _at_each(function: Callable[..., Any], system: Any, times: Array, state: Any, ends: Array) -> Any:
     """Evaluates ``function(system, t, state)`` at each time; derivatives are NaN, too, beyond the end of the solve."""
     prepared = system.prepare()
 
@@ -420,15 +431,31 @@ def _at_each(function: Callable[..., Any], system: Any, times: Array, state: Any
         finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(x)]))
         return with_unknown_derivatives(function(*differentiate_where(finite, (prepared, t, x))), x)
 
-    return map_rows(one, times_looked_at(system, times, reached), state)
+    return map_rows(one, times_looked_at(system, times, ends), state)
 
 
-def times_looked_at(system: AbstractSystem, times: Float[Array, " T"], reached: Float[Array, ""]) -> Float[Array, " T"]:
-    """Returns the times at which to evaluate what depends on time: the times of a run, except for a kink at its end.
+def times_looked_at(
+    system: AbstractSystem, times: Float[Array, " T"], ends: Float[Array, " ends"]
+) -> Float[Array, " T"]:
+    """Returns the times at which to evaluate what depends on time: the times of a run, except for kinks at its end and
+    where a mode ends.
 
-    Jumps there are evaluated just before, because what comes after is not part of the run.
+    Jumps there are evaluated just before, because what comes after is not part of the run, or of the saved mode; as is
+    what comes before the start.
     """
-    return jnp.where(times == reached, just_before(system.kinks(), reached), times)
+    # A mode that a jump ends may last a rounding longer than until that.
+    late = jax.lax.stop_gradient(ends[None] - times[:, None])
+    near = CLOSE_KINKS * float(jnp.finfo(times.dtype).eps) * jnp.abs(times)[:, None]
+    at_end = jnp.any((late >= 0) & (late <= near), axis=1)
+    return jnp.where(at_end, times_before_jumps(system, times), times)
+
+
+def times_before_jumps(system: AbstractSystem, times: Float[Array, " T"]) -> Float[Array, " T"]:
+    """Returns the times of a run, but just before a kink where there is one; not so its start, nor a row after one with
+    the same time, which is of what comes after a switch.
+    """
+    again = jnp.concatenate([jnp.ones((1,), bool), times[1:] == times[:-1]])
+    return jnp.where(again, times, just_before(system.kinks(), times))
 
 
 @programs.filter_jit

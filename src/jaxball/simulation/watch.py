@@ -71,11 +71,11 @@ class Watch:
         functions, span = self._without_derivatives(step, parameters)
         log = scan(functions, span, seen, self._kinds, watched.log, kept & ~seen.quiet)
         log = log._replace(piece=jnp.where(kept & seen.quiet, seen.piece, log.piece))
-        # Extremes of the step in which the run ends may lie beyond its end: they count only if there are no others.
-        counts = kept & (~log.ended | jnp.isinf(log.least))
+        # Extremes of the step in which the run ends may lie beyond its end, which the log has: its start alone counts.
+        least, largest = (jnp.where(log.ended, seen.first, value) for value in (seen.least, seen.largest))
         log = log._replace(
-            least=jnp.where(counts, jnp.minimum(log.least, seen.least), log.least),
-            largest=jnp.where(counts, jnp.maximum(log.largest, seen.largest), log.largest),
+            least=jnp.where(kept, jnp.fmin(log.least, least), log.least),
+            largest=jnp.where(kept, jnp.fmax(log.largest, largest), log.largest),
         )
 
         def row_of(k: Int[Array, ""]) -> Float[Array, " width"]:

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from ... import programs
 from ...interface.printing import Printed
 from ...interface.status import Status
-from ...numerics.arrays import Numbers, to_array
+from ...numerics.arrays import Numbers, select_tree, to_array
 from ...physics.body import Ball
 from ...physics.contact.law import Contact
 from ...physics.contact.released import ReleasedState
@@ -121,7 +121,8 @@ def poincare_map(
     rows = slice(0, min(count, capacity))
     crossed, states = np.asarray(crossings.times)[rows], crossings.state
     if trajectory.interpolant is not None and crossed.size:
-        states = _motions(trajectory.interpolant, to_array(np.nan_to_num(np.asarray(crossings.times), nan=crossed[-1])))
+        at = to_array(np.nan_to_num(np.asarray(crossings.times), nan=crossed[-1]))
+        states = _motions(trajectory.interpolant, at, trajectory.reached, trajectory.switches)
     return PoincareMap(
         times=crossed,
         state=jax.tree.map(lambda leaf: np.asarray(leaf)[rows], states),
@@ -133,13 +134,18 @@ def poincare_map(
 
 
 @programs.filter_jit
-def _motions(interpolant: Interpolant[Any], times: Float[Array, " n"]) -> ReleasedState:
+def _motions(
+    interpolant: Interpolant[Any], times: Float[Array, " n"], reached: Float[Array, ""], switches: Any
+) -> ReleasedState:
     """Returns the states of a body with a law of contact, between the saved times; after a jump that is there."""
 
     def motion(t: Float[Array, ""]) -> ReleasedState:
-        return interpolant.packing.unpack(
-            t, interpolant.vector(t + SOON * float(jnp.finfo(t.dtype).eps) * jnp.abs(t))
-        ).motion
+        soon = SOON * float(jnp.finfo(t.dtype).eps) * jnp.abs(t)
+        within = interpolant.packing.unpack(t, interpolant.vector(jnp.minimum(t + soon, reached))).motion
+        # Of a jump with which the run ends there is nothing after it but what the last switch has.
+        jumps = (jnp.abs(switches.times - t) <= soon) & (t + soon >= reached)
+        last = switches.times.size - 1 - jnp.argmax(jumps[::-1])
+        return select_tree(jnp.any(jumps), jax.tree.map(lambda leaf: leaf[last], switches.after), within)
 
     return map_rows(motion, times)
 

@@ -169,7 +169,8 @@ class ErrorStateFilter(Printed):
           :class:`~jaxball.physics.ReleasedState` slips or flies.
         - ``spread``: the standard deviations of its local coordinates, by name, as in ``{"attitude": 0.3, "z": 0.1}``;
           0 for the others, which are known.
-        - ``u``: the inputs, each row from its sample to the next, shape (K − 1, m).
+        - ``u``: the inputs, each row from its sample to the next, shape (K − 1, m). A reading feels the input that acts
+          until its sample, the first one that from there on.
         - ``t0``: the time of the first sample.
 
         **Raises:** ``TypeError`` and ``ValueError`` for readings, a start and inputs that do not fit the filter.
@@ -394,19 +395,19 @@ def _filter(
     begun = estimator.start(start, deviations)
 
     def step(belief: Belief, sample: Any) -> tuple[Belief, tuple]:
-        k, since, t, before, now, reading = sample
-        # Prediction is over the sample that ends at t, with the input held there; the reading is with the input after
-        # it. The first sample has nothing to predict; a batch predicts there from its own time, and drops that.
+        k, since, t, before, reading = sample
+        # Prediction is over the sample that ends at t, with the input held there, which the reading at t feels, too.
+        # The first sample has nothing to predict; a batch predicts there from its own time, and drops that.
         ahead, F = jax.lax.cond(
             k > 0,
             lambda: estimator.predict(since, belief, before),
             lambda: (belief, jnp.eye(len(belief.P), dtype=t.dtype)),
         )
-        belief, innovation, S = estimator.update(t, ahead, now, reading)
+        belief, innovation, S = estimator.update(t, ahead, before, reading)
         return belief, (belief, ahead, innovation, S, F)
 
     since, before = (jnp.concatenate([x[:1], x[:-1]]) for x in (times, held))
-    samples = jnp.arange(len(times)), since, times, before, held, read
+    samples = jnp.arange(len(times)), since, times, before, read
     _, (now, ahead, innovation, S, F) = jax.lax.scan(step, begun, samples)
     return Filtered(now, ahead, F[1:], innovation, S, read.there)
 
@@ -418,13 +419,14 @@ def _linearise(estimator: ErrorStateFilter, start: Estimated, u: Array, t0: Arra
     # The derivatives do not depend on the covariance.
     belief = estimator.start(start, jnp.ones(len(start.directions), t0.dtype))
 
-    def step(belief: Belief, sample: tuple[Array, Array]) -> tuple[Belief, tuple[Array, Array]]:
-        t, u = sample
-        H = estimator.expect_readings(t, belief, u)[1]
+    def step(belief: Belief, sample: tuple[Array, Array, Array]) -> tuple[Belief, tuple[Array, Array]]:
+        t, before, u = sample
+        H = estimator.expect_readings(t, belief, before)[1]
         ahead, F = estimator.predict(t, belief, u)
         return ahead, (F, H)
 
-    last, (F, H) = jax.lax.scan(step, belief, (times[:-1], held[:-1]))
+    before = jnp.concatenate([held[:1], held[:-1]])
+    last, (F, H) = jax.lax.scan(step, belief, (times[:-1], before[:-1], held[:-1]))
     return F, jnp.concatenate([H, estimator.expect_readings(times[-1], last, held[-1])[1][None]])
 
 

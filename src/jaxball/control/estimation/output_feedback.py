@@ -61,7 +61,8 @@ class OutputFeedback(AbstractFeedback):
     """A regulator that is given the estimates of a filter instead of the state: it acts on what sensors read.
 
     Between samples the filter predicts with the inputs that act, which a robot knows: within limits, and after a
-    ``delay`` of :meth:`~jaxball.control.AbstractFeedback.closed_loop`. Readings of a sensor with a ``delay`` arrive so
+    ``delay`` of :meth:`~jaxball.control.AbstractFeedback.closed_loop`. A reading feels the input that acts until its
+    sample; at the first one that is the motion's. Readings of a sensor with a ``delay`` arrive so
     much later, and are taken for what they were: the filter then goes again from the sample at which they were taken.
 
     **Arguments** of :meth:`of`, which makes one:

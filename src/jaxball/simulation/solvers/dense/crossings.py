@@ -357,7 +357,7 @@ def _scan(
 
         def seek(scan: _Scan) -> _Scan:
             search = scan.search.narrow(times, samples, close)
-            noted = _add_zeros(scan.log, kinds, span, search.roots)
+            noted = _add_zeros(scan.log, kinds, span, search.roots, (times, samples))
             return scan._replace(search=search, log=select_tree(search.goes_on, scan.log, noted))
 
         return jax.lax.cond(seeks, seek, lambda scan: go_on(scan, times, samples), scan)
@@ -420,8 +420,18 @@ def _pass_piece(
     return log, _Search.of(crosses, sign, old.since, t)
 
 
-def _add_zeros(log: Log, kinds: Kinds, span: Span, roots: Float[Array, " k"]) -> Log:
-    """Adds the zeros of a piece to the log: up to the first terminal one, and as many as there is room for."""
+def _add_zeros(
+    log: Log,
+    kinds: Kinds,
+    span: Span,
+    roots: Float[Array, " k"],
+    window: tuple[Float[Array, " samples"], Float[Array, "samples k"]],
+) -> Log:
+    """Adds the zeros of a piece to the log: up to the first terminal one, and as many as there is room for.
+
+    ``window``: the times and samples by which the last zero was found, of which those up to the terminal one count
+    among the extreme values: they are of the end of the run.
+    """
     crosses = jnp.isfinite(roots) & (jnp.asarray(kinds.from_start) | (roots > span.near_start))
     terminal = jnp.where(crosses & jnp.asarray(kinds.terminal), roots, jnp.inf)
     # Two functions that cross zero together, to rounding, both do.
@@ -434,4 +444,8 @@ def _add_zeros(log: Log, kinds: Kinds, span: Span, roots: Float[Array, " k"]) ->
         times, places = put(times, filled, roots[k], keeps), put(places, filled, place, keeps)
         filled += jnp.where(keeps, 1, 0)
     total = log.total + jnp.where(crosses, 1, 0)
-    return log._replace(filled=filled, times=times, places=places, total=total, ended=jnp.any(jnp.isfinite(terminal)))
+    ended, (at, samples) = jnp.any(jnp.isfinite(terminal)), window
+    counts = ended & (at <= jnp.min(terminal))[:, None] & jnp.isfinite(samples)
+    least = jnp.minimum(log.least, jnp.min(jnp.where(counts, samples, jnp.inf), axis=0))
+    largest = jnp.maximum(log.largest, jnp.max(jnp.where(counts, samples, -jnp.inf), axis=0))
+    return Log(log.signs, total, log.unresolved, least, largest, filled, times, places, ended, log.piece)

@@ -110,7 +110,7 @@ class Run(eqx.Module):
     @property
     def _times(self) -> Float[Array, " t"]:
         # What jumps at the end of a run is evaluated just before it.
-        return times_looked_at(self.system, self.times, self.times[-1])
+        return times_looked_at(self.system, self.times, self.times[-1:])
 
     @property
     @_once
