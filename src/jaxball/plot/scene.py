@@ -188,7 +188,7 @@ def stage(content: Float[np.ndarray, "points 3"], azimuth: float) -> tuple[Figur
     ax.set_axis_off()
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     # Less than the whole of the square Axes, beyond which the ends of a long box lie, and would be cut off.
-    ax.set_box_aspect(tuple(high - low), zoom=0.75)
+    ax.set_box_aspect(tuple(high - low), zoom=0.75)  # pyright: ignore[reportArgumentType]
     # Drawn at a first scale, only to measure; the projection is parallel, so a larger one has the same proportions.
     x, y, _ = proj3d.proj_transform(*content.T, ax.get_proj())  # pyright: ignore[reportCallIssue]
     inches = ax.transData.transform(np.column_stack([x, y])) / figure.dpi

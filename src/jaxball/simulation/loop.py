@@ -33,7 +33,7 @@ from .solvers import StepToKinks
 from .solvers.dense.continuous import DenseOutput, has_one_tableau, whole_info
 from .solvers.dense.steps import AfterPauses, Pause
 from .solvers.explicit import depends_on_arguments_alone, with_first_slope, with_stages_pulled_back
-from .solvers.moving import FieldOfMoving
+from .solvers.moving import of_moving, with_zeros
 from .solvers.multistep import AbstractMultistep, AbstractMultistepController, PlannedError
 from .switching import NextStep, NoSwitching, Taken
 from .watch import Watch, Within
@@ -350,26 +350,15 @@ class _Solve(NamedTuple):
         t0, t1, y, solver_state = state.tprev, state.tnext, state.y, state.solver_state
         if not has_one_tableau(self.solver):
             return self.stepper.step(self.terms, t0, t1, y, self.args, solver_state, jumped)
-        (first, slope), moving, terms, args = solver_state, self.output.moving, self.terms, self.args
-        # What only events change is constant in a step: half of the numbers of a body with a law of contact, which
-        # would take half of the time in the sums over stages.
-        kept = y[moving:]
-        if kept.size:
-            terms, args = FieldOfMoving.term(terms, y.size - kept.size), (args, kept)
-        start = first, slope[:moving]
+        terms, moving, args, kept = of_moving(self.terms, y, self.args, self.output.moving)
+        first, slope = solver_state
+        start = first, slope[: moving.size]
         if self.stepper is self.solver:
-            start, jumped = (
-                with_first_slope(self.solver, terms, t0, y[:moving], args, (first | jumped, start[1])),
-                False,
-            )
-        moved, error, info, start, result = self.stepper.step(terms, t0, t1, y[:moving], args, start, jumped)
-
-        def with_kept(rates: Float[Array, " moving"]) -> Float[Array, " size"]:
-            return jnp.concatenate([rates, jnp.zeros(kept.size, rates.dtype)])
-
-        y1 = jnp.concatenate([moved, kept])
+            start, jumped = with_first_slope(self.solver, terms, t0, moving, args, (first | jumped, start[1])), False
+        moved, error, info, (first, slope), result = self.stepper.step(terms, t0, t1, moving, args, start, jumped)
+        y1 = jnp.concatenate([moved, kept]) if kept.size else moved
         info = {"y0": y, "y1": y1, "k": info["k"]}
-        return y1, with_kept(error), info, (start[0], with_kept(start[1])), result
+        return y1, with_zeros(error, y.size), info, (first, with_zeros(slope, y.size)), result
 
     def _describe_step(self, state: Any, y: Float[Array, " size"], info: Any) -> Taken:
         """Returns the step from ``state`` to ``y``, for the detection of the ends of modes."""

@@ -23,7 +23,7 @@ from ....numerics.arrays import default_dtype
 from ....numerics.vectors import polynomial
 from ....programs.batches import fill_vectors
 from ..interpolation import CollocationPolynomial
-from ..moving import FieldOfMoving
+from ..moving import of_moving, with_zeros
 from ..stages import combine
 from ..tableau import integrals
 from ..wrapping import Projected, ProjectedSteps
@@ -119,18 +119,16 @@ class DenseOutput(NamedTuple):
         if self.method is None:
             return whole_info(info)
         method, y0, k = self.method, info["y0"], info["k"]
-        moving = k.shape[1]
-        if moving < y0.size:
-            terms, args = FieldOfMoving.term(terms, moving), (args, y0[moving:])
+        terms, start, args, _ = of_moving(terms, y0, args, k.shape[1])
 
         def curve() -> Array:
             control = terms.contr(t0, t1)
-            return method.coefficients(lambda t, y: terms.vf_prod(t, y, args, control), t0, t1, y0[:moving], k)
+            return method.coefficients(lambda t, y: terms.vf_prod(t, y, args, control), t0, t1, start, k)
 
         # Of rows side by side a condition would compute both branches: so all are computed if any of them is asked for,
         # and none otherwise.
         coefficients = jax.lax.cond(unvmap_any(asked), curve, lambda: method.straight(k))
-        return {"y0": y0, "coefficients": _with_zeros(coefficients, y0.size)}
+        return {"y0": y0, "coefficients": with_zeros(coefficients, y0.size)}
 
     def exact(
         self, terms: Any, info: Any, t0: Float[Array, ""], t1: Float[Array, ""], args: Any, asked: Bool[Array, ""]
@@ -176,18 +174,12 @@ class DenseOutput(NamedTuple):
 
 
 def whole_info(info: Any) -> Any:
-    """Returns what the interpolation of a step is made of, with the slopes at stages of all numbers.
-
-    Those that do not move within a step have been left out.
+    """Returns what a method's own interpolation is made of, with the slopes of all numbers: a step has only those of
+    the ones that move.
     """
     if "k" not in info or jnp.ndim(info["k"]) != 2:
         return info
-    return {**info, "k": _with_zeros(info["k"], info["y0"].size)}
-
-
-def _with_zeros(rates: Float[Array, "s moving"], size: int) -> Float[Array, "s size"]:
-    still = jnp.zeros((len(rates), size - rates.shape[1]), rates.dtype)
-    return jnp.concatenate([rates, still], axis=1) if still.size else rates
+    return {**info, "k": with_zeros(info["k"], info["y0"].size)}
 
 
 def has_one_tableau(solver: diffrax.AbstractSolver) -> bool:
