@@ -136,9 +136,14 @@ def test_forward_mode(name):
     ("name", "adjoint"), REVERSE + [pytest.param(*case, marks=pytest.mark.slow) for case in REVERSE_SLOW]
 )
 def test_reverse_mode_is_the_transpose(name, adjoint):
-    """The same linear map, evaluated from the other side."""
+    """The same linear map, evaluated from the other side.
+
+    Not the same to rounding where the method chooses its steps: in forward mode they are those of the derivatives, too,
+    so that two runs are compared that err by 1e-10 in each of their 330 and 410 steps.
+    """
     forward = np.asarray(jacobian(name)(P, FIXED))
-    np.testing.assert_allclose(gradient(name, adjoint, FIXED), WEIGHTS @ forward, rtol=0, atol=1e-13)
+    bound = 7e-8 if isinstance(SOLVERS[name][0], NDF) else 1e-13
+    np.testing.assert_allclose(gradient(name, adjoint, FIXED), WEIGHTS @ forward, rtol=0, atol=bound)
 
 
 @pytest.mark.parametrize("name", ["gauss 8", pytest.param("radau 7", marks=pytest.mark.slow)])

@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .compat import is_traced
 from .wording import did_you_mean, number_of
 
 Kind = TypeVar("Kind")
@@ -285,3 +286,22 @@ def require_one(argument: str, kind: str, given: Any, shapes: Mapping[str, tuple
                 f"Argument `{argument}` must be one {kind}, with `{name}` of shape {shape}, but its shape is {actual}; "
                 "for many runs use jax.vmap or jaxball.simulation.ensemble.simulate_ensemble."
             )
+
+
+ONE_OF_THEM = "take one of them with jax.tree.map(lambda leaf: leaf[k], ...)"
+
+
+def require_one_run(status: Any, what: str, remedy: str = ONE_OF_THEM) -> None:
+    """Raises ``ValueError`` for the ``status`` of a batch of trajectories, which ``what`` is not for."""
+    if np.ndim(status):
+        raise ValueError(f"{what} is for one trajectory, but this is a batch of shape {np.shape(status)}; {remedy}.")
+
+
+def require_known(status: Any, what: str) -> None:
+    """Raises ``ValueError`` for a batch, and ``TypeError`` where it is not known yet how the solve ends."""
+    require_one_run(status, what, "the array `status` says how each run ended")
+    if is_traced(status):
+        raise TypeError(
+            f"{what} is for a trajectory whose numbers are known, but this one is traced, as within jax.jit; use it "
+            "outside, and `status` within, as in jnp.where(run.status == jaxball.Status.SUCCESS, ...)."
+        )

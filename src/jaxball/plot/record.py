@@ -9,10 +9,9 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..interface.arguments import a, refusal, require_callable
+from ..interface.arguments import a, refusal, require_callable, require_one_run
 from ..physics.body import AbstractBody
 from ..physics.classical import LagrangianState
-from ..simulation.arguments import require_one_run
 from ..simulation.one_sided import with_one_sided_limits
 from ..simulation.trajectory import Trajectory
 from .palette import INK, MASSES

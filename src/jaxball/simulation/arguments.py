@@ -284,25 +284,6 @@ def _other_shapes_of_fields(
             yield start + name, shapes[name], part.shape[stacked:]
 
 
-ONE_OF_THEM = "take one of them with jax.tree.map(lambda leaf: leaf[k], ...)"
-
-
-def require_one_run(status: Any, what: str, remedy: str = ONE_OF_THEM) -> None:
-    """Raises ``ValueError`` for the ``status`` of a batch of trajectories, which ``what`` is not for."""
-    if np.ndim(status):
-        raise ValueError(f"{what} is for one trajectory, but this is a batch of shape {np.shape(status)}; {remedy}.")
-
-
-def require_known(status: Any, what: str) -> None:
-    """Raises ``ValueError`` for a batch, and ``TypeError`` where it is not known yet how the solve ends."""
-    require_one_run(status, what, "the array `status` says how each run ended")
-    if is_traced(status):
-        raise TypeError(
-            f"{what} is for a trajectory whose numbers are known, but this one is traced, as within jax.jit; use it "
-            "outside, and `status` within, as in jnp.where(run.status == jaxball.Status.SUCCESS, ...)."
-        )
-
-
 def require_dae(
     system: AbstractSystem, state: AbstractState | ReleasedState, solver: diffrax.AbstractSolver | None
 ) -> None:

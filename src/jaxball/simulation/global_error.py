@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .. import programs
-from ..interface.arguments import describe, refusal, require, require_callable
+from ..interface.arguments import describe, refusal, require, require_callable, require_one_run
 from ..interface.compat import HAS_SETTINGS_OF_TRACES, is_traced
 from ..interface.status import SUCCESSES, SolveError, Status
 from ..physics.body import AbstractBody
@@ -27,7 +27,7 @@ from ..physics.contact.released import ReleasedState, rolling_contact, with_rise
 from ..physics.packing import ravel_state
 from ..physics.system import AbstractSystem
 from ..programs import traces
-from .arguments import PrecisionError, require_one_run
+from .arguments import PrecisionError
 from .simulate import simulate
 from .trajectory import Trajectory
 

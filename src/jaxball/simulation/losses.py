@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .. import programs
-from ..interface.arguments import require
+from ..interface.arguments import require, require_one_run
 from ..interface.printing import Printed
 from ..interface.status import Status
 from ..numerics.vectors import dot
@@ -20,7 +20,6 @@ from ..physics.mechanisms.forces import AbstractJointForce
 from ..physics.observables import compute_observables, movement
 from ..physics.packing import Packing
 from ..programs.derivatives.differentiation import with_unknown_derivatives
-from .arguments import require_one_run
 from .solvers.dense.steps import AfterPauses, Steps
 from .trajectory import Interpolant, Trajectory
 

@@ -13,6 +13,7 @@ from jaxtyping import Array, Float, Int
 from typing_extensions import TypeVar
 
 from .. import programs
+from ..interface.arguments import require_known, require_one_run
 from ..interface.compat import is_traced
 from ..interface.printing import Printed, as_html, sketch_of
 from ..interface.status import SUCCESSES, SolveError, Status
@@ -32,7 +33,6 @@ from ..physics.system import AbstractState, AbstractSystem
 from ..physics.validity import find_problems, not_numbers
 from ..programs.batches import map_rows
 from ..programs.derivatives.differentiation import differentiate_where, with_unknown_derivatives
-from .arguments import require_known, require_one_run
 from .events import Occurrences
 from .trajectory_methods import TrajectoryMethods
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...interface.arguments import a, describe, require, require_flags
+from ...interface.arguments import a, describe, require, require_flags, require_one_run
 from ...interface.wording import all_of
 from ...numerics.arrays import to_array
 from ...physics.body import System
@@ -21,7 +21,6 @@ from ...physics.mechanisms import AbstractJointForce, AbstractMechanism, EndStop
 from ...physics.prescribed.schedules import ConstantRate
 from ...physics.state import BallState, DiskState, RotationState
 from ...physics.system import AbstractState, AbstractSystem
-from ...simulation.arguments import require_one_run
 from ...simulation.trajectory import Trajectory
 from ..scenario.scenario import Scenario
 from .drives import Control, control_values, write_recordings

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from ...interface.arguments import require_one_run
 from ...numerics.arrays import arrays_of, to_array
 from ...physics.body import AbstractBody
 from ...physics.classical import LagrangianState
@@ -20,7 +21,6 @@ from ...physics.hybrid import NO_HISTORY, AbstractHistory, History, Switches
 from ...physics.sensors import AbstractSensor
 from ...physics.state import AbstractBodyState, DiskState, ReducedState
 from ...physics.system import AbstractSystem
-from ...simulation.arguments import require_one_run
 from ...simulation.events import Occurrences, prefix_of_event
 from ...simulation.trajectory import Trajectory, always_rolls
 from ...simulation.variables import (
