@@ -71,7 +71,9 @@ def test_sections_of_a_bounce(direction):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("end", "direction", "height", "velocity"), [(1.5, -1, 0.25, 0.0), (2.0, 1, 0.0, 0.5)], ids=["highest", "impact"]
+    ("end", "direction", "height", "velocity"),
+    [(1.5, -1, 0.25, 0.0), (2.0 + 1e-14, 1, 0.0, 0.5)],  # roundings decide whether the second strike is before 2.0
+    ids=["highest", "impact"],
 )
 def test_a_crossing_with_which_the_run_ends_has_a_state(end, direction, height, velocity):
     """A ball dropped from g/2 bounces by 1/2: it lands at t = 1 and 2, where it rebounds at 1/2, and turns at 1.5."""

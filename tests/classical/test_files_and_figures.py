@@ -72,17 +72,16 @@ def check_laws(figure, laws):
 
 
 @pytest.mark.thorough
-def test_a_rate_has_the_colour_of_its_coordinate_and_is_dashed():
-    """Also where the coordinate is none of x, y and z."""
+def test_a_rate_has_the_colour_of_its_coordinate():
+    """Also where the coordinate is none of x, y and z, and in panels by units: x and y, θ, their rates, and λ."""
     state = classical.LagrangianState([0.0] * 3, [0.5, 0.0, 1.0])
-    ax = jaxball.simulate(classical.ChaplyginSleigh(inertia=0.4, ahead=0.5), TIMES[:2], state).plot().axes[0]
-    lines = [line for line in ax.get_lines() if not line.get_label().startswith("_")]
-    assert len(lines) == 6
-    for coordinate, rate in zip(lines[:3], lines[3:], strict=True):
+    figure = jaxball.simulate(classical.ChaplyginSleigh(inertia=0.4, ahead=0.5), TIMES[:2], state).plot()
+    panels = [[line for line in ax.get_lines() if not line.get_label().startswith("_")] for ax in figure.axes]
+    assert [len(lines) for lines in panels] == [2, 1, 2, 1, 1]
+    coordinates, rates = panels[0] + panels[1], panels[2] + panels[3]
+    for coordinate, rate in zip(coordinates, rates, strict=True):
         assert coordinate.get_color() == rate.get_color()
-        assert rate.is_dashed()
-        assert not coordinate.is_dashed()
-    assert len({line.get_color() for line in lines}) == 3
+    assert len({line.get_color() for line in coordinates}) == 3
 
 
 @pytest.mark.thorough

@@ -121,11 +121,11 @@ def test_a_loose_tolerance_is_not_trusted():
 @pytest.fixture
 def thousandth_wrong(monkeypatch):
     """The term (rΓ × Ω) × P of the momentum's rate too small by a thousandth."""
+    right_rate = locked.contact_momentum_rate
 
     def rate(at, r, acting, Pi, Omega):
         P = locked.linear_momentum(at, r, Omega, acting.Gamma)
-        right = locked.contact_momentum_rate(at, r, acting, Pi, Omega)
-        return right - 1e-3 * cross(r * cross(acting.Gamma, Omega), P)
+        return right_rate(at, r, acting, Pi, Omega) - 1e-3 * cross(r * cross(acting.Gamma, Omega), P)
 
     monkeypatch.setattr(locked, "contact_momentum_rate", rate)
     # Programs that were compiled from right equations are set aside.
