@@ -67,6 +67,27 @@ def test_a_text_that_is_no_xml_says_so():
         read_mjcf("<mujoco>")
 
 
+def test_moments_that_no_body_has_are_refused_and_small_ones_are_kept():
+    """Negative ones had been taken for none. Those of a link of URDF may be below the least that MuJoCo requires."""
+    with refuses(MJCFError, "arm"):
+        text = """<mujoco><worldbody><geom type="plane" size="1 1 1"/>
+          <body pos="0 0 1"><freejoint/><geom size="1" mass="1"/>
+            <body name="arm"><joint/><inertial pos="0 0 0.1" mass="0.5" diaginertia="-0.01 -0.01 -0.01"/></body>
+          </body></worldbody></mujoco>"""
+        read_mjcf(text)
+    small = 1e-17
+    text = f"""<robot name="small">
+      <link name="shell"><inertial><mass value="1"/><inertia ixx="0.1" iyy="0.1" izz="0.1"/></inertial>
+        <collision><geometry><sphere radius="0.5"/></geometry></collision></link>
+      <link name="arm">
+        <inertial><mass value="1e-9"/><inertia ixx="{small}" iyy="{small}" izz="{small}"/></inertial></link>
+      <joint name="turns" type="continuous"><parent link="shell"/><child link="arm"/><axis xyz="0 1 0"/></joint>
+    </robot>"""
+    masses = read_urdf(text).scenario.system.mechanisms[0].masses
+    squares = sum(float(item.mass) * np.outer(item.place, item.place) for item in masses)
+    np.testing.assert_allclose(np.trace(squares) * np.eye(3) - squares, small * np.eye(3), rtol=1e-12, atol=1e-30)
+
+
 def nested(count, joint="", default=""):
     body = f'<body pos="0 0 1e-5">{joint}<inertial pos="0 0 0" mass="0.001" diaginertia="0 0 0"/>'
     inner = body * count + "</body>" * count

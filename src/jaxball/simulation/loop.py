@@ -35,7 +35,7 @@ from .solvers.dense.steps import AfterPauses, Pause
 from .solvers.explicit import depends_on_arguments_alone, with_first_slope, with_stages_pulled_back
 from .solvers.moving import of_moving, with_zeros
 from .solvers.multistep import AbstractMultistep, AbstractMultistepController, PlannedError
-from .switching import NextStep, NoSwitching, Taken
+from .switching import BetweenSteps, NextStep, Taken
 from .watch import Watch, Within
 
 # A step that would end this close to the end of the run, relative to it, ends there.
@@ -66,7 +66,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
 
     mode: diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode = eqx.field(static=True)
     times: Float[Array, " T"]
-    switching: NoSwitching
+    switching: BetweenSteps
     observers: Callable[[Any], Observers] | None = eqx.field(static=True)  # a function of the terms' arguments
     watch: Watch | None = eqx.field(static=True)
     accuracy: Accuracy
@@ -272,7 +272,7 @@ class _Solve(NamedTuple):
     t0: Float[Array, ""]
     t1: Float[Array, ""]
     progress_meter: diffrax.AbstractProgressMeter
-    switching: NoSwitching
+    switching: BetweenSteps
     accuracy: Accuracy
 
     def after_reset(self, state: Any, hybrid: Any) -> tuple[Any, Array, Any]:

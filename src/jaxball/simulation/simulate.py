@@ -59,7 +59,7 @@ from .solvers import SwitchingMassMatrixTerm
 from .solvers.base import approach_of
 from .solvers.collocation import fills_vectors
 from .solvers.wrapping import ProjectedSteps
-from .switching import NoSwitching, Switching
+from .switching import BetweenSteps, Switching
 from .trajectory import Interpolant, Trajectory
 from .watch import Watch, end_by_events, occurrences_of, values_of
 
@@ -259,7 +259,7 @@ def solve(
     functions = _Functions(method, system, packing, events)
     order = float(method.solver.error_order(diffrax.ODETerm(functions.field)) or 1)  # pyright: ignore
     accuracy = Accuracy(rtol, atol, order, approach_of(method.solver))
-    switching = Switching(accuracy, functions.unpack, system.max_switches) if system.is_hybrid else NoSwitching()
+    switching = Switching(accuracy, functions.unpack, system.max_switches) if system.is_hybrid else BetweenSteps()
     solver = ProjectedSteps(method.solver, functions.projected) if functions.projects else method.solver
     solution = diffrax.diffeqsolve(
         functions.terms(initial),

@@ -138,8 +138,8 @@ class Reset(NamedTuple):
     happened: Bool[Array, ""] | bool
 
 
-class NoSwitching(eqx.Module):
-    """What a solve does about modes between its steps: nothing, of a system without modes.
+class BetweenSteps(eqx.Module):
+    """What a solve does between its steps: nothing, where its system has no modes.
 
     ``args`` are the parameters of a solve.
     """
@@ -191,7 +191,7 @@ class NoSwitching(eqx.Module):
         return status, None
 
 
-class Switching(NoSwitching):
+class Switching(BetweenSteps):
     """Of a hybrid system; ``unpack`` takes the parameters of a solve apart, the first of which is a packing.
 
     ``capacity`` is how many switches are kept.

@@ -145,11 +145,14 @@ class _Reader:
 
     def _masses(self, body: ET.Element, frame: Frame) -> Iterator[CarriedMass]:
         inertial = self.settings.inertial_of(body)
+        if inertial is None:
+            return
         # The least that MuJoCo requires of a body that moves; `_add_least` writes it, and it stands for nothing.
-        if inertial is None or (inertial.mass <= MINVAL and np.all(inertial.moments <= MINVAL)):
+        moments = np.where(np.abs(inertial.moments) <= MINVAL, 0.0, inertial.moments)
+        if inertial.mass <= MINVAL and not np.any(moments):
             return
         try:
-            yield from masses_of(inertial._replace(axes=frame.then(inertial.axes)))
+            yield from masses_of(inertial._replace(moments=moments, axes=frame.then(inertial.axes)))
         except ValueError as error:
             raise MJCFError(f"The inertia of {label(body)} is impossible: {error}") from None
 
@@ -160,7 +163,7 @@ def masses_of(inertial: Inertial, joint: int = -1) -> list[CarriedMass]:
     **Raises:** ``ValueError`` for moments that no body has.
     """
     centre, axes = inertial.axes.shift, MatrixFrame(inertial.axes.turn)
-    if np.all(inertial.moments <= MINVAL):
+    if not np.any(inertial.moments):
         return [CarriedMass(inertial.mass, centre, joint)]
     return rigid_body_masses(inertial.mass, inertial.moments, centre=centre, frame=axes, joint=joint)
 
