@@ -241,7 +241,7 @@ def test_the_gradient_is_right_to_the_solver():
     lines = []
     again = check_gradient(optimiser, found.problem.space.start, enough=1e-8, say=lines.append)
     assert again == check._replace(forward=None)
-    assert again.good
+    assert again.ok
     assert "forward" not in repr(again)
     assert lines == []
     check_gradient(optimiser, found.problem.space.start, enough=0.0, say=lines.append)

@@ -77,7 +77,7 @@ def _control(options: argparse.Namespace, problem_file: Any, source: Any) -> int
     for name, by in done.broken.items():
         sentence = f"The constraint `{name}` is violated by {by:.2g}, where {done.violation:g} is allowed"
         print(f"jaxball: {sentence}; start with more intervals.", file=sys.stderr)
-    return 0 if done.good else UNMET
+    return 0 if done.ok else UNMET
 
 
 def _search(options: argparse.Namespace, problem_file: Any, source: Any) -> int:

@@ -325,7 +325,7 @@ def _control_verdict(controlled: Controlled) -> str:
     seen, errors = controlled.seen, controlled.solution.errors
     below = round(float(seen.below), 12) + 0.0  # no -0, where there are no masses
     return (
-        f"{'The motion is a solution' if controlled.good else 'The motion is not a solution'}: the least curvature of "
+        f"{'The motion is a solution' if controlled.ok else 'The motion is not a solution'}: the least curvature of "
         f"the cost is {controlled.curvature:.3g}, positive at a minimum; the largest error of the {errors.size} "
         f"intervals is {np.max(errors):.1e}. Simulated again by a solver of another kind, the path differs by at most "
         f"{seen.apart:.1e} r; at the end the speed is {seen.speed:.1e}, the place is missed by {seen.missed:.1e} r, "

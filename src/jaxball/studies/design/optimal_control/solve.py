@@ -252,7 +252,7 @@ class Controlled(NamedTuple):
     def __repr__(self) -> str:
         seen = self.seen
         lines = [
-            f"Optimal control, {'' if self.good else 'not '}confirmed: a path in "
+            f"Optimal control, {'' if self.ok else 'not '}confirmed: a path in "
             f"{number_of(len(self.solution.errors), 'interval')}",
             f"  its simulation is up to {seen.apart:.2g} radii away, and misses its end by {seen.missed:.2g} radii",
             f"  the least curvature is {self.curvature:.3g}: "
@@ -262,7 +262,7 @@ class Controlled(NamedTuple):
         return "\n".join(lines)
 
     @property
-    def good(self) -> bool:
+    def ok(self) -> bool:
         """Whether it is a strict minimum, its simulation follows its path to rest, and the constraints hold."""
         seen = self.seen
         near = max(seen.apart, seen.speed, seen.away, seen.missed) <= ALLOWED_SIMULATION_ERROR * self.tolerance

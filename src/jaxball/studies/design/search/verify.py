@@ -174,7 +174,7 @@ class GradientCheck(NamedTuple):
         return float(np.min(errors[np.isfinite(errors)], initial=np.inf))
 
     @property
-    def good(self) -> bool:
+    def ok(self) -> bool:
         """Whether the gradient can be trusted."""
         modes_agree = self.between_modes is None or self.between_modes < MODES_AGREE
         return modes_agree and self.from_differences < DIFFERENCES_AGREE
@@ -249,7 +249,7 @@ def check_gradient(
 
 def require_good(check: GradientCheck) -> None:
     """Raises a :class:`DesignError` where the ``check`` of a gradient says that it cannot be trusted."""
-    if not check.good:
+    if not check.ok:
         raise DesignError(
             f"The gradient must agree with differences to {DIFFERENCES_AGREE:g} and with forward mode to "
             f"{MODES_AGREE:g}, but it is off by {check.from_differences:.1e} and {check.between_modes or 0.0:.1e}; "
