@@ -8,7 +8,7 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int, PyTree
+from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from ..interface.arguments import call_with, require_function
 from ..interface.printing import Printed
@@ -18,7 +18,7 @@ from .kinks import kinks_of_function
 from .linear import tridiagonal_solution
 from .vectors import sine_cosine
 
-MOST_SUMMED = 64  # breaks up to which a sum over all pieces takes less time than a search for one
+MOST_CHOSEN = 64  # breaks up to which choosing among all pieces takes less time than a search for one
 
 
 class HarmonicSeries(Printed):
@@ -115,16 +115,19 @@ class PiecewisePolynomial(eqx.Module):
         return value
 
     def _piece_at(self, x: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, "degree_plus_one *shape"]]:
-        """Returns the origin and the coefficients of the piece at x: of few pieces by a sum, of many by a binary
-        search.
+        """Returns the origin and the coefficients of the piece at x: of few pieces by choosing the right one of each two
+        neighbours, until one is left, and of many by a binary search.
         """
-        if self.breaks.shape[0] > MOST_SUMMED:
-            piece = _count_up_to(self.breaks, x)
+        breaks, pieces = self.breaks, (self.origins, self.coefficients)
+        if breaks.shape[0] > MOST_CHOSEN:
+            piece = _count_up_to(breaks, x)
             return row_at(self.origins, piece), row_at(self.coefficients, piece)
-        infinity = jnp.array([jnp.inf], dtype=self.breaks.dtype)
-        holds = (jnp.concatenate([-infinity, self.breaks]) <= x) & (x < jnp.concatenate([self.breaks, infinity]))
-        mask = holds.reshape(holds.shape + (1,) * (self.coefficients.ndim - 1))
-        return jnp.sum(jnp.where(holds, self.origins, 0.0)), jnp.sum(jnp.where(mask, self.coefficients, 0.0), axis=0)
+        while breaks.shape[0]:
+            later = breaks[::2] <= x
+            pieces = tuple(_choose_of_pairs(later, rows) for rows in pieces)
+            breaks = breaks[1::2]
+        origins, coefficients = pieces
+        return origins[0], coefficients[0]
 
     def integral(self) -> "PiecewisePolynomial":
         """Returns the integral of a scalar polynomial whose first two origins are its first break, where the integral
@@ -139,6 +142,13 @@ class PiecewisePolynomial(eqx.Module):
         # Both pieces at the first break are measured from there, where the integral is 0.
         start = jnp.concatenate([jnp.zeros((2,), changes.dtype), jnp.cumsum(changes)])
         return PiecewisePolynomial(self.breaks, self.origins, jnp.concatenate([start[:, None], raised], axis=1))
+
+
+def _choose_of_pairs(later: Bool[Array, " pairs"], rows: Float[Array, "n *shape"]) -> Float[Array, "m *shape"]:
+    """Returns of each two neighbouring rows the later one where ``later``, and the last row if it has no neighbour."""
+    pairs = later.shape[0]
+    mask = later.reshape(later.shape + (1,) * (rows.ndim - 1))
+    return jnp.concatenate([jnp.where(mask, rows[1 : 2 * pairs : 2], rows[: 2 * pairs : 2]), rows[2 * pairs :]])
 
 
 def _count_up_to(breaks: Float[Array, " n"], x: Float[Array, ""]) -> Int[Array, ""]:

@@ -50,6 +50,20 @@ def outer(a: Float[Array, "3"], b: Float[Array, "3"]) -> Float[Array, "3 3"]:
     return a[:, None] * b[None, :]
 
 
+def on_diagonal(x: Float[Array, "*three"]) -> Float[Array, "3 3"]:
+    """Returns the matrix with these numbers on its diagonal, and with −0 elsewhere: added to any number, it changes not
+    even the sign of a zero, so that nothing is computed.
+    """
+    return jnp.where(np.eye(3, dtype=bool), x, -0.0)
+
+
+def symmetric(A: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
+    """Returns a matrix that is symmetric but for rounding, with what is above its diagonal below it as well, so that a
+    compiler computes six numbers and not nine.
+    """
+    return jnp.where(np.triu(np.ones((3, 3), bool)), A, A.T)
+
+
 def apply(A: Float[Array, "k n"], b: Float[Array, " n"]) -> Float[Array, " k"]:
     """Returns the product A b."""
     return jnp.sum(A * b[None, :], axis=1)
@@ -153,7 +167,7 @@ def sine_cosine_of_jax(x: Float[Array, "*shape"]) -> tuple[Float[Array, "*shape"
         x = x - quarter * part
     square = x * x
     s, c = x * polynomial(SINE, square), polynomial(COSINE, square)
-    turn = quarter - 4 * jnp.floor(quarter / 4)
+    turn = quarter - 4 * jnp.floor(0.25 * quarter)
     odd = (turn == 1) | (turn == 3)
     sine, cosine = jnp.where(odd, c, s), jnp.where(odd, s, c)
     return jnp.where(turn >= 2, -sine, sine), jnp.where((turn == 1) | (turn == 2), -cosine, cosine)

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float
 
 from ...interface.arguments import require_value
 from ...numerics.linear import product
-from ...numerics.vectors import add, apply, convert, cross, dot, outer, root
+from ...numerics.vectors import add, apply, convert, cross, dot, on_diagonal, outer, root, symmetric
 from ...programs.derivatives.differentiation import without_derivatives
 from ..conditions import Condition
 from ..state import Rates, ReducedState, State
@@ -346,13 +346,30 @@ def inertia_about_contact(
 
     ``arm`` is Γ, or what a body that is no sphere has in its place, with its ``square``.
     """
-    identity = jnp.eye(3, dtype=arm.dtype)
-    mixed = outer(arm, body_moments.p)
-    return (
-        body_moments.J
-        + body_moments.M * r**2 * ((identity if square is None else square * identity) - outer(arm, arm))
-        + r * (2 * dot(arm, body_moments.p) * identity - mixed - mixed.T)
-    )
+    v = _lever_of_inertia(body_moments.M, body_moments.p, r, arm)
+    whole = body_moments.M * r**2
+    spread = (whole if square is None else whole * square) + 2 * r * dot(arm, body_moments.p)
+    return symmetric(body_moments.J + on_diagonal(spread) - outer(arm, v) - outer(v, arm))
+
+
+def inertia_about_contact_rate(
+    body_moments: VelocityMoments, r: Float[Array, ""], lever: Lever, armdot: Float[Array, "3"]
+) -> Float[Array, "3 3"]:
+    """Computes Ḃ, by the rule of products."""
+    arm, p, pdot = lever.arm, body_moments.p, body_moments.pdot
+    v, vdot = (_lever_of_inertia(body_moments.M, *moment) for moment in ((p, r, arm), (pdot, r, armdot)))
+    spread = 2 * r * (dot(armdot, p) + dot(arm, pdot))
+    if lever.square is not None:
+        spread = spread + 2 * body_moments.M * r**2 * dot(arm, armdot)
+    mixed = outer(armdot, v) + outer(arm, vdot)
+    return symmetric(body_moments.Jdot + on_diagonal(spread) - mixed - mixed.T)
+
+
+def _lever_of_inertia(
+    M: Float[Array, ""], p: Float[Array, "3"], r: Float[Array, ""], arm: Float[Array, "3"]
+) -> Float[Array, "3"]:
+    """Computes v = rp + ½Mr²Γ: with it, B is J − Γvᵀ − vΓᵀ, but for its diagonal."""
+    return r * p + 0.5 * M * r**2 * arm
 
 
 def angles_in_state(system: BodyParameters, t: Float[Array, ""], state: State) -> Rates:

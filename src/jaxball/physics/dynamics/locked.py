@@ -25,7 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...numerics.vectors import add, apply, convert, cross, dot, outer
+from ...numerics.vectors import add, apply, convert, cross, dot
 from ..rolling import Reaction
 from ..state import BallState, DiskState, ReducedState, RotationState, State
 from .coupling import (
@@ -40,7 +40,13 @@ from .coupling import (
     with_free_joints,
 )
 from .dry_friction import TurningMode
-from .equations import Lever, accelerations, angles_in_state, inertia_about_contact
+from .equations import (
+    Lever,
+    accelerations,
+    angles_in_state,
+    inertia_about_contact,
+    inertia_about_contact_rate,
+)
 from .footing import contact_normal, rates as rates_of
 from .load import Load, accelerations_in_turning_axes, load
 from .moments import Moments, VelocityMoments, velocity_moments
@@ -219,20 +225,6 @@ def field_of_locked(system: BodyParameters, t: Float[Array, ""], packed: AnyStat
     return rates_of(
         system, t, state, Wdot, (theta, thetadot, join_coordinates(driven_thetaddot, links, rates)), acting.footing
     )
-
-
-def inertia_about_contact_rate(
-    body_moments: VelocityMoments, r: Float[Array, ""], lever: Lever, armdot: Float[Array, "3"]
-) -> Float[Array, "3 3"]:
-    """Computes Ḃ, by the rule of products."""
-    arm, identity = lever.arm, jnp.eye(3, dtype=armdot.dtype)
-    turn = outer(armdot, arm)
-    mixed = outer(armdot, body_moments.p) + outer(arm, body_moments.pdot)
-    trace = dot(armdot, body_moments.p) + dot(arm, body_moments.pdot)
-    spread = -(turn + turn.T)
-    if lever.square is not None:
-        spread = spread + 2 * dot(arm, armdot) * identity
-    return body_moments.Jdot + body_moments.M * r**2 * spread + r * (2 * trace * identity - mixed - mixed.T)
 
 
 def _move(system: BodyParameters, t: Float[Array, ""], state: AnyState, sign: float) -> AnyState:

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ...numerics.vectors import outer
+from ...numerics.vectors import on_diagonal, outer, symmetric
 from ..prescribed.motion import Driven, Kinematics, rail_of, schedule_of
 from ..state import Angles, Rates
 from .coupling import Linkage, linkages
@@ -112,7 +112,7 @@ def velocity_moments(
         M = M + jnp.sum(m)
         p = p + jnp.sum(m[:, None] * chi, axis=0)
         pdot = pdot + jnp.sum(m[:, None] * chidot, axis=0)
-        S = S + _second_moment(m, chi, chi)
+        S = S + symmetric(_second_moment(m, chi, chi))
         V = V + _second_moment(m, chi, chidot)
     return VelocityMoments(
         M=M, p=p, pdot=pdot, J=principal_inertia(system) + _inertia_of(S), Jdot=_inertia_of(V + V.T), l=_axial(V)
@@ -187,7 +187,7 @@ def joint_motion(
 
 def principal_inertia(system: BodyParameters) -> Float[Array, "3 3"]:
     """Returns 𝕀 = diag(d1, d2, d3) of the shell; for a disk, the matrix that has d2 in every place of its diagonal."""
-    return jnp.broadcast_to(system.inertia, (3,))[:, None] * jnp.eye(3, dtype=system.mass.dtype)
+    return on_diagonal(system.inertia)
 
 
 def _places(system: BodyParameters) -> Int[np.ndarray, " n"]:
@@ -237,8 +237,7 @@ def _second_moment(m, a, b):
 
 
 def _inertia_of(S):
-    trace = S[0, 0] + S[1, 1] + S[2, 2]
-    return trace * jnp.eye(3, dtype=S.dtype) - S
+    return on_diagonal(S[0, 0] + S[1, 1] + S[2, 2]) - S
 
 
 def _axial(S):

@@ -14,6 +14,7 @@ from ..ir.elements import (
     UnsupportedError,
     Vector,
     in_lanes,
+    in_order,
     is_known,
     llvm_type,
     simpler_float,
@@ -73,11 +74,15 @@ class Builder(Instructions):
             if simpler := simpler_float(operation, x, y):
                 return simpler
             if operation == "mul":
-                product = self.apply("fmul", dtype, x, y)
+                product = self.apply("fmul", dtype, *in_order(x, y))
                 # Remembered, not written as a product with a sum: whether one follows, only the next operations tell.
                 self._products[product] = x, y
                 return product
-            return self._fuse(operation, dtype, x, y) or self.apply(f"f{operation}", dtype, x, y)
+            if fused := self._fuse(operation, dtype, x, y):
+                return fused
+            if operation == "add":
+                x, y = in_order(x, y)
+            return self.apply(f"f{operation}", dtype, x, y)
         simpler = simpler_integer(operation, dtype, x, y)
         if simpler is not None:
             return simpler
@@ -103,7 +108,7 @@ class Builder(Instructions):
                 other = self.negative(dtype, other)
             elif operation == "sub":
                 factor = self.negative(dtype, factor)
-            return self.call("llvm.fma", dtype, factor, number, other)
+            return self.call("llvm.fma", dtype, *in_order(factor, number), other)
         return None
 
     def compare(self, predicate: str, dtype: np.dtype, x: Element, y: Element) -> Element:

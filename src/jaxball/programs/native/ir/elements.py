@@ -197,6 +197,11 @@ def simpler_float(operation: str, x: Element, y: Element) -> Element | None:
     return None
 
 
+def in_order(x: Element, y: Element) -> tuple[Element, Element]:
+    """Returns two operands in one order, whichever comes first, so that x y and y x are found to be the same."""
+    return (y, x) if isinstance(x, str) and isinstance(y, str) and y < x else (x, y)
+
+
 def simpler_integer(operation: str, dtype: np.dtype, x: Element, y: Element) -> Element | None:
     for number, other in ((y, x), (x, y)):
         # 0 − y is not y.
