@@ -37,4 +37,4 @@ def test_a_symmetric_matrix_has_what_is_above_its_diagonal_twice():
 def test_numbers_on_a_diagonal_change_no_sign_of_a_zero():
     zeros = jnp.full((3, 3), -0.0)
     np.testing.assert_array_equal(on_diagonal(jnp.asarray([1.0, 2.0, 3.0])), np.diag([1.0, 2.0, 3.0]))
-    assert np.all(np.signbit((zeros + on_diagonal(jnp.asarray(-0.0)))))
+    assert np.all(np.signbit(zeros + on_diagonal(jnp.asarray(-0.0))))

@@ -115,7 +115,7 @@ class PiecewisePolynomial(eqx.Module):
         return value
 
     def _piece_at(self, x: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, "degree_plus_one *shape"]]:
-        """Returns the origin and the coefficients of the piece at x: of few pieces by choosing the right one of each two
+        """Returns the origin and the coefficients of the piece at x: of few pieces by choosing one of each two
         neighbours, until one is left, and of many by a binary search.
         """
         breaks, pieces = self.breaks, (self.origins, self.coefficients)

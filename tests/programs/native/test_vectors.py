@@ -125,6 +125,25 @@ def test_lanes_are_taken_out_where_they_are_read_only():
     assert "call <8 x double> @llvm.fma.v8f64(" in text
 
 
+def test_products_and_sums_are_found_again_whichever_number_comes_first():
+    def f(x, y, z):
+        return x * y, y * x, x + y, y + x, x * y + z, z + y * x
+
+    text = text_of(f, 0.3, 0.1, 0.2)
+    assert [text.count(f"= {written}") for written in ("fmul ", "fadd ", "call double @llvm.fma.f64(")] == [1, 1, 1]
+    agree(f, 0.3, 0.1, 0.2, ulps=1)
+
+
+def test_known_products_that_are_0_are_left_out_of_sums():
+    def f(x):
+        return jnp.dot(jnp.concatenate([x, jnp.zeros(2)]), jnp.asarray([1.0, -2.0, 3.0, 4.0, 5.0]))
+
+    x = jnp.asarray([0.1, 0.2, 0.4])
+    assert "fadd" not in text_of(f, x)
+    agree(f, x, ulps=2)
+    assert native(lambda x: jnp.dot(jnp.zeros(3), jnp.zeros(3)) + 0 * x[0], x) == 0
+
+
 def test_what_does_not_change_is_computed_before_the_loops():
     def f(x, y):
         def inner(_, carry):
