@@ -103,12 +103,17 @@ def velocity_moments(
 
     ``links`` are the mechanisms then, if they have been found.
     """
+    return _moments_of_velocities(system, _velocities_by_group(system, t, angles, links))
+
+
+def _moments_of_velocities(system: BodyParameters, parts: list["Part"]) -> VelocityMoments:
+    """Computes the moments without accelerations, from the masses of each group and their χ and χ̇."""
     m0, chi0 = system.mass, system.offset
     # J and J̇ follow from S = Σ m χχᵀ and V = Σ m χχ̇ᵀ, of which ℓ is the antisymmetric part: fewer sums than one for
     # each.
     M, p, S = m0, m0 * chi0, m0 * outer(chi0, chi0)
     pdot, V = jnp.zeros_like(chi0), jnp.zeros_like(S)
-    for m, (chi, chidot) in _velocities_by_group(system, t, angles, links):
+    for m, (chi, chidot) in parts:
         M = M + jnp.sum(m)
         p = p + jnp.sum(m[:, None] * chi, axis=0)
         pdot = pdot + jnp.sum(m[:, None] * chidot, axis=0)
@@ -125,9 +130,11 @@ def moments(system: BodyParameters, t: Float[Array, ""], angles: Rates, links: l
     ``links`` are the mechanisms then, if they have been found.
     """
     links = linkages(system, t, angles) if links is None else links
-    body_moments = velocity_moments(system, t, angles[:2], links)
+    parts = _kinematics_by_group(system, t, angles, links)
+    # Their χ̇ once more from the motions would be other operations, with the same results but for rounding.
+    body_moments = _moments_of_velocities(system, [(m, (chi, chidot)) for m, (chi, chidot, _) in parts])
     pddot = ldot = jnp.zeros_like(system.offset)
-    for m, (chi, _, chiddot) in _kinematics_by_group(system, t, angles, links):
+    for m, (chi, _, chiddot) in parts:
         pddot = pddot + jnp.sum(m[:, None] * chiddot, axis=0)
         ldot = ldot + _axial(_second_moment(m, chi, chiddot))
     return Moments(**vars(body_moments), pddot=pddot, ldot=ldot)
