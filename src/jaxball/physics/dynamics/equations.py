@@ -357,7 +357,7 @@ def inertia_about_contact_rate(
 ) -> Float[Array, "3 3"]:
     """Computes Ḃ, by the rule of products."""
     arm, p, pdot = lever.arm, body_moments.p, body_moments.pdot
-    v, vdot = (_lever_of_inertia(body_moments.M, *moment) for moment in ((p, r, arm), (pdot, r, armdot)))
+    v, vdot = _lever_of_inertia(body_moments.M, p, r, arm), _lever_of_inertia(body_moments.M, pdot, r, armdot)
     spread = 2 * r * (dot(armdot, p) + dot(arm, pdot))
     if lever.square is not None:
         spread = spread + 2 * body_moments.M * r**2 * dot(arm, armdot)
