@@ -346,10 +346,9 @@ def inertia_about_contact(
 
     ``arm`` is Γ, or what a body that is no sphere has in its place, with its ``square``.
     """
-    v = _lever_of_inertia(body_moments.M, body_moments.p, r, arm)
-    whole = body_moments.M * r**2
-    spread = (whole if square is None else whole * square) + 2 * r * dot(arm, body_moments.p)
-    return symmetric(body_moments.J + on_diagonal(spread) - outer(arm, v) - outer(v, arm))
+    v = _factor_of_dyads(body_moments.M, body_moments.p, r, arm)
+    diagonal = body_moments.M * r**2 * (1.0 if square is None else square) + 2 * r * dot(arm, body_moments.p)
+    return symmetric(body_moments.J + on_diagonal(diagonal) - outer(arm, v) - outer(v, arm))
 
 
 def inertia_about_contact_rate(
@@ -357,15 +356,15 @@ def inertia_about_contact_rate(
 ) -> Float[Array, "3 3"]:
     """Computes Ḃ, by the rule of products."""
     arm, p, pdot = lever.arm, body_moments.p, body_moments.pdot
-    v, vdot = _lever_of_inertia(body_moments.M, p, r, arm), _lever_of_inertia(body_moments.M, pdot, r, armdot)
-    spread = 2 * r * (dot(armdot, p) + dot(arm, pdot))
+    v, vdot = _factor_of_dyads(body_moments.M, p, r, arm), _factor_of_dyads(body_moments.M, pdot, r, armdot)
+    diagonal = 2 * r * (dot(armdot, p) + dot(arm, pdot))
     if lever.square is not None:
-        spread = spread + 2 * body_moments.M * r**2 * dot(arm, armdot)
+        diagonal = diagonal + 2 * body_moments.M * r**2 * dot(arm, armdot)
     mixed = outer(armdot, v) + outer(arm, vdot)
-    return symmetric(body_moments.Jdot + on_diagonal(spread) - mixed - mixed.T)
+    return symmetric(body_moments.Jdot + on_diagonal(diagonal) - mixed - mixed.T)
 
 
-def _lever_of_inertia(
+def _factor_of_dyads(
     M: Float[Array, ""], p: Float[Array, "3"], r: Float[Array, ""], arm: Float[Array, "3"]
 ) -> Float[Array, "3"]:
     """Computes v = rp + ½Mr²Γ: with it, B is J − Γvᵀ − vΓᵀ, but for its diagonal."""

@@ -40,13 +40,7 @@ from .coupling import (
     with_free_joints,
 )
 from .dry_friction import TurningMode
-from .equations import (
-    Lever,
-    accelerations,
-    angles_in_state,
-    inertia_about_contact,
-    inertia_about_contact_rate,
-)
+from .equations import Lever, accelerations, angles_in_state, inertia_about_contact, inertia_about_contact_rate
 from .footing import contact_normal, rates as rates_of
 from .load import Load, accelerations_in_turning_axes, load
 from .moments import Moments, VelocityMoments, velocity_moments

@@ -131,7 +131,8 @@ def moments(system: BodyParameters, t: Float[Array, ""], angles: Rates, links: l
     """
     links = linkages(system, t, angles) if links is None else links
     parts = _kinematics_by_group(system, t, angles, links)
-    # Their χ̇ once more from the motions would be other operations, with the same results but for rounding.
+    # χ̇ is taken from them as well: `velocity` of a motion computes it by other operations, so that no compiler would
+    # find that it is there already.
     body_moments = _moments_of_velocities(system, [(m, (chi, chidot)) for m, (chi, chidot, _) in parts])
     pddot = ldot = jnp.zeros_like(system.offset)
     for m, (chi, _, chiddot) in parts:

@@ -103,7 +103,7 @@ def _emit(text: str, pipeline: Callable[[], tuple[Any, Callable[[Any], None]]], 
         module.triple, module.data_layout = machine.triple, str(machine.target_data)
         try:
             optimise(module)
-            with _in_proportion(llvm, text):
+            with _with_settings(llvm, text):
                 return emit(machine, module)
         finally:
             module.close()
@@ -194,19 +194,19 @@ def _machine(quickly: bool = False) -> Any:
 
 
 @contextlib.contextmanager
-def _in_proportion(llvm: Any, text: str) -> Iterator[None]:
-    """Applies process-wide LLVM settings with which compile time is proportional to the length of a program.
+def _with_settings(llvm: Any, text: str) -> Iterator[None]:
+    """Applies process-wide LLVM settings while a program is compiled.
 
-    CodeGenPrepare takes a time quadratic in a block's length (60 s, against 4 s for the rest, for an event of an Adams
-    method), and made none of the programs faster. So do the scheduler's lists of accesses to the same memory (50 s
-    of 80 s for a chart of Floquet multipliers), and a second scheduler after registers are allocated: a fifth to a
-    half of the time for all, and Gauss's method and Radau's ran 1 to 3% slower without it, Dopri8 as fast. So does the
-    combination of nodes that join more than some tens of stores: 23 of 26 s for the gradient of a run's contact
-    extremes, whose code was as long with it.
+    With them the time is proportional to the length of a program. CodeGenPrepare takes a time quadratic in a block's
+    length (60 s, against 4 s for the rest, for an event of an Adams method), and made none of the programs faster. So
+    do the scheduler's lists of accesses to the same memory (50 s of 80 s for a chart of Floquet multipliers), and a
+    second scheduler after registers are allocated: a fifth to a half of the time for all, and Gauss's method and
+    Radau's ran 1 to 3% slower without it, Dopri8 as fast. So does the combination of nodes that join more than some
+    tens of stores: 23 of 26 s for the gradient of a run's contact extremes, whose code was as long with it.
 
     Where most numbers are vectors, as in lanes, instructions are put in an order in which fewer of them must wait in
-    memory: balls with a law of contact took three quarters of the time, others 3% less, and LLVM as long. Other
-    programs took up to an eighth longer with it.
+    memory: with AVX2, balls with a law of contact took three quarters of the time, others 3% less, and LLVM as long.
+    Other programs took up to an eighth longer with it.
     """
     llvm.set_option("", "-disable-cgp=true")
     llvm.set_option("", "-disable-post-ra=true")

@@ -119,7 +119,7 @@ class _Products:
         """Computes a sum of many products from several partial sums, which a processor adds at once."""
         numbers = list(map(self._multiply, factors[::2], factors[1::2]))
         constants, variables = [x for x in numbers if is_known(x)], [x for x in numbers if not is_known(x)]
-        if variables:  # a product of stages that are not computed yet, and of zeros of a tableau
+        if variables:  # to which a known 0 adds nothing; only the sign of a sum that is 0 may be another
             constants = [x for x in constants if x != 0]
         apart = PARTIAL_SUMS if len(variables) >= 2 * PARTIAL_SUMS else 1
         sums = [functools.reduce(self._add, variables[first::apart]) for first in range(apart) if variables]
