@@ -1,6 +1,6 @@
 """Classes of users that files name as "module:Class": each example of the page on extending jaxball, in a file.
 
-What the classes do is compared with closed forms, with a tilted plane, and with potentials.
+What the classes do is compared with closed forms and with potentials.
 """
 
 import dataclasses
@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import Ball, BallState, Contact, ScenarioError, read_scenario, write_scenario
+from jaxball import BallState, ScenarioError, read_scenario, write_scenario
 from jaxball.physics import ReleasedState
 from jaxball.physics.contact.released import energy_of_released
 from jaxball.studies.design import read_problem
 from jaxball.studies.sweep import read_study
-from tests.support.documents import make_module, modules_of
+from tests.support.documents import modules_of
 from tests.support.sentences import refuses
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "extending.md"
@@ -93,14 +93,6 @@ def test_a_file_with_the_class_is_read_and_written_as_it_was(name):
     assert write_scenario(read_scenario(written)) == written
 
 
-@pytest.mark.long
-def test_the_friction_of_a_saved_run_is_read_back(tmp_path):
-    run = read_scenario(text_of("stribeck")).simulate(throw=True)
-    again = jaxball.load_run(run.save(tmp_path / "run.npz"))
-    assert repr(again.contact.law) == repr(run.contact.law)
-    assert "Stribeck" in repr(run.contact.law)
-
-
 @pytest.mark.thorough
 def test_a_resistance_of_a_file_slows_a_ball():
     """(d + m r²) ω̇ = −c ω², so that ω = 1 / (1 + c t / (d + m r²))."""
@@ -158,41 +150,27 @@ def test_an_objective_and_a_constraint_of_a_problem_file():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "contact", [None, pytest.param(Contact(0.4), marks=pytest.mark.thorough)], ids=["rolling", "sliding"]
-)
-def test_a_uniform_wind_is_a_plane_that_is_tilted(contact):
-    """g and F/m add up to one weight, which is g′ across a plane tilted by the angle whose tangent is F/(m g)."""
-    m, g, F = 1.3, 2.0, 0.5
-    angle = np.arctan2(F / m, g)
-    body = {"mass": m, "inertia": (0.5, 0.6, 0.7), "radius": 0.9}
-    blown = Ball(**body, gravity=g, force=jaxball.FunctionWrench(lambda t, motion, F: F * jnp.array([1.0, 0, 0]), F))
-    tilted = Ball(**body, gravity=np.hypot(g, F / m), ground=jaxball.Ground(angle))
-    state = BallState(Omega=(0.3, -1.0, 0.2))
-    start = state if contact is None else ReleasedState(state, V=(1.4, 0.5, 0.0))
-    runs = [
-        jaxball.simulate(one, np.linspace(0.0, 2.0, 5), start, contact=contact, throw=True, **FINE)
-        for one in (blown, tilted)
-    ]
-    assert contact is None or int(runs[0].contact.switches.count) > 0
-    for name in ("q", "Omega", "z"):
-        one, other = (getattr(run.state, name) for run in runs)
-        np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)
-    for name in ("normal_force", "friction"):
-        one, other = (getattr(run.observables, name) for run in runs)
-        np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)
-
-
-@pytest.mark.long
-def test_a_cable_exchanges_energy_with_the_body_as_its_potential():
+def test_a_cable_exchanges_energy_with_the_body_as_its_potential_and_friction_of_a_saved_run_is_read_back(tmp_path):
     """E + ½ k max(|d| − L, 0)² + what friction takes is constant, while the body flies, bounces, slides and rolls."""
     k, L, anchor, point = 2.0, 0.3, np.array([0.5, 0.4, 1.5]), np.array([0.1, 0.2, 0.3])
-    make_module("cable", MODULES["cable"], Path())
-    cable = sys.modules["cable"].Cable(k, L, anchor, point)
-    ball = Ball(mass=1.3, inertia=(0.5, 0.6, 0.7), offset=(0.1, 0.0, -0.2), radius=0.9, gravity=2.0, force=cable)
-    start = ReleasedState(BallState(Omega=(0.3, -1.0, 0.2)), V=(1.4, 0.5, 0.0), height=0.1)
-    times = np.linspace(0.0, 3.0, 13)
-    run = jaxball.simulate(ball, times, start, contact=Contact(0.2, restitution=0.4), throw=True, **FINE)
+    text = BALL.replace("saves = 7", "saves = 13").replace(
+        "[0.6, 0.6, 0.6]", "[0.5, 0.6, 0.7], offset = [0.1, 0.0, -0.2]"
+    )
+    text += f"""
+initial = {{ Omega = [0.3, -1.0, 0.2], velocity = [1.4, 0.5, 0.0], height = 0.1 }}
+[force]
+kind = "cable:Cable"
+stiffness = {k}
+length = {L}
+anchor = {anchor.tolist()}
+point = {point.tolist()}
+[contact]
+restitution = 0.4
+friction = {{ kind = "stribeck:Stribeck", kinetic = 0.2, static = 0.3, scale = 0.3 }}
+"""
+    scenario = read_scenario(text)
+    ball, times = scenario.system, scenario.times
+    run = scenario.simulate(throw=True)
     released = ReleasedState(run.state, run.contact.V, run.contact.height)
     energy = jax.vmap(lambda t, state: energy_of_released(ball, t, state))(jnp.asarray(times), released)
     centre = np.column_stack([run.state.z, run.contact.height])
@@ -202,6 +180,9 @@ def test_a_cable_exchanges_energy_with_the_body_as_its_potential():
     assert int(run.contact.switches.count) >= 2
     assert np.ptp(0.5 * k * stretched**2) > 0.1
     np.testing.assert_allclose(total, total[0], rtol=0, atol=1e-9)
+    again = jaxball.load_run(run.save(tmp_path / "run.npz"))
+    assert repr(again.contact.law) == repr(run.contact.law)
+    assert "Stribeck" in repr(run.contact.law)
 
 
 WRONG = {
