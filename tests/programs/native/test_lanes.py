@@ -163,7 +163,7 @@ CASES = {
 }
 
 
-@pytest.mark.long
+@pytest.mark.thorough
 @pytest.mark.parametrize("f", CASES.values(), ids=CASES)
 def test_each_lane_has_its_own(f):
     agree(mapped(f), X, ulps=64)

@@ -33,7 +33,7 @@ def near(f, *args, roundings=200):
         np.testing.assert_allclose(one, other, rtol=0, atol=roundings * eps * scale)
 
 
-@pytest.mark.long
+@pytest.mark.thorough
 @pytest.mark.parametrize("shape", [(1, 1), (12, 12), (2, 3, 2, 2), (2, 0, 0), (0, 2, 2)])
 @pytest.mark.parametrize("dtype", TYPES)
 def test_square_matrices(dtype, shape):

@@ -118,7 +118,7 @@ def handed_on(how, arrays, i):
     return [0.5 * (new + old) for new, old in zip(given_back, arrays[:2], strict=True)] + [arrays[2]]
 
 
-@pytest.mark.long
+@pytest.mark.thorough
 @settings(max_examples=25)
 @given(steps(2), st.sampled_from([4, 70]), st.integers(0, 3))
 def test_programs_agree(program, length, i):
@@ -164,7 +164,7 @@ def everything_in_lanes():
         yield
 
 
-@pytest.mark.long
+@pytest.mark.thorough
 @settings(max_examples=20)
 @given(steps(2), st.sampled_from([4, 70]))
 def test_programs_agree_in_lanes(everything_in_lanes, program, length):

@@ -8,14 +8,14 @@ from jax import lax
 
 from .comparison import agree, special
 
-SHAPES = [(3, 4), (1, 1), (2, 0), (0, 3), (20, 30), (3, 200), (200, 3), (5, 81), (8, 100)]
+SHAPES = [(3, 4), (1, 1), (2, 0), (0, 3), (20, 30), (3, 200), (200, 3), (5, 81)]
 
 
 def numbers(*shape):
     return np.random.default_rng(2).uniform(0.5, 1.5, size=shape)
 
 
-@pytest.mark.long
+@pytest.mark.thorough
 @pytest.mark.parametrize("shape", SHAPES)
 def test_over_dimensions(shape):
     x = numbers(*shape)

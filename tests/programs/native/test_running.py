@@ -110,11 +110,8 @@ def test_a_handler_of_signals_may_run_a_program():
     assert np.sum(result) == 200_000_000
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(
-    "programs",
-    [pytest.param(300, marks=pytest.mark.thorough), pytest.param(10_000, marks=pytest.mark.slow)],
-)
+@pytest.mark.thorough
+@pytest.mark.parametrize("programs", [300, pytest.param(10_000, marks=pytest.mark.slow)])
 def test_memory_does_not_grow(programs):
     """Programs that are made and dropped leave nothing behind: one that was kept would take at least 4 kB.
 
@@ -125,7 +122,7 @@ def test_memory_does_not_grow(programs):
         gives = [((100,), np.dtype(float), False)]
         return Executable(compile_for_cpu(module, [np.dtype(float)], gives))([np.full(100, float(k))])
 
-    module = jax.jit(lambda x: lax.fori_loop(0, 3, lambda i, x: jnp.sin(x) + x[::-1], x)).lower(np.ones(100))
+    module = jax.jit(lambda x: 2.0 * x + x[::-1]).lower(np.ones(100))
     module = module.compiler_ir("stablehlo")
     for k in range(250):
         made(k)
