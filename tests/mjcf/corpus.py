@@ -7,8 +7,8 @@ import dataclasses
 
 import numpy as np
 
-VARIANTS = 12  # of each kind
-KINDS = [(tree, forces) for tree in ("pendulum", "chain", "branches") for forces in ("springs", "servos", "motors")]
+VARIANTS = 16  # of each kind
+KINDS = [("pendulum", "springs"), ("chain", "servos"), ("branches", "motors")]
 AXES = "xyzXYZ"
 
 

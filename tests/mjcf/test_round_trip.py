@@ -344,7 +344,7 @@ def test_a_disk_that_is_held_by_its_first_joints_is_refused(attribute):
         read_mjcf(f'{text[:first]}<joint {attribute}="0.5"{text[first + len("<joint") :]}')
 
 
-@pytest.mark.long
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "named"),
     [

@@ -34,7 +34,7 @@ from tests.mjcf.test_round_trip import BY_GEOMS, FOREIGN
 from tests.support.sentences import refuses
 from tests.urdf.robots import URDF
 
-BUILTIN = ("three-rotors", "pendulum-and-yoke", "disk", "bouncing-ball")
+BUILTIN = ("disk", "bouncing-ball")
 READERS = [(read_mjcf, FOREIGN, MJCFError, "an MJCF file"), (read_urdf, URDF, URDFError, "a URDF file")]
 
 
@@ -207,9 +207,7 @@ def written(make):
 
 
 FILES = {
-    **{
-        make.__name__: functools.partial(written, make) for make in (simple_ball, free_ball, free_disk, prescribed_ball)
-    },
+    **{make.__name__: functools.partial(written, make) for make in (free_ball, free_disk, prescribed_ball)},
     **{name: functools.partial(lambda name: to_mjcf(load_scenario(name)).text, name) for name in BUILTIN},
     "foreign": lambda: FOREIGN,
     "by geoms": lambda: BY_GEOMS.replace('<geom type="mesh" mesh="none" mass="0"/>', ""),
