@@ -108,7 +108,8 @@ def test_runs_and_studies_count_alike(ball, tmp_path):
 
 
 ROBOT = (
-    BALL
+    DISK[: DISK.index("[[masses]]")]
+    + DISK[DISK.index("[time]") :]
     + """
 [[mechanisms]]
 [[mechanisms.joints]]
@@ -117,7 +118,8 @@ axis = [0.0, 1.0, 0.0]
 schedule = { kind = "constant-rate", theta = 0.1, rate = 0.2 }
 [[mechanisms.joints]]
 kind = "hinge"
-axis = [1.0, 0.0, 0.0]
+axis = [0.0, 1.0, 0.0]
+point = [0.0, 0.0, -0.2]
 [[mechanisms.masses]]
 mass = 0.2
 place = [0.0, 0.0, -0.5]
