@@ -14,7 +14,7 @@ from tests.design.documents import builtin
 from tests.support.sentences import refuses
 
 NOISE = 1e-3
-PATHS = ("masses[0].mass", "masses[1].mass", "masses[1].rail.radius", "masses[2].rail.radius", "body.offset[2]")
+PATHS = ("masses[0].mass", "masses[2].rail.radius", "body.offset[2]")
 
 
 @functools.cache
@@ -30,18 +30,18 @@ def recorded():
 def found(seed):
     """What is found from a path with noise, from a start that is some percent off."""
     document, _, path = recorded()
-    values = (1.06, 0.95, 0.88, 0.87, -0.04)
+    values = (1.06, 0.87, -0.04)
     space = DesignSpace(document, [Variable((p,), start=x) for p, x in zip(PATHS, values, strict=True)])
     return space.identify(path + NOISE * np.random.default_rng(seed).normal(size=path.shape))
 
 
 @pytest.mark.long
 def test_the_truth_lies_in_the_intervals():
-    truth = np.array([1.0, 1.0, 0.9, 0.85, -0.05])
+    truth = np.array([1.0, 0.85, -0.05])
     result = found(1)
     assert result.ok
     assert result.alike == [], str(result)
-    # Of five intervals of 99.9 %, all hold the truth in 199 of 200 cases.
+    # Of three intervals of 99.9 %, all hold the truth in 299 of 300 cases.
     low, high = result.intervals(0.999).T
     assert np.all((low < truth) & (truth < high)), str(result)
     assert np.all(result.deviations < 0.01)
@@ -49,7 +49,7 @@ def test_the_truth_lies_in_the_intervals():
 
 @pytest.mark.long
 def test_the_noise_is_found():
-    # The relative deviation of an estimate from 397 degrees of freedom is 3.5 %.
+    # The relative deviation of an estimate from 399 degrees of freedom is 3.5 %.
     assert abs(found(1).noise / NOISE - 1) < 0.15
 
 
