@@ -12,13 +12,10 @@ from tests.solvers.fixed_steps import NEWTON, march, observed_order
 ODE = diffrax.ODETerm(rotating.field)
 ARGS = (3.0, 0.5)
 
-EMBEDDED_3 = solvers.RadauIIA(3, root_finder=NEWTON)
-EMBEDDED_5 = solvers.RadauIIA(5, root_finder=NEWTON)
-EMBEDDED_7 = solvers.RadauIIA(7, root_finder=NEWTON)
+EMBEDDED_RADAU = solvers.RadauIIA(5, root_finder=NEWTON)
 EMBEDDED_GAUSS = solvers.Gauss(3, root_finder=NEWTON, error=solvers.EmbeddedError())
-TAIL_4, TAIL_8 = solvers.Gauss(4, root_finder=NEWTON), solvers.Gauss(8, root_finder=NEWTON)
-STEP_4 = solvers.Gauss(4, root_finder=NEWTON, error=solvers.StepError())
-STEP_8 = solvers.Gauss(8, root_finder=NEWTON, error=solvers.StepError())
+TAIL = solvers.Gauss(4, root_finder=NEWTON)
+STEP = solvers.Gauss(4, root_finder=NEWTON, error=solvers.StepError())
 TRAPEZOIDAL, TR_BDF2 = solvers.Trapezoidal(root_finder=NEWTON), solvers.TRBDF2(root_finder=NEWTON)
 
 
@@ -31,13 +28,10 @@ def errors(solver, lengths, steps=1):
 @pytest.mark.parametrize(
     ("solver", "shortest"),
     [
-        pytest.param(EMBEDDED_3, 2**-7, id="embedded, Radau IIA with 3 stages"),
-        pytest.param(EMBEDDED_5, 2**-6, id="embedded, Radau IIA with 5 stages"),
-        pytest.param(EMBEDDED_7, 0.04, id="embedded, Radau IIA with 7 stages"),
+        pytest.param(EMBEDDED_RADAU, 2**-6, id="embedded, Radau IIA with 5 stages"),
         pytest.param(EMBEDDED_GAUSS, 2**-7, id="embedded, Gauss with 3 stages"),
-        pytest.param(TAIL_4, 2**-7, id="tail, Gauss with 4 stages"),
-        pytest.param(TAIL_8, 2**-5, id="tail, Gauss with 8 stages"),
-        pytest.param(STEP_4, 2**-7, id="step, Gauss with 4 stages"),
+        pytest.param(TAIL, 2**-7, id="tail, Gauss with 4 stages"),
+        pytest.param(STEP, 2**-7, id="step, Gauss with 4 stages"),
         pytest.param(TRAPEZOIDAL, 2**-7, id="trapezoidal rule"),
         pytest.param(TR_BDF2, 2**-7, id="TR-BDF2"),
     ],
@@ -50,23 +44,22 @@ def test_estimate_is_the_power_of_the_step_that_it_says(solver, shortest):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("solver", [EMBEDDED_3, EMBEDDED_5, EMBEDDED_7, EMBEDDED_GAUSS, TAIL_4, TAIL_8])
+@pytest.mark.parametrize("solver", [EMBEDDED_RADAU, EMBEDDED_GAUSS, TAIL])
 def test_embedded_error_and_tail_bound_the_error_throughout_the_step(solver):
     for error in errors(solver, 2.0 ** -np.arange(2, 6)):
         assert error.estimate > 1.5 * error.dense
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(("solver", "lengths"), [(STEP_4, [0.0625, 0.125, 0.25]), (STEP_8, [0.5, 0.55, 0.6])])
-def test_step_error_bounds_the_error_at_the_end_of_the_step(solver, lengths):
-    for error in errors(solver, lengths):
+def test_step_error_bounds_the_error_at_the_end_of_the_step():
+    for error in errors(STEP, [0.0625, 0.125, 0.25]):
         assert error.end > 1e-15
         assert error.estimate > 5 * error.end
 
 
 def test_step_error_is_far_below_the_error_within_the_step():
     """This is what makes its steps longer than those of the tail, and its dense output less accurate."""
-    for error in errors(STEP_8, [0.1, 0.15]):
+    for error in errors(STEP, [0.1, 0.15]):
         assert error.estimate < 0.1 * error.dense
 
 

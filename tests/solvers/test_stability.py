@@ -43,13 +43,13 @@ def tr_bdf2(z):
 
 
 METHODS = [
-    *(pytest.param(solvers.RadauIIA(s, root_finder=NEWTON), pade(s - 1, s), id=f"Radau IIA, {s}") for s in (3, 5, 7)),
-    *(pytest.param(solvers.Gauss(s, root_finder=NEWTON), pade(s, s), id=f"Gauss, {s}") for s in (2, 3, 4, 8)),
+    *(pytest.param(solvers.RadauIIA(s, root_finder=NEWTON), pade(s - 1, s), id=f"Radau IIA, {s}") for s in (3, 5)),
+    *(pytest.param(solvers.Gauss(s, root_finder=NEWTON), pade(s, s), id=f"Gauss, {s}") for s in (3, 4)),
     pytest.param(solvers.Trapezoidal(root_finder=NEWTON), trapezoidal, id="trapezoidal rule"),
     pytest.param(solvers.TRBDF2(root_finder=NEWTON), tr_bdf2, id="TR-BDF2"),
 ]
-L_STABLE = [METHODS[0], METHODS[1], METHODS[2], METHODS[-1]]
-SYMMETRIC = METHODS[3:8]
+L_STABLE = [METHODS[0], METHODS[1], METHODS[-1]]
+SYMMETRIC = METHODS[2:5]
 
 # From a step that resolves λ to the stiffest, in many directions of the left half plane, and a few on the right.
 SIZES = [1e-3, 0.1, 1.0, 3.0, 10.0, 30.0, 1e2, 1e4, 1e6, 1e8]
