@@ -1,7 +1,6 @@
 """What cannot be solved ends with a result that is not success and a sentence that names the cause."""
 
 import functools
-import math
 
 import diffrax
 import jax
@@ -36,15 +35,11 @@ INCONSISTENT = "initial values do not satisfy the equations without a derivative
 
 SOLVERS = {
     "radau 3": RadauIIA(3),
-    "radau 3, fixed point": RadauIIA(3, root_finder=FixedPoint()),
     "gauss 8": Gauss(8),
-    "gauss 3, newton": Gauss(3, root_finder=SimplifiedNewton(), error=EmbeddedError()),
-    "trapezoidal": Trapezoidal(),
     "tr-bdf2": TRBDF2(),
     "adams": Adams(),
     "ndf": NDF(),
 }
-FIXED_POINT = [name for name, solver in SOLVERS.items() if isinstance(solver.root_finder, FixedPoint)]
 
 # Scalar fields, all in one program for each solver, and the greatest step number for all of them.
 FIELDS = {
@@ -103,7 +98,7 @@ class TestAdaptiveSteps:
         np.testing.assert_allclose(reached, 2.0 - 2.0 * np.log(2.0), atol=1e-4)
         assert abs(x) < 1e-4
 
-    @pytest.mark.slow
+    @pytest.mark.thorough
     def test_too_few_steps(self, solver):
         reached, _, sentence = failed(solver, "fast oscillation")
         assert TOO_MANY in sentence
@@ -111,9 +106,8 @@ class TestAdaptiveSteps:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("solver", FIXED_POINT)
-def test_fixed_point_iteration_on_a_stiff_problem(solver):
-    reached, _, sentence = failed(solver, "stiff")
+def test_fixed_point_iteration_on_a_stiff_problem():
+    reached, _, sentence = failed("gauss 8", "stiff")
     assert TOO_MANY in sentence
     said(sentence)
     assert reached < 0.1
@@ -125,12 +119,12 @@ class TestConstantSteps:
     tolerances = {"rtol": 1e-10, "atol": 1e-10, "norm": optimistix.max_norm}  # noqa: RUF012
 
     @pytest.mark.thorough
-    @pytest.mark.parametrize("make", [RadauIIA, Trapezoidal, TRBDF2])
+    @pytest.mark.parametrize("make", [RadauIIA, Trapezoidal])
     def test_newtons_iteration(self, make):
         solver = make(root_finder=SimplifiedNewton(**self.tolerances))
         # The matrix of the iteration is γ − h λ with 1/γ an eigenvalue of Butcher's matrix; here h = 1.
         radau = RadauIIA().tableau.eigenvalues[0].real
-        singular = {RadauIIA: radau, Trapezoidal: 2.0, TRBDF2: 1.0 / (1.0 - math.sqrt(2.0) / 2.0)}[make]
+        singular = {RadauIIA: radau, Trapezoidal: 2.0}[make]
         cases = {
             UNDETERMINED: (lambda t, x: singular * x, 1.0),
             NO_CONVERGENCE: (lambda t, x: -1e3 * x**3 + jnp.sin(50.0 * t), 1.0),
@@ -143,7 +137,7 @@ class TestConstantSteps:
             assert t <= reached
 
     @pytest.mark.thorough
-    @pytest.mark.parametrize("make", [RadauIIA, Gauss, TRBDF2])
+    @pytest.mark.parametrize("make", [Gauss, TRBDF2])
     def test_fixed_point_iteration(self, make):
         solver = make(root_finder=FixedPoint(**self.tolerances))
         t, result = self.program(solver, [lambda t, x: -50.0 * x])(0)
@@ -257,10 +251,15 @@ class TestWrongArguments:
             solve_once(term, solver, jnp.asarray([1.0 + 1.0j]))
 
     @pytest.mark.thorough
-    @pytest.mark.parametrize("solver", [RadauIIA(3), Gauss(8), Trapezoidal(), TRBDF2()])
-    @pytest.mark.parametrize("kind", ["vector noise", "scalar noise", "drift and noise"])
+    @pytest.mark.parametrize(
+        ("kind", "solver"),
+        [
+            *((kind, RadauIIA(3)) for kind in ("vector noise", "scalar noise", "drift and noise")),
+            *(("drift and noise", solver) for solver in (Gauss(8), TRBDF2())),
+        ],
+    )
     @pytest.mark.filterwarnings("ignore:.*not marked as converging")
-    def test_stochastic_terms(self, solver, kind):
+    def test_stochastic_terms(self, kind, solver):
         shape = (1,) if kind == "vector noise" else ()
         path = diffrax.VirtualBrownianTree(0.0, 1.0, tol=1e-2, shape=shape, key=jax.random.key(0))
         term = diffrax.ControlTerm(lambda t, x, args: x[:, None] if shape else x, path)
