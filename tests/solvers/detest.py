@@ -69,7 +69,9 @@ def field(t, y, index):
 
         return rates
 
-    return jax.lax.switch(index, [padded(function) for function in FIELDS.values()], t, y)
+    different = list(dict.fromkeys(FIELDS.values()))
+    which = jnp.asarray([different.index(function) for function in FIELDS.values()])[index]
+    return jax.lax.switch(which, [padded(function) for function in different], t, y)
 
 
 def start(name):

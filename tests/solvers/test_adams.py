@@ -1,9 +1,8 @@
-"""Runs of the Adams method: its work and accuracy on DETEST, and how it starts."""
+"""Runs of the Adams method: its work and accuracy on DETEST, and the work of a step."""
 
 import functools
 
 import diffrax
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -18,7 +17,7 @@ from tests.solvers.linear_fields import oscillator
 from tests.support.sentences import refuses
 
 TIGHT = AdamsController(rtol=1e-10, atol=1e-10)
-
+FIELD = jax.jit(detest.field)
 
 START = {"y": jnp.array([1.0, 0.0]), "v": jnp.array([0.0, 1.0])}
 
@@ -62,26 +61,24 @@ class TestDetest:
             evaluations = sum(self.run(name, tolerance)[1] for name in detest.NAMES)
             assert 0.9 < evaluations / sum(published) < 1.15
 
-    @pytest.mark.long
-    @pytest.mark.parametrize("name", ["B5", "C1", "D1", "D3", "E2"])
-    def test_fewer_evaluations_than_dopri8(self, name):
-        y0, counter = jnp.asarray(detest.start(name)), Counter()
+    @pytest.mark.thorough
+    def test_fewer_evaluations_than_dopri8(self):
+        counter = Counter()
         solver = CountingSolver(diffrax.Dopri8(), counter)
         controller = diffrax.PIDController(1e-10, 1e-10, optx.max_norm)
-        solve(detest.field, detest.END, y0, controller, solver, args=detest.NAMES.index(name))
-        assert self.run(name, 1e-10)[1] < 0.8 * counter.read()
+        for name in ("B5", "C1", "D1", "D3", "E2"):
+            y0, index, before = jnp.asarray(detest.start(name)), jnp.asarray(detest.NAMES.index(name)), counter.read()
+            solution = solve(detest.field, detest.END, y0, controller, solver, args=index)
+            jax.block_until_ready(solution.ys)
+            assert self.run(name, 1e-10)[1] < 0.8 * (counter.read() - before), name
 
     @pytest.mark.thorough
     @pytest.mark.parametrize("name", detest.NAMES)
     def test_agrees_with_lsoda(self, name):
         """Orbits that come near to their centre multiply errors by some thousands."""
 
-        def rates(t, y):
-            with jax.ensure_compile_time_eval():
-                return np.asarray(field(t, y))
-
         index = detest.NAMES.index(name)
-        field = jax.jit(lambda t, y: detest.field(t, y, index))
+        rates = lambda t, y: np.asarray(FIELD(t, y, index))  # noqa: E731
         truth = solve_ivp(rates, (0.0, detest.END), detest.start(name), method="LSODA", rtol=1e-12, atol=1e-12)
         for tolerance in detest.EVALUATIONS:
             y, _ = self.run(name, tolerance)
@@ -89,17 +86,6 @@ class TestDetest:
 
 
 class TestOneRun:
-    @staticmethod
-    @functools.cache
-    def solution():
-        return eqx.filter_jit(lambda: solve(oscillator, 20.0, START, saveat=diffrax.SaveAt(steps=True)))()
-
-    @pytest.mark.thorough
-    def test_starts_with_short_steps_that_double(self):
-        lengths = np.diff(self.solution().ts[:8], prepend=0.0)
-        assert lengths[0] < 1e-4
-        np.testing.assert_allclose(lengths[1:] / lengths[:-1], 2, rtol=1e-6)
-
     @pytest.mark.thorough
     def test_a_step_is_two_evaluations(self):
         count = []

@@ -151,6 +151,7 @@ def test_order_one_is_as_stable_as_the_method_of_heun():
 # With three of these lengths after each other, steps are never equal.
 PATTERNS = {"equal": np.ones(3), "uneven": np.array([1.0, 0.8, 1.15])}
 OMEGA, SHARE = 10.0, 0.3
+MOST = 252
 
 
 def behind(order, args, pattern, length):
@@ -162,23 +163,25 @@ def behind(order, args, pattern, length):
 
 
 @jax.jit
-def march(state, order, ends, y, args):
-    """The state at the last of ``ends``, which are times, and the estimated error of the last step."""
+def march(state, order, ends, count, y, args):
+    """The state at the last of so many steps to some ``ends``, which are times, and its estimated error."""
 
-    def one(carry, times):
-        y, state = carry
-        y, error, _, state = step(rotating.field, state._replace(order=order), *times, y, args)
-        return (y, state), error
+    def one(i, carry):
+        y, state, _ = carry
+        y, error, _, state = step(rotating.field, state._replace(order=order), ends[i], ends[i + 1], y, args)
+        return y, state, error
 
-    (y, _), errors = jax.lax.scan(one, (y, state), (ends[:-1], ends[1:]))
-    return y, errors[-1]
+    y, _, error = jax.lax.fori_loop(0, count, one, (y, state, jnp.zeros(())))
+    return y, error
 
 
 def errors_of(order, args, pattern, ends):
     """The error at the last of ``ends``, and the one that the last step estimates."""
     args = jnp.array(args)
     state = behind(order, args, pattern, np.max(np.diff(ends)))
-    y, estimate = march(state, jnp.asarray(order), jnp.asarray(ends), rotating.exact(0.0, args), args)
+    padded, count = np.zeros(MOST + 1), len(ends) - 1
+    padded[: count + 1] = ends
+    y, estimate = march(state, *map(jnp.asarray, (order, padded, count)), rotating.exact(0.0, args), args)
     return np.linalg.norm(y - rotating.exact(ends[-1], args)), estimate
 
 
