@@ -21,7 +21,7 @@ def matrices(count, n):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("compiler", COMPILERS)
-@pytest.mark.parametrize(("count", "n"), [(1, 1), (1, 2), (1, 9), (3, 9), (7, 2), (7, 9), (2, 20), (1, 40)])
+@pytest.mark.parametrize(("count", "n"), [(1, 1), (7, 2), (3, 9), (1, 40)])
 def test_inverses(compiler, count, n):
     A = matrices(count, n)
     exact, condition = np.linalg.inv(A), np.max(np.linalg.cond(A))
@@ -31,7 +31,7 @@ def test_inverses(compiler, count, n):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("compiler", COMPILERS)
-@pytest.mark.parametrize(("count", "n"), [(1, 3), (3, 9), (7, 9), (12, 4), (1, 40)])
+@pytest.mark.parametrize(("count", "n"), [(1, 3), (7, 9), (1, 40)])
 def test_complex_inverses(compiler, count, n):
     A = matrices(count, n) + 1j * np.roll(matrices(count, n), 1, axis=0)
     exact, condition = np.linalg.inv(A), np.max(np.linalg.cond(A))

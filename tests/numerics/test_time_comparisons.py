@@ -1,5 +1,7 @@
 """Times with which functions compare the time, against those with which they were written to."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -91,7 +93,19 @@ def _found(function, p=P):
     return find_compared_times(jax.make_jaxpr(function)(t, p), t, p)
 
 
-@pytest.mark.long
+@functools.cache
+def _of_all():
+    """Of each of these functions: the times, and their derivatives in both modes; in one program, mapped over two p."""
+
+    def each(function):
+        times = lambda p: _found(function, p).times  # noqa: E731
+        return lambda p: (times(p), jax.jacfwd(times)(p), jax.jacrev(times)(p))
+
+    every = {name: each(function) for name, (function, _, _) in RESOLVED.items()}
+    return jax.jit(jax.vmap(lambda p: {name: one(p) for name, one in every.items()}))(jnp.full(2, P))
+
+
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", RESOLVED)
 def test_times_of_comparisons_and_their_derivatives(name):
     function, times, slopes = RESOLVED[name]
@@ -102,12 +116,11 @@ def test_times_of_comparisons_and_their_derivatives(name):
         pairs = {(round(float(time), 12), round(float(slope), 12)) for time, slope in zip(times, slopes, strict=True)}
         return sorted(pairs)
 
-    moved = jax.jacfwd(lambda p: _found(function, p).times)(P)
-    assert each(found.times, moved) == each(times, slopes)
-    pulled = jax.jacrev(lambda p: _found(function, p).times)(P)
+    within, moved, pulled = _of_all()[name]
+    for row in (0, 1):
+        np.testing.assert_allclose(within[row], found.times, rtol=1e-15)
+        assert each(found.times, moved[row]) == each(times, slopes)
     np.testing.assert_array_equal(pulled, moved)
-    within = jax.jit(jax.vmap(lambda p: _found(function, p).times))(jnp.full(2, P))
-    np.testing.assert_allclose(within, jnp.stack([found.times] * 2), rtol=1e-15)
 
 
 @pytest.mark.parametrize(

@@ -21,11 +21,8 @@ def decay(t, y, args):
 @pytest.mark.parametrize(
     ("solver", "count"),
     [
-        (diffrax.Euler(), STEPS),
         (diffrax.Heun(), 2 * STEPS),
         (diffrax.Dopri5(), 1 + 6 * STEPS),  # seven stages, of which the first is the last one's again
-        (diffrax.Tsit5(), 1 + 6 * STEPS),
-        (diffrax.Dopri8(), 1 + 13 * STEPS),
     ],
 )
 def test_fixed_steps(solver, count):
@@ -42,24 +39,19 @@ def at_rest(t, y, args):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("backwards", [False, True])
-@pytest.mark.parametrize("stages", [3, 5, 7])
-@pytest.mark.parametrize("mass", [None, (1.0, 0.0)], ids=["ODE", "DAE"])
-def test_stages_and_jacobians(stages, mass, backwards):
+@pytest.mark.parametrize(("stages", "mass"), [(3, None), (5, (1.0, 0.0))], ids=["ODE", "DAE"])
+def test_stages_and_jacobians(stages, mass):
     """Where nothing moves, a step is a Jacobian and one pass over its stages; a DAE's start is checked by one more."""
     term = diffrax.ODETerm(at_rest) if mass is None else MassMatrixTerm(at_rest, jnp.asarray(mass))
     root_finder = SimplifiedNewton(rtol=1e-8, atol=1e-8, norm=optimistix.max_norm)
-    ends = (1.0, 0.0) if backwards else (0.0, 1.0)
     counter = Counter()
-    solution = diffrax.diffeqsolve(
-        term,
-        CountingSolver(RadauIIA(stages=stages, root_finder=root_finder), counter),
-        *ends,
-        (ends[1] - ends[0]) / STEPS,
-        jnp.array([2.0, 2.0]),
-    )
-    np.testing.assert_array_equal(solution.ys, [[2.0, 2.0]])
-    assert counter.read() == (stages + 1) * STEPS + (mass is not None)
+    solver = CountingSolver(RadauIIA(stages=stages, root_finder=root_finder), counter)
+    for start, end in ((0.0, 1.0), (1.0, 0.0)):
+        before = counter.read()
+        times = map(jnp.asarray, (start, end, (end - start) / STEPS))
+        solution = diffrax.diffeqsolve(term, solver, *times, jnp.array([2.0, 2.0]))
+        np.testing.assert_array_equal(solution.ys, [[2.0, 2.0]])
+        assert counter.read() - before == (stages + 1) * STEPS + (mass is not None)
 
 
 @pytest.fixture(scope="module")
@@ -84,16 +76,15 @@ def test_adaptive_steps_of_a_ball(rocking_ball):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("solver", [diffrax.Tsit5(), diffrax.Kvaerno5()])
-def test_counting_changes_no_result(solver):
-    """Explicit or implicit, with the step-size control's tolerances handed on to the root finder."""
+def test_counting_changes_no_result():
+    """An implicit method's, with the step-size control's tolerances handed on to the root finder."""
 
     def solve(solver):
         control = diffrax.PIDController(rtol=1e-6, atol=1e-6)
         term = diffrax.ODETerm(decay)
         return diffrax.diffeqsolve(term, solver, 0.0, 1.0, None, jnp.asarray(1.0), stepsize_controller=control)
 
-    counter = Counter()
+    counter, solver = Counter(), diffrax.Kvaerno5()
     plain, counted = solve(solver), solve(CountingSolver(solver, counter))
     assert counted.stats["num_steps"] == plain.stats["num_steps"]
     np.testing.assert_allclose(counted.ys, plain.ys, rtol=1e-14)
