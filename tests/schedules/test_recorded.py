@@ -267,7 +267,7 @@ def test_a_log_shorter_than_the_run_is_impossible_and_says_why():
     assert end_of_run(Motor(RecordedSignal([0.0, 1.0], [0.1, 0.2], outside="hold"))).ok
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("mode", ["rolls or rests", "slips or sticks"])
 def test_a_log_is_as_long_as_the_run_of_a_body_with_modes(mode):
     rests = Resistance(dry=0.01, exact=True) if mode == "rolls or rests" else None

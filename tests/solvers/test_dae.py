@@ -62,7 +62,7 @@ METHODS = {
 }
 
 
-@pytest.mark.long
+@pytest.mark.thorough
 @pytest.mark.parametrize(("solver", "tolerance", "bound"), METHODS.values(), ids=METHODS.keys())
 class TestEveryMethod:
     def test_singular_matrix_that_is_not_diagonal(self, solver, tolerance, bound):

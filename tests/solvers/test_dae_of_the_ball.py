@@ -114,7 +114,7 @@ def test_the_first_component_throughout(stages):
             assert np.max(errors) < 1e7 * tolerance
 
 
-@pytest.mark.long
+@pytest.mark.thorough
 def test_a_ball_that_spins_through_twenty_zeros():
     """Twelve radians a time unit, against an explicit method for the ordinary differential equation."""
     end, spin = 11.0, jnp.asarray([12.0, 0.5, -0.3])

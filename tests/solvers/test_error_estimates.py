@@ -24,7 +24,7 @@ def errors(solver, lengths, steps=1):
     return [march(solver, ODE, rotating.exact, steps * h, steps, ARGS) for h in lengths]
 
 
-@pytest.mark.long
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("solver", "shortest"),
     [

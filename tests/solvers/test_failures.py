@@ -78,7 +78,7 @@ def failed(solver, name):
 
 @pytest.mark.parametrize("solver", SOLVERS)
 class TestAdaptiveSteps:
-    @pytest.mark.long
+    @pytest.mark.thorough
     def test_field_that_is_not_a_number(self, solver):
         reached, _, sentence = failed(solver, "not a number")
         assert NOT_FINITE in sentence

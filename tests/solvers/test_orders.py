@@ -48,7 +48,7 @@ AT_ENDS = [
 ]
 
 
-@pytest.mark.long
+@pytest.mark.thorough
 @pytest.mark.parametrize(("solver", "order", "omega", "steps"), AT_ENDS)
 @pytest.mark.parametrize("drive", [AUTONOMOUS, DRIVEN])
 def test_error_at_the_end_has_the_order_of_the_method(solver, order, omega, steps, drive):

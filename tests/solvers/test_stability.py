@@ -85,7 +85,7 @@ def exactly(function, z):
         return np.array([complex(function(mp.mpc(x))) for x in z])
 
 
-@pytest.mark.long
+@pytest.mark.thorough
 @pytest.mark.parametrize(("solver", "function"), METHODS)
 def test_stability_function_is_the_known_rational_function(solver, function):
     np.testing.assert_allclose(amplification(solver), exactly(function, Z), rtol=0, atol=ROUNDING)
