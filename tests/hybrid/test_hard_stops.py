@@ -334,8 +334,8 @@ def test_a_block_at_its_stop_strikes_it_as_its_disk_lands():
     [
         (False, 2.3, Contact(0.05), 0.5),
         (False, 5.9, Contact(0.5, 0.6), 0.0),
-        (True, 8.0, Contact(0.76), 0.0),
-        (True, -5.9, Contact(0.16, 0.19), 0.0),
+        pytest.param(True, 8.0, Contact(0.76), 0.0, marks=pytest.mark.slow),
+        pytest.param(True, -5.9, Contact(0.16, 0.19), 0.0, marks=pytest.mark.slow),
     ],
 )
 def test_a_motor_that_presses_on_a_stop_brings_its_joint_to_rest_there(tube, torque, contact, e):
