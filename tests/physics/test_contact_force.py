@@ -44,10 +44,9 @@ def check(R, found, ratio):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("kind", ["driven", "static"])
-def test_the_reaction_is_what_newtons_law_asks_of_the_plane(kind):
+def test_the_reaction_is_what_newtons_law_asks_of_the_plane():
     """Two derivatives in space lose some digits to cancellation: 1e-11 of the largest force."""
-    check(*map(np.asarray, reaction(*random_cases(kind, seed=31))))
+    check(*map(np.asarray, reaction(*random_cases("driven", seed=31))))
 
 
 @pytest.mark.thorough

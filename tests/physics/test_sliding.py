@@ -77,8 +77,8 @@ def balances(system, t, state, mu):
 
 
 @functools.cache
-def balanced(kind):
-    system, t, states = random_cases(kind, seed=41)
+def balanced():
+    system, t, states = random_cases("driven", seed=41)
     rng = np.random.default_rng(42)
     V = jnp.asarray(rng.normal(size=(t.size, 3)))
     state = ReleasedState(states, V, jnp.asarray(rng.normal(size=t.size)))
@@ -87,18 +87,16 @@ def balanced(kind):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("kind", ["scheduled", "driven"])
-def test_momenta_change_by_all_forces(kind):
+def test_momenta_change_by_all_forces():
     """Newton's and Euler's laws for the whole, of bodies with masses on rails, on the plane and in flight."""
-    for found, expected, _ in balanced(kind)[0]:
+    for found, expected, _ in balanced()[0]:
         for x, y in zip(found, expected, strict=True):
             np.testing.assert_allclose(x, y, rtol=ROUNDING, atol=ROUNDING * np.max(np.abs(y)))
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("kind", ["scheduled", "driven"])
-def test_friction_is_on_the_edge_of_the_cone_and_none_acts_in_flight(kind):
-    (slides, flies), mu = balanced(kind)
+def test_friction_is_on_the_edge_of_the_cone_and_none_acts_in_flight():
+    (slides, flies), mu = balanced()
     R = np.asarray(slides[2].R)
     np.testing.assert_allclose(np.hypot(R[:, 0], R[:, 1]), mu * np.abs(R[:, 2]), rtol=1e-12)
     assert np.all(slides[2].slip_acceleration[:, 2] == 0)

@@ -219,18 +219,6 @@ def test_a_ball_that_rolls_down_a_slope_feels_less_than_g_along_it():
     assert_close(found["gyro"], np.stack([0 * c, turned, 0 * c], axis=1), 1e-11)
 
 
-@pytest.mark.long
-def test_in_free_flight_the_centre_of_mass_feels_nothing():
-    offset = (0.1, -0.05, 0.2)
-    ball = Ball(mass=M, inertia=(0.4, 0.5, 0.6), radius=R, gravity=G, offset=offset, ground=Ground(0.2, 0.4))
-    start = ReleasedState(BallState(Omega=(0.5, -0.7, 1.1)), (0.3, 0.2, 0.4), 8.0)
-    run = jaxball.simulate(ball, np.linspace(0.0, 1.0, 5), start, contact=Contact(0.3))
-    assert set(np.asarray(run.contact.mode).tolist()) == {2}
-    found = run.measured({"mass": Accelerometer(at=offset), "centre": Accelerometer()})
-    np.testing.assert_allclose(found["mass"], 0.0, atol=1e-13)
-    assert np.min(np.linalg.norm(found["centre"], axis=1)) > 0.1
-
-
 @pytest.mark.thorough
 def test_a_turntable_that_carries_a_ball_is_felt():
     """A homogeneous ball circles on a steady turntable at W k/(1 + k), k = d/(m r²), at constant speed."""
