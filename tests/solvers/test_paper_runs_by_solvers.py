@@ -46,19 +46,29 @@ COLLOCATION = [
     long("disk", "gauss 8", False, 0.05),
 ]
 ADAMS = [
-    ("disk", 1e-12, 100.0),
-    ("ball", 1e-10, 500.0),
-    *(long("disk", tolerance, 100.0) for tolerance in (1e-6, 1e-8, 1e-10)),
-    *(long("ball", tolerance, 500.0) for tolerance in (1e-6, 1e-8, 1e-12)),
+    ("disk", 1e-12, 100.0, True),
+    ("ball", 1e-10, 500.0, False),
+    long("disk", 1e-12, 100.0, False),
+    long("ball", 1e-10, 500.0, True),
+    *(long("disk", tolerance, 100.0, to_times) for tolerance in (1e-6, 1e-8, 1e-10) for to_times in (False, True)),
+    *(long("ball", tolerance, 500.0, to_times) for tolerance in (1e-6, 1e-8, 1e-12) for to_times in (False, True)),
 ]
 NDFS = [
-    ("disk", False, 1e-12, 700.0),
-    ("ball", False, 1e-10, 30_000.0),
-    ("ball", True, 1e-10, 5_000.0),
-    long("disk", False, 1e-8, 700.0),
-    long("ball", False, 1e-6, 30_000.0),
-    long("ball", True, 1e-6, 5_000.0),
-    long("ball", True, 1e-12, 10_000.0),
+    ("disk", False, 1e-12, 700.0, False),
+    ("ball", True, 1e-10, 5_000.0, True),
+    long("disk", False, 1e-12, 700.0, True),
+    long("ball", True, 1e-10, 5_000.0, False),
+    *(
+        long(*case, to_times)
+        for case in (
+            ("disk", False, 1e-8, 700.0),
+            ("ball", False, 1e-6, 30_000.0),
+            ("ball", False, 1e-10, 30_000.0),
+            ("ball", True, 1e-6, 5_000.0),
+            ("ball", True, 1e-12, 10_000.0),
+        )
+        for to_times in (False, True)
+    ),
 ]
 # The same over the tolerance to the power 2/3, for methods of order 2.
 SECOND_ORDER = [
@@ -109,16 +119,14 @@ def test_collocation(name, solver, dae, bound):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("step_to_times", [False, True], ids=["dense output", "to times"])
-@pytest.mark.parametrize(("name", "tolerance", "bound"), ADAMS)
+@pytest.mark.parametrize(("name", "tolerance", "bound", "step_to_times"), ADAMS)
 def test_adams(name, tolerance, bound, step_to_times):
     """A tolerance is that of a step, and many steps take part in an error. With SciPy's LSODA it is larger."""
     assert error(name, "adams", tolerance, step_to_times=step_to_times) < bound * tolerance
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("step_to_times", [False, True], ids=["dense output", "to times"])
-@pytest.mark.parametrize(("name", "dae", "tolerance", "bound"), NDFS)
+@pytest.mark.parametrize(("name", "dae", "tolerance", "bound", "step_to_times"), NDFS)
 def test_ndf(name, dae, tolerance, bound, step_to_times):
     """SciPy's BDF needs 4 % more steps for the ball at 1e-10, and has an error of 6,000 times the tolerance."""
     assert error(name, "ndf", tolerance, dae=dae, step_to_times=step_to_times) < bound * tolerance
