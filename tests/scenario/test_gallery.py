@@ -11,15 +11,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from jaxball import jit, load_scenario
+from jaxball import jit
 from jaxball.files.scenario import read_document
 from jaxball.files.scenario.sources import builtin_text
 from jaxball.physics import vector_field
 
-
-def run(name):
-    trajectory = load_scenario(name).simulate(throw=True)
-    return trajectory, np.asarray(trajectory.times), trajectory.observables
+from .runs import rolling_run
 
 
 @pytest.mark.long
@@ -28,7 +25,7 @@ def test_three_rotors_roll_the_ball_from_rest_to_rest():
 
     The whole inertia is D = 0.4 + 2 C, with C = 0.05 of each ring, and M = 1.6.
     """
-    trajectory, times, seen = run("three-rotors")
+    trajectory, times, seen = rolling_run("three-rotors")
     K = np.stack(
         [
             np.interp(times, [0, 2, 6, 8], [0, -0.2, -0.2, 0]),
@@ -47,7 +44,7 @@ def test_three_rotors_roll_the_ball_from_rest_to_rest():
 @pytest.mark.thorough
 def test_a_ball_on_a_turntable_goes_round_at_two_sevenths_of_its_rate():
     """ż turns at 2/7 W from ż(0) = r Ω × e3 + W e3 × (z − c), and Ω₃ stays."""
-    trajectory, times, seen = run("turntable")
+    trajectory, times, seen = rolling_run("turntable")
     rate = 2.0 * 2 / 7
     turn = np.exp(1j * rate * times)
     z, zdot = np.asarray(trajectory.state.z), (1.5 - 0.5j) + 2j * (0 - 1)
@@ -68,7 +65,7 @@ def test_a_shaken_ball_rocks_up_as_mathieus_equation_says():
 
     Growth by exp(h ω₀ t / 4), with h = 0.8 of g and ω₀ = 1.4, is the first order in h.
     """
-    _, times, seen = run("vibrating-plane")
+    _, times, seen = rolling_run("vibrating-plane")
     period = 2 * np.pi / 2.8
     linear = solve_ivp(rocking, (0, 20), [1, 0, 0, 1], rtol=1e-10, atol=1e-12, dense_output=True).sol
     angle = np.arctan2(seen.vertical_body[:, 0], seen.vertical_body[:, 2])
@@ -88,7 +85,7 @@ def test_an_axisymmetric_pendulum_goes_round_steadily():
 
     By Newton and Euler in the axes of the common centre of mass, in which the pivot is a sled of mass mc = m0 + d / r².
     """
-    trajectory, times, seen = run("axisymmetric-pendulum")
+    trajectory, times, seen = rolling_run("axisymmetric-pendulum")
     m, l, a, s, mc, C, i = 0.6, 0.5, 0.6, 4.0, 1.0 + 0.4, 0.6 * 0.3**2, 0.6 * 0.3**2 / 2
     A, B = (i + m * l**2 * mc / (m + mc)) * np.cos(a), C * s
     turn = np.exp(1j * (-B + np.sqrt(B**2 + 4 * A * m * l)) / (2 * A) * times)
@@ -106,7 +103,7 @@ def test_an_axisymmetric_pendulum_drives_a_ball_up_a_slope():
     On the ball as a sled of mass mc = m0 + d / r² pull the pendulum's weight and the motor's Q / r. In the axes of the
     sled gravity is (g sin a + A, 0, −g cos a), whose torque on the pendulum is Q, so that nothing turns the spin.
     """
-    trajectory, times, seen = run("axisymmetric-pendulum-on-a-slope")
+    trajectory, times, seen = rolling_run("axisymmetric-pendulum-on-a-slope")
     m, l, a, A = 0.6, 0.5, 0.1, 0.02
     Q = (m + 1.4) * A + (m + 1.0) * np.sin(a)
     tilt = np.arctan2(np.sin(a) + A, np.cos(a))
@@ -122,7 +119,7 @@ def test_an_axisymmetric_pendulum_drives_a_ball_up_a_slope():
 @pytest.mark.long
 def test_the_spin_of_a_gyroscopic_pendulum_is_the_impulse_of_its_motor():
     """C (n·ω) = ∫Q, with the rod n and ω = Ω + θ̇₁ E₂ + θ̇₂ w₂ + θ̇₃ n of the ring, all in body axes."""
-    trajectory, times, seen = run("gyroscopic-pendulum")
+    trajectory, times, seen = rolling_run("gyroscopic-pendulum")
     (t1, t2, _), rates = np.asarray(seen.joint_angles).T, np.asarray(seen.joint_rates)
     second = np.stack([np.cos(t1), 0 * t1, -np.sin(t1)], axis=1)
     rod = -np.stack([np.sin(t1) * np.cos(t2), -np.sin(t2), np.cos(t1) * np.cos(t2)], axis=1)
@@ -140,7 +137,7 @@ def test_moball_rests_where_the_sum_of_its_forces_points_down():
 
     The ball is damped almost as much as makes it rest soonest, and its swing dies at a rate of about 0.4.
     """
-    trajectory, _, seen = run("moball")
+    trajectory, _, seen = rolling_run("moball")
     f = np.array([4.0, 2.0, -3.0])
     G = np.asarray(seen.vertical_body)[-1]
     np.testing.assert_allclose(G, -f / np.linalg.norm(f), atol=1e-3)
@@ -157,7 +154,7 @@ def test_roboball_rolls_at_the_speed_at_which_motor_weight_and_resistance_balanc
     The ball nears this at a rate of about (1 + 3/4) / (0.6 + 1.8), so e^−14 of it is missing; the smoothing of the dry
     friction leaves out 1e-6 / (2 v²) of it.
     """
-    trajectory, _, seen = run("roboball")
+    trajectory, _, seen = rolling_run("roboball")
     v = (3 - 0.02 * 18) / (1 + 3 / 4)
     torque = 3 * (1 - v / 4)
     np.testing.assert_allclose(trajectory.state.Omega[-1], [0, v, 0], atol=1e-5)
@@ -168,7 +165,7 @@ def test_roboball_rolls_at_the_speed_at_which_motor_weight_and_resistance_balanc
 @pytest.mark.long
 def test_roboball_2_swings_until_friction_holds_both_joints():
     """While both stick it is a rigid ball that rolls, so its energy stays, and neither effort passes 0.7 N m."""
-    trajectory, times, seen = run("roboball-2")
+    trajectory, times, seen = rolling_run("roboball-2")
     stuck = np.all(np.asarray(trajectory.history.sticks), axis=1)
     assert stuck[-1]
     assert times[stuck][0] < 5.0
@@ -182,7 +179,7 @@ def test_roboball_2_swings_until_friction_holds_both_joints():
 @pytest.mark.thorough
 def test_spokes_keep_the_momentum_of_a_balanced_ball():
     """(J + M r²) ω_h and J ω₃ stay, with J = 0.4 + 4/3 θ² of the four masses of 0.5 at θ from the centre."""
-    trajectory, times, seen = run("spokes")
+    trajectory, times, seen = rolling_run("spokes")
     theta = 0.5 + 0.4 * np.sin(times)
     J, omega = 0.4 + 4 / 3 * theta[:, None] ** 2, np.asarray(seen.angular_velocity_space)
     momentum = (J + np.array([3.0, 3.0, 0.0])) * omega
@@ -198,7 +195,7 @@ def test_a_pendulum_held_to_the_side_leads_the_ball_round_a_circle():
     The yoke's axis is along e3 + (ρ / r) e_ρ, and the torques about the tangent are in balance where
     s m g = W² ((m h − m r)(ρ + s) − (d / r + m0 r) ρ).
     """
-    trajectory, times, seen = run("pendulum-and-yoke")
+    trajectory, times, seen = rolling_run("pendulum-and-yoke")
     s, h, rho, m = -0.5 * np.sin(0.3), 0.5 * np.cos(0.3), 2.0, 0.8
     W = np.sqrt(s * m * 10 / ((m * h - m) * (rho + s) - (0.4 + 1) * rho))
     turn = 1j * np.exp(1j * W * times)
@@ -212,7 +209,7 @@ def test_a_pendulum_held_to_the_side_leads_the_ball_round_a_circle():
 
 @pytest.fixture(scope="module")
 def yoke_robot():
-    return run("yoke-robot")
+    return rolling_run("yoke-robot")
 
 
 def yoke_alone(t, y):
@@ -264,7 +261,7 @@ def test_the_yoke_robot_goes_where_its_authors_equations_take_it(yoke_robot):
 @pytest.mark.long
 def test_norma_accelerates_evenly_and_then_turns_to_its_slider():
     """α = τ / ((2/3) m r² + M r²) with the torque τ = 0.2 and M = 5, until the slider moves."""
-    trajectory, times, _ = run("norma")
+    trajectory, times, _ = rolling_run("norma")
     alpha, z = 0.2 / (2 / 3 * 3 * 0.2**2 + 5 * 0.2**2), np.asarray(trajectory.state.z)
     even = times <= 3.0
     np.testing.assert_allclose(z[even], np.outer(0.2 * alpha * times[even] ** 2 / 2, [1, 0]), atol=1e-9)
@@ -291,7 +288,7 @@ def test_rotunbot_turns_by_what_its_flywheel_takes():
     """(J + C) ω₃ + C θ̇ = 0 of the flywheel, C = m R², and all else, J; then it drives straight on, while the momentum
     of the shell and of the pendulum's place, (d + M r²) ω − m l r cos φ φ̇, is the impulse of the motor.
     """
-    trajectory, times, seen = run("rotunbot")
+    trajectory, times, seen = rolling_run("rotunbot")
     z, rates, angles = np.asarray(trajectory.state.z), np.asarray(seen.joint_rates), np.asarray(seen.joint_angles)
     omega = np.asarray(seen.angular_velocity_space)
     J, C, d = 2 / 3 * 27.8 * 0.4**2 + 20.4 * 0.25**2, 9.81 * 0.2**2, 2 / 3 * 27.8 * 0.4**2
