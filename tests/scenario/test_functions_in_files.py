@@ -212,12 +212,25 @@ parameters = 0.5
 """
 
 
+CLASSES = (
+    PROBLEM.replace('kind = "function"\nfunction = "my_forces:far"', 'kind = "my_forces:Far"')
+    .replace('kind = "running-function"\nfunction = "my_forces:speeds"', 'kind = "my_forces:Speeds"')
+    .replace("parameters = [3.0]", "factors = { of_speed = 3.0 }")
+    .replace('kind = "function"\nfunction = "my_forces:fast"\nparameters', 'kind = "my_forces:Fast"\nmost')
+)
+
+
 @pytest.mark.thorough
-def test_objectives_and_constraints_of_functions_of_a_file(module):
-    """Their values in closed form, and their derivatives by the coefficient that the force has."""
-    found = design.read_problem(PROBLEM).problem
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [(PROBLEM, ["function", "running-function"]), (CLASSES, ["Far", "Speeds"])],
+    ids=["functions", "classes"],
+)
+def test_objectives_and_constraints_of_a_file_have_their_values(module, text, names):
+    """In closed form. Fields of classes are the keys of their tables; a static one, left out here, is an integer."""
+    found = design.read_problem(text).problem
     weights = {name: float(one.weight) for name, one in found.objectives.items()}
-    assert weights == {"function": 2.0, "running-function": 1.0}
+    assert weights == dict(zip(names, [2.0, 1.0], strict=True))
     evaluation = found.evaluate_run(found.run(jnp.asarray(found.space.start)))
     k, t, v0 = 0.7 / (1.3 + 0.6 / 0.9**2), np.linspace(0.0, 3.0, 4), 0.9
     rate = 1 / (1 + k * v0 * t)
@@ -240,25 +253,6 @@ def test_objectives_and_constraints_of_functions_of_a_file(module):
 def test_what_is_no_objective_is_named(module, old, new, named):
     with refuses(ScenarioError, named):
         design.read_problem(PROBLEM.replace(old, new))
-
-
-CLASSES = (
-    PROBLEM.replace('kind = "function"\nfunction = "my_forces:far"', 'kind = "my_forces:Far"')
-    .replace('kind = "running-function"\nfunction = "my_forces:speeds"', 'kind = "my_forces:Speeds"')
-    .replace("parameters = [3.0]", "factors = { of_speed = 3.0 }")
-    .replace('kind = "function"\nfunction = "my_forces:fast"\nparameters', 'kind = "my_forces:Fast"\nmost')
-)
-
-
-@pytest.mark.thorough
-def test_objectives_and_constraints_of_classes_of_a_file_are_those_of_functions(module):
-    """Their fields are the keys of their tables; a static one, left out here, is an integer and stays one."""
-    ours, theirs = (design.read_problem(text).problem for text in (CLASSES, PROBLEM))
-    assert {name: float(one.weight) for name, one in ours.objectives.items()} == {"Far": 2.0, "Speeds": 1.0}
-    y = jnp.asarray(ours.space.start)
-    ours, theirs = (one.evaluate_run(one.run(y)) for one in (ours, theirs))
-    np.testing.assert_allclose(ours.terms, theirs.terms, rtol=1e-12)
-    np.testing.assert_allclose(ours.violations, theirs.violations, rtol=0, atol=1e-12)
 
 
 def test_a_static_field_of_a_class_is_what_the_file_says(module):

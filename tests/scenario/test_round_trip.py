@@ -241,8 +241,27 @@ def test_random_scenarios(document):
     assert_says_the_same(tomllib.loads(text), document)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("name", builtin_scenarios())
+def features(table, path=""):
+    """The keys of a file, of which those in lists are one, with the kinds that it has there."""
+    for name, value in table.items():
+        where = f"{path}.{name}"
+        yield f"{where} = {value}" if name == "kind" else where
+        for item in value if isinstance(value, list) else [value]:
+            if isinstance(item, dict):
+                yield from features(item, where)
+
+
+def with_every_feature():
+    """Built-in scenarios that together have every key and kind of all of them, those with the most first."""
+    left = {name: {*features(tomllib.loads(builtin_text(name)))} for name in builtin_scenarios()}
+    while any(left.values()):
+        name = max(left, key=lambda name: len(left[name]))
+        yield name
+        left = {other: keys - left[name] for other, keys in left.items()}
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", [*with_every_feature()])
 def test_builtin_scenarios(name):
     scenario = load_scenario(name)
     again = read_scenario(write_scenario(scenario))
