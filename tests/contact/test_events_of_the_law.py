@@ -22,6 +22,13 @@ def slip_of_wheel(speed, friction, contact=None):
     return simulate(WHEEL, TIMES, DiskState(phidot=speed), events={"slip": Slip(friction)}, contact=contact, **FINE)
 
 
+@jaxball.jit
+@jax.grad
+def slope_of_time(speed, static):
+    law = Contact(SLIDING, static_friction=static)
+    return slip_of_wheel(speed, STATIC, law).events["slip"].times[0]
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("static", [STATIC, 2 * STATIC])
 def test_a_slip_is_when_it_is_without_the_law(static):
@@ -35,7 +42,7 @@ def test_a_slip_is_when_it_is_without_the_law(static):
     causes = ruled.contact.switches.cause[: int(ruled.contact.switches.count)].tolist()
     assert causes == ([SwitchCause.GIVES_WAY] if static == STATIC else [])
 
-    found = jaxball.jit(jax.grad(lambda speed: slip_of_wheel(speed, STATIC, law).events["slip"].times[0]))(4.0)
+    found = slope_of_time(4.0, static)
     expected = slope(lambda speed: float(slip_of_wheel(speed, STATIC).reached), 4.0, 1e-3)
     assert float(found) == pytest.approx(expected, rel=1e-7)
 

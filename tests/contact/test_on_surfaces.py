@@ -12,24 +12,18 @@ from jaxball import (
     BallState,
     Bowl,
     Contact,
-    Ground,
     HarmonicSeries,
     HeightField,
     Oscillating,
-    Pulse,
-    Turntable,
     simulate,
 )
 from jaxball.physics import (
     Cylinder,
     Mode,
-    MovingFrame,
-    Paraboloid,
     ReleasedState,
     SphereOutside,
     SwitchCause,
     TiltingPlane,
-    Turn,
     Washboard,
 )
 from jaxball.simulation.ensemble import simulate_ensemble
@@ -121,30 +115,6 @@ def test_a_ball_with_great_friction_rolls_off_a_sphere():
     run = off_sphere(friction=1.0, static_friction=1e9)
     np.testing.assert_allclose(np.cos(angles(run)), 10 / 17 * np.cos(PHI), atol=1e-7)
     require_parabola(run)
-
-
-@pytest.mark.long
-def test_a_plane_that_turns_is_a_turntable():
-    """A ball that is dropped on it, bounces, slips and is carried along."""
-    spin, centre = Pulse(0.3, height=2.0, rate=0.5), (0.5, -0.2)
-    frame = MovingFrame([Turn((0.0, 0.0, 1.0), Pulse(0.0, height=2.0, rate=0.5))], pivot=(*centre, 0.0))
-    thrown, law = released((0.3, 0.1), (1.2, 0.5, 1.0), 0.2, (1.0, 2.0, 3.0)), Contact(0.15, 0.2, 0.5, slowest=0.05)
-    times = np.linspace(0.0, 2.0, 9)
-    # The coordinates on the plane turn with it, by nothing at the start.
-    one, other = (
-        simulate(Ball(**UNEVEN, ground=ground), times, thrown, contact=law, **FINE)
-        for ground in (Ground(turntable=Turntable(spin, centre)), Paraboloid((0.0, 0.0), motion=frame))
-    )
-    count = int(one.contact.switches.count)
-    assert count > 3
-    np.testing.assert_allclose(one.contact.switches.times[:count], other.contact.switches.times[:count], atol=CLOSE)
-    lifted = np.asarray(other.observables.geometric_centre) - [0.0, 0.0, UNEVEN["radius"]]
-    np.testing.assert_allclose(one.observables.geometric_centre, lifted, atol=CLOSE)
-    np.testing.assert_allclose(one.contact.V, other.contact.V, atol=CLOSE)
-    for field in ("contact_force", "power", "kinetic_energy"):
-        np.testing.assert_allclose(
-            getattr(one.observables, field), getattr(other.observables, field), atol=1e-8, err_msg=field
-        )
 
 
 def ramp(t, x, y, _):
@@ -284,6 +254,9 @@ def test_derivatives_through_jumps():
     np.testing.assert_allclose(jaxball.jit(jax.jacrev(over_waves))(p) / scale, forward / scale, atol=1e-11)
 
 
+AT = np.linspace(0.0, 1.0, 21)  # of runs which share a program
+
+
 @pytest.mark.long
 def test_members_of_an_ensemble_jump_as_they_do_alone():
     start = BallState(z=(-1.2, 0.0), Omega=(0.0, 45.0, 1.0))
@@ -293,9 +266,9 @@ def test_members_of_an_ensemble_jump_as_they_do_alone():
 
     amplitudes, law = jnp.array([0.08, 0.1, 0.12]), Contact(0.3, restitution=0.5)
     balls, starts = jax.vmap(lambda a: (ball(a), start))(amplitudes)
-    many = simulate_ensemble(balls, [0.0, 1.0], starts, contact=law)
+    many = simulate_ensemble(balls, AT, starts, contact=law)
     for k, amplitude in enumerate(amplitudes):
-        run = simulate(ball(amplitude), [0.0, 1.0], start, contact=law)
+        run = simulate(ball(amplitude), AT, start, contact=law)
         assert int(run.contact.switches.count) == int(many.contact.switches.count[k]) > 2
         np.testing.assert_allclose(run.state.z[-1], many.state.z[k, -1], atol=1e-10)
 
@@ -303,7 +276,7 @@ def test_members_of_an_ensemble_jump_as_they_do_alone():
 @pytest.mark.thorough
 def test_a_run_comes_back_from_a_file(tmp_path):
     ball, start = Ball(**SOLID, ground=Washboard(**WAVES)), BallState(z=(-1.2, 0.0), Omega=(0.0, 45.0, 1.0))
-    run = simulate(ball, np.linspace(0.0, 1.0, 21), start, contact=Contact(0.3, restitution=0.5))
+    run = simulate(ball, AT, start, contact=Contact(0.3, restitution=0.5))
     jaxball.save(run, tmp_path / "run.nc")
     back = jaxball.load_run(tmp_path / "run.nc")
     for field in ("mode", "V", "height", "slip", "sigma"):
@@ -318,7 +291,7 @@ def test_a_run_comes_back_from_a_file(tmp_path):
 def test_accelerometer_of_a_ball_that_flies_over_hills():
     """It reads nothing at the centre of a ball in flight, and the reaction over the mass where that touches."""
     ball, start = Ball(**SOLID, ground=Washboard(**WAVES)), BallState(z=(-1.2, 0.0), Omega=(0.0, 45.0, 1.0))
-    run = simulate(ball, np.linspace(0.0, 1.0, 21), start, contact=Contact(0.3, restitution=0.5))
+    run = simulate(ball, AT, start, contact=Contact(0.3, restitution=0.5))
     read = run.measured({"a": jaxball.physics.sensors.Accelerometer()})["a"]
     seen, flies = run.observables, np.asarray(run.contact.mode) == Mode.FLIGHT
     assert 3 < flies.sum() < 18

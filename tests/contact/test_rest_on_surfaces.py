@@ -120,14 +120,12 @@ def other_tilt(t, _):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("exact", [False, True])
-def test_a_plate_that_a_law_drives_is_the_plate_of_the_schedules(exact):
-    """A ball that is thrown on it bounces, slips and rolls on it; with exact resistance, it also rests on it."""
+def test_a_plate_that_a_law_drives_is_the_plate_of_the_schedules():
+    """A ball that is thrown on it bounces, slips, rolls and rests on it."""
     angles = (FunctionSchedule(tilt), FunctionSchedule(other_tilt))
     pivot, times = (0.1, 0.0, -0.3), np.linspace(0.0, 2.0, 9)
-    given = {"mass": 1.0, "radius": 0.05, "inertia": (0.001,) * 3, "gravity": G}
-    if exact:
-        given["resistance"] = Resistance(dry=0.1, exact=True)
+    resistance = Resistance(dry=0.1, exact=True)
+    given = {"mass": 1.0, "radius": 0.05, "inertia": (0.001,) * 3, "gravity": G, "resistance": resistance}
     law, start = Contact(0.06, restitution=0.4, slowest=0.1), {"z": (0.1, -0.2), "Omega": (0.4, -0.8, 0.3)}
     flight = {"V": (0.3, 0.2, 0.5), "height": 0.1}
     one, other = (
