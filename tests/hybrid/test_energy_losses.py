@@ -80,17 +80,21 @@ def test_dry_friction_of_a_joint_takes_its_level_times_the_way(mode):
     last = ends[np.argmax(np.abs(ends) * stiffness <= 1.5 * dry)]
     assert last > 0
     expected = np.array([0.0, dry * way, stiffness * (first**2 - last**2) / 2])
-    np.testing.assert_allclose(lost(dry), expected, rtol=0, atol=1e-9)
+    rate, value = jaxball.jit(mode(lambda dry: (lost(dry),) * 2, has_aux=True))(dry)
+    np.testing.assert_allclose(value, expected, rtol=0, atol=1e-9)
     slope = np.sum(2 * (first - 2 * (2 * half - 1) * dry / stiffness))
     count = round((first - last) / (2 * dry / stiffness))
-    np.testing.assert_allclose(mode(lost)(dry), np.array([0.0, slope, 2 * count * last]), rtol=0, atol=1e-7)
+    np.testing.assert_allclose(rate, np.array([0.0, slope, 2 * count * last]), rtol=0, atol=1e-7)
 
 
 @pytest.mark.long
 def test_a_damper_and_smooth_resistance_share_what_the_body_loses():
     tube = jaxball.physics.mass_in_tube(0.5, (0.0, 0.0, 1.0), drive=Spring(20.0) + Damper(0.4))
     disk = Disk(mass=1.0, inertia=0.5, mechanisms=[tube], resistance=Resistance(rolling=0.1, dry=0.02))
-    run = simulate(disk, [0.0, 1.0, 3.0], DiskState(phidot=-1.0, theta=[0.2], thetadot=[0.0]), **TIGHT)
+    start = DiskState(phidot=-1.0, theta=[0.2], thetadot=[0.0])
+    # Each time the disk turns back, dry resistance changes its sign within 0.01 m/s, between whose ends a step may
+    # pass: at 1e-10 the state is off by 2e-10 or 2e-8, depending on where the steps fall.
+    run = simulate(disk, [0.0, 1.0, 3.0], start, rtol=1e-12, atol=1e-12, dense=True)
     found = run.energy_losses()
     energy = np.asarray(run.observables.energy + 20.0 * run.state.theta[:, 0] ** 2 / 2)
     np.testing.assert_allclose(found.total, energy[0] - energy, rtol=0, atol=1e-9)
@@ -123,19 +127,3 @@ def test_a_turntable_gives_back_what_is_not_lost():
     run = simulate(resting, jnp.linspace(0.0, 1.0, 3), BallState(Omega=(0.0, 0.0, W)), **TIGHT)
     np.testing.assert_array_equal(run.observables.dissipation, 0.0)
     np.testing.assert_array_equal(run.energy_losses().dry, 0.0)
-
-
-@pytest.mark.long
-def test_a_limit_surface_takes_what_the_spin_over_a_turntable_has():
-    """A ball that spins on the axis of a table is turned at the rate μ m g ρ / I until it turns with the table."""
-    mu, rho, w, W = 0.3, 0.02, 5.0, 2.0
-    table = jaxball.Turntable(jaxball.ConstantRate(0.0, rate=W))
-    law = Contact(jaxball.physics.LimitSurface(mu, rho))
-    start = ReleasedState(BallState(Omega=(0.0, 0.0, w)), V=(0.0, 0.0, 0.0))
-    run = simulate(ball(ground=jaxball.Ground(turntable=table)), jnp.linspace(0.0, 8.0, 5), start, contact=law, **TIGHT)
-    apart = np.maximum(w - W - mu * M * G * rho / SOLID * np.asarray(run.times), 0.0)
-    assert apart[1] > 0 == apart[-1]
-    found = run.energy_losses()
-    np.testing.assert_allclose(found.slip, SOLID / 2 * (apart[0] ** 2 - apart**2), rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(found.total, found.slip, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(run.state.Omega[:, 2], W + apart, rtol=1e-9)
