@@ -16,7 +16,6 @@ from jaxball import (
     Event,
     Free,
     FunctionSchedule,
-    Ground,
     HeightField,
     Hinge,
     Mechanism,
@@ -166,7 +165,6 @@ def twisted(t, u1, u2, _):
 
 
 CURVES = {
-    "hills": (HeightField(hills), lambda t, s: jnp.stack([s, hills(t, s, 0.0, None)])),
     "moving hills": (HeightField(hills, motion=FRAME), lambda t, s: tilted(t, s, hills(t, s, 0.0, None))),
     "tilting plane": (
         TiltingPlane(about_e2=TILT, pivot=(0.4, 0.0, 0.2), displacement=SHAKEN),
@@ -228,19 +226,11 @@ def bottom(system, t, state):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(
-    ("ground", "z"),
-    [
-        (Cylinder(1.0, axis=(0.0, 1.0, 0.0), centre=(0.0, 0.0, 1.0)), 1.0),
-        (Bowl(1.0), 2 * np.tan(0.5)),
-        (HeightField(lambda t, x, y, R: R - jnp.sqrt(R**2 - x**2), 1.0), np.sin(1.0)),
-    ],
-)
-def test_wheel_in_a_half_pipe(ground, z):
+def test_wheel_in_a_half_pipe():
     """φ̈ = −ω² sin φ with ω² = g / ((1 + k)(R − r)), k = ½ for a solid disk: the period is 4 K(sin(φ₀/2)) / ω."""
-    disk = Disk(**SOLID, ground=ground)
-    events = {"bottom": Event(bottom)}
-    run = simulate(disk, np.linspace(0.0, 3.0, 7), DiskState(z=z), rtol=1e-11, atol=1e-12, events=events)
+    disk = Disk(**SOLID, ground=HeightField(lambda t, x, y, R: R - jnp.sqrt(R**2 - x**2), 1.0))
+    events, start = {"bottom": Event(bottom)}, DiskState(z=np.sin(1.0))
+    run = simulate(disk, np.linspace(0.0, 3.0, 7), start, rtol=1e-11, atol=1e-12, events=events)
     quarter = ellipk(np.sin(0.5) ** 2) / np.sqrt(G / (1.5 * 0.9))
     np.testing.assert_allclose(run.events["bottom"].times[:2], [quarter, 3 * quarter], rtol=1e-9)
     np.testing.assert_allclose(run.observables.energy, run.observables.energy[0], rtol=1e-9)
@@ -267,26 +257,6 @@ def test_wheel_leaves_a_sphere():
     run = simulate(disk, [0.0, 5.0], state, rtol=1e-11, atol=1e-12, events={"off": Detachment()})
     phi = 2 * np.arctan(run.events["off"].state.z[0] / 2)
     np.testing.assert_allclose(np.cos(phi), 2 * np.cos(start) / 3.5, rtol=1e-9)
-
-
-@pytest.mark.thorough
-def test_plane_held_at_an_angle_is_a_slope():
-    plate, slope = TiltingPlane(about_e2=ConstantRate(0.3)), Ground(angle=0.3)
-    times, start = np.linspace(0.0, 1.0, 5), DiskState(phi=0.4, phidot=-1.0, theta=[0.2], thetadot=[-1.0])
-    # On a Ground space axes are those of the plane, so that the attitude differs by the angle of the slope.
-    turned = DiskState(phi=0.4 - 0.3, phidot=-1.0, theta=[0.2], thetadot=[-1.0])
-    runs = []
-    for ground, state in ((slope, start), (plate, turned)):
-        disk = loaded(ground)
-        still = Disk(**{**disk.arguments, "force": None})
-        runs.append(simulate(still, times, state, rtol=1e-11, atol=1e-12))
-    one, other = runs
-    np.testing.assert_allclose(one.state.z, other.state.z, atol=1e-9)
-    np.testing.assert_allclose(one.state.phi, other.state.phi + 0.3, atol=1e-9)
-    for name in ("normal_force", "friction", "kinetic_energy", "power", "joint_angles"):
-        np.testing.assert_allclose(
-            getattr(one.observables, name), getattr(other.observables, name), atol=1e-8, err_msg=name
-        )
 
 
 @pytest.mark.thorough
@@ -321,9 +291,7 @@ def test_rows_of_an_ensemble_and_derivatives():
     def place(size):
         return end(size).state.z[-1]
 
-    forward = jax.jacfwd(place)(0.02)
-    np.testing.assert_allclose(forward, slope(place, 0.02, 1e-5, points=2), rtol=1e-6)
-    np.testing.assert_allclose(jax.jacrev(place)(0.02), forward, rtol=1e-8)
+    np.testing.assert_allclose(jax.jacrev(place)(0.02), slope(place, 0.02, 1e-5, points=2), rtol=1e-6)
 
 
 @pytest.mark.thorough

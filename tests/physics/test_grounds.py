@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import ellipk
 
+import jaxball
 from jaxball import (
     Ball,
     BallState,
@@ -41,7 +42,7 @@ from jaxball.physics import (
     Washboard,
 )
 from jaxball.simulation.ensemble import simulate_ensemble
-from jaxball.simulation.solvers import Adams, RadauIIA
+from jaxball.simulation.solvers import RadauIIA
 from tests.support.differences import slope
 from tests.support.on_surfaces import residuals
 
@@ -147,17 +148,6 @@ def require_balances(ball, place, states, torque=None):
     for t, state in zip((0.3, 1.7), states, strict=True):
         for name, left in laws(jnp.asarray(t), state)._asdict().items():
             assert np.max(np.abs(left)) < ROUNDING, name
-
-
-@pytest.mark.long
-def test_momenta_balance_on_a_ground_that_moves_and_deforms():
-    ground = HeightField(swelling, 0.15, motion=moving_frame())
-
-    def place(t, u1, u2):
-        return moved(t, jnp.stack([u1, u2, swelling(t, u1, u2, 0.15)]))
-
-    pull = HarmonicForce((0.3, -0.2, 0.1), amplitude=[(0.5, 0.4, 0.3)], frequency=[1.3])
-    require_balances(loaded(ground, force=pull), place, states(2))
 
 
 def sphere(up):
@@ -279,10 +269,11 @@ def test_momenta_balance_with_friction_that_turns_with_the_ground():
 
 
 @pytest.mark.long
-def test_momenta_balance_with_a_free_joint():
+def test_momenta_balance_with_a_free_joint_on_a_ground_that_moves_and_deforms():
     """The energy of the spring is not in that of masses, so the power of the joint is left."""
     arm = Mechanism([Hinge((0.0, 1.0, 0.0), drive=Spring(stiffness=2.0))], [CarriedMass(0.3, (0.1, 0.0, -0.5))])
-    ball = loaded(HeightField(swelling, 0.15, motion=moving_frame()), mechanisms=[arm])
+    pull = HarmonicForce((0.3, -0.2, 0.1), amplitude=[(0.5, 0.4, 0.3)], frequency=[1.3])
+    ball = loaded(HeightField(swelling, 0.15, motion=moving_frame()), mechanisms=[arm], force=pull)
 
     def place(t, u1, u2):
         return moved(t, jnp.stack([u1, u2, swelling(t, u1, u2, 0.15)]))
@@ -358,15 +349,14 @@ def test_turntable_is_a_plane_that_turns():
 
 @pytest.mark.long
 def test_derivatives_by_parameters_of_a_surface():
-    """Forward and reverse derivatives of the end of a run agree with differences."""
+    """Reverse derivatives of the end of a run agree with differences."""
 
     def end(size):
         ground = HeightField(swelling, size, motion=moving_frame())
         return simulate(loaded(ground), [0.0, 1.5], START, rtol=1e-11, atol=1e-12).state.z[-1]
 
     size = jnp.array(0.15)
-    np.testing.assert_allclose(jax.jacfwd(end)(size), slope(end, size, 1e-4, points=2), rtol=1e-6)
-    np.testing.assert_allclose(jax.jacrev(end)(size), jax.jacfwd(end)(size), rtol=1e-9)
+    np.testing.assert_allclose(jaxball.jit(jax.jacrev(end))(size), slope(end, size, 1e-4, points=2), rtol=1e-6)
 
 
 @pytest.mark.thorough
@@ -378,24 +368,16 @@ def test_rows_of_an_ensemble_are_runs():
     def end(R):
         return simulate(Ball(**SOLID, ground=Bowl(R)), [0.0, 1.0], state).state.z[-1]
 
-    rows = jax.vmap(end)(radii)
-    for R, row in zip(radii, rows, strict=True):
-        np.testing.assert_allclose(row, end(R), atol=1e-9)
     balls, starts = jax.vmap(lambda R: (Ball(**SOLID, ground=Bowl(R)), state))(radii)
     ensemble = simulate_ensemble(balls, [0.0, 1.0], starts)
-    np.testing.assert_allclose(ensemble.state.z[:, -1], rows, atol=1e-9)
+    np.testing.assert_allclose(ensemble.state.z[:, -1], [end(R) for R in radii], atol=1e-9)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("form", ["dae", "project", "implicit", "many steps"])
-def test_every_kind_of_solve(form):
-    """In the differential-algebraic form, with projection and by other solvers, the run is the same."""
-    options = {
-        "dae": {"solver": RadauIIA(stages=5), "dae": True},
-        "project": {"project": True},
-        "implicit": {"solver": RadauIIA(stages=5)},
-        "many steps": {"solver": Adams()},
-    }[form]
+@pytest.mark.parametrize("form", ["dae", "project"])
+def test_every_form_of_a_solve(form):
+    """In the differential-algebraic form, by an implicit solver, and with projection the run is the same."""
+    options = {"dae": {"solver": RadauIIA(stages=5), "dae": True}, "project": {"project": True}}[form]
     ball, times = loaded(HeightField(swelling, 0.15, motion=moving_frame())), [0.0, 2.0]
     expected = simulate(ball, times, START, rtol=1e-11, atol=1e-12).state
     run = simulate(ball, times, START, rtol=1e-10, atol=1e-11, **options)

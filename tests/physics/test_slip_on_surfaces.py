@@ -67,8 +67,9 @@ def test_momenta_balance_on_hills():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", SHAPES)
-def test_momenta_balance_on_each_surface(name):
+@pytest.mark.parametrize("name", ["inside an ellipsoid", "parametric", "tilting plane"])
+def test_momenta_balance_on_a_surface(name):
+    """The other ones differ by their places alone, of which the tests of rolling on each of them tell."""
     ground, place = SHAPES[name]
     require_balances(loaded(ground), place, states(2))
 
@@ -99,13 +100,13 @@ def test_nearest_piece_of_each_surface(name):
     rng, t = np.random.default_rng(5), jnp.asarray(0.7)
     foot = programs.filter_jit(lambda c, near: ground.foot(t, c, near))
     slopes = programs.filter_jit(jax.jacfwd(lambda c, near: ground.foot(t, c, near)))
+    distance = programs.filter_jit(jax.value_and_grad(lambda u, c: 0.5 * jnp.sum((place(t, *u) - c) ** 2)))
     for off in (0.5, -0.3):
         u = jnp.asarray(0.5 * rng.normal(size=2))
         c = place(t, *u) + off * ground.normal(t, u)
         near = u + 0.2 * rng.normal(size=2)
         found = foot(c, near)
-        distance = programs.filter_jit(lambda u, c=c: 0.5 * jnp.sum((place(t, *u) - c) ** 2))
-        best = minimize(distance, near, jac=jax.grad(distance), options={"gtol": 1e-12})
+        best = minimize(distance, near, args=(c,), jac=True, options={"gtol": 1e-12})
         np.testing.assert_allclose(found, best.x, atol=1e-6)
         np.testing.assert_allclose(found, u, atol=1e-12)
         h = 1e-5
