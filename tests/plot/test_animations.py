@@ -80,7 +80,7 @@ def test_what_has_moved_on_leaves_nothing_behind(disk_film):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("fps", [4, 7, 20, 30])
+@pytest.mark.parametrize("fps", [7, 30])
 def test_a_gif_lasts_as_long_as_it_should(disk_trajectory, tmp_path, fps):
     """Its frames last whole hundredths of a second, and so not all of them the same time."""
     path = disk_trajectory.animate(tmp_path / "disk.gif", fps, speed=float(fps), dpi=20).path
@@ -91,10 +91,8 @@ def test_a_gif_lasts_as_long_as_it_should(disk_trajectory, tmp_path, fps):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("body", ["ball", "disk"])
-def test_a_gif_is_small(body, request, tmp_path):
-    trajectory = request.getfixturevalue(f"{body}_trajectory")
-    path = trajectory.animate(tmp_path / "film.gif", fps=1, size=SIZE).path
+def test_a_gif_is_small(ball_trajectory, tmp_path):
+    path = ball_trajectory.animate(tmp_path / "film.gif", fps=1, size=SIZE).path
     with Image.open(path) as film:
         assert film.size == SIZE
         assert path.stat().st_size < A_SECOND_APART * LARGEST / IN_ALL * film.n_frames

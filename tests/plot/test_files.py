@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from jaxball.files.results import OutputError
+from jaxball.plot import report
 from jaxball.plot.files import check_others, run_mark, save_figure, scenario_mark
 from jaxball.plot.record import record
 from jaxball.plot.scene import scene
@@ -52,8 +53,9 @@ def test_a_ball_without_masses_has_no_figure_of_a_dot(bare_trajectory, thrown_tr
         assert names & {"acceleration", "mass_angles", *QUANTITIES} == set(QUANTITIES) - without
 
 
-@pytest.mark.long
-def test_figures_of_another_run_stay(disk_trajectory, ball_trajectory, tmp_path):
+@pytest.mark.thorough
+def test_figures_of_another_run_stay(disk_trajectory, ball_trajectory, tmp_path, monkeypatch):
+    monkeypatch.setattr(report, "STANDARD", report.STANDARD[:3])
     first = disk_trajectory.save_figures(tmp_path, name="my run")
     assert {path.name.partition("_")[0] for path in first} == {"my-run"}
     kept = {path: path.read_bytes() for path in first}
