@@ -18,7 +18,11 @@ from jaxball.studies.sweep import open_store, read_study
 from tests.scenario.documents import BALL, DISK
 from tests.support.sentences import refuses
 
-INTEGRATED = BALL + '[force]\nconstant = [0.1, 0.0, 0.0]\n[actuation]\nform = "integrated"\n'
+INTEGRATED = (
+    BALL
+    + '[force]\nconstant = [0.1, 0.0, 0.0]\n[actuation]\nform = "integrated"\n'
+    + "[solve]\nrtol = 1e-3\natol = 1e-3\nmax_steps = 7\n"
+)
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +35,7 @@ def ball():
 def stopped():
     """A run whose steps end before its last times."""
     scenario = read_scenario(INTEGRATED)
-    return scenario, scenario.simulate(max_steps=4)
+    return scenario, scenario.simulate(rtol=1e-13, atol=1e-13)
 
 
 @pytest.mark.thorough
