@@ -50,7 +50,7 @@ def folder(command_folder):
 @pytest.mark.long
 def test_each_event_has_a_line_and_an_entry_in_json(folder, capsys):
     """Along with everything that is drawn of a run that an event ended."""
-    drawn = ["--plot", "figures", "--view", "view.html", "--out", "run.nc", "--animate", "rolling.gif"]
+    drawn = ["--plot", "figures", "--view", "view.html", "--out", "run.nc", "--animate", "rolling.gif", "--fps", "2"]
     assert main(["simulate", "rolling.toml", "--json", "run.json", *drawn]) == 0
     printed = capsys.readouterr().out
     assert "The run ended at t = 1.6 before t = 2, where an event ended it." in printed

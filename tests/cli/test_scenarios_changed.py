@@ -9,7 +9,8 @@ import pytest
 from jaxball import ScenarioError, load_run
 from jaxball.cli import main
 from jaxball.files.scenario.paths import with_values
-from tests.scenario.documents import DISK
+from jaxball.plot import report
+from tests.scenario.documents import BALL, DISK
 from tests.support.commands import refuses_command
 from tests.support.sentences import refuses, said
 
@@ -36,6 +37,7 @@ def test_values_are_set_and_standard_input_is_read(folder, monkeypatch, capsys):
     assert run.times.tolist() == np.linspace(0.0, 1.0, 5).tolist()
     assert content["state"]["phi"] == float(run.state.phi[-1])
 
+    monkeypatch.setattr(report, "STANDARD", report.STANDARD[-4:])
     assert main(["plot", "run.nc", "--out", "figures", "--format", "svg", "--quiet"]) == 0
     assert capsys.readouterr().out == ""
     drawn = sorted(path.name for path in (folder / "figures").iterdir())
@@ -166,12 +168,13 @@ def test_a_part_of_a_run_is_filmed(folder, scenario):
 
 
 @pytest.mark.long
-def test_the_solver_of_an_option_is_known_when_changes_are_checked(capsys):
+def test_the_solver_of_an_option_is_known_when_changes_are_checked(folder, capsys):
     """In the differential-algebraic form, which only --solver makes possible, with the end of the usual form."""
+    (folder / "ball.toml").write_text(BALL)
     both = ["--set", "solve.dae=true", "--solver", "radau9"]
     ends = []
     for more in (both, []):
-        assert main(["simulate", "ball", "--end", "1", "--quiet", "--json", "-", *more]) == 0
+        assert main(["simulate", "ball.toml", "--end", "1", "--quiet", "--json", "-", *more]) == 0
         ends.append(json.loads(capsys.readouterr().out)["state"]["z"])
     np.testing.assert_allclose(*ends, atol=1e-8)
     assert main(["simulate", "ball", "--set", "solve.dae=true", "--solver", "dopri5"]) == 2

@@ -73,17 +73,8 @@ def test_what_is_refused_leaves_every_file_as_it_was(folder, capsys, arguments, 
     assert (folder / "notes.html").read_text() == MARK.upper()
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("scenario", "kind"),
-    [
-        ("heavy-top", "rigid"),
-        ("free-rigid-body", "rigid"),
-        ("suslov", "rigid"),
-        ("nonholonomic-particle", "particle"),
-        ("vakonomic-particle", "particle"),
-    ],
-)
+@pytest.mark.thorough
+@pytest.mark.parametrize(("scenario", "kind"), [("suslov", "rigid"), ("vakonomic-particle", "particle")])
 def test_classical_systems_have_a_view(folder, scenario, kind):
     assert main(["simulate", scenario, "--end", "0.5", "--view", "run.html", "--quiet"]) == 0
     document = document_in((folder / "run.html").read_text())
