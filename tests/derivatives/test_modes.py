@@ -138,7 +138,7 @@ def test_states_and_events_have_second_derivatives(twice):
     np.testing.assert_allclose(of_event, derivative(time_in_closed_form, 2), rtol=1e-8)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_events_have_no_third_derivatives():
     with refuses(TypeError):
         jax.jacfwd(jax.jacfwd(jax.jacfwd(time_of_crossing)))(W)

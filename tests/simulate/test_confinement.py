@@ -116,7 +116,7 @@ def test_a_mass_that_leaves_the_shell_does_so_at_its_time(motion, when, furthest
     # Two programs, whose steps differ by rounding.
     np.testing.assert_allclose(unbounded.state.z, run.state.z, rtol=0, atol=1e-13)
     # It is the mass that counts on an open rail, and it is inside for as long as that.
-    assert simulate(body, TIMES[when > TIMES]).ok
+    assert simulate(body, np.linspace(0.0, 0.99 * when, 5)).ok
 
 
 def near_the_shell(t, parameters):

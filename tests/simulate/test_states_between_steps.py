@@ -79,7 +79,7 @@ def assert_as_exact_as_steps(system, times, state, exact, of_state, solver, tole
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("solver", [EIGHTH, *FIFTHS], ids=names([EIGHTH, *FIFTHS]))
+@pytest.mark.parametrize("solver", [EIGHTH, FIFTHS[1]], ids=names([EIGHTH, FIFTHS[1]]))
 def test_the_papers_disk(solver):
     """Beside the 30 digits of its reference; diffrax's interpolation was off by 90 tolerances at 1e-12."""
     exact, columns = reference("paper_disk")
