@@ -178,8 +178,6 @@ def test_the_command_line_tells_of_the_plane_under_a_rattleback(capsys, tmp_path
     assert json.loads(summary.read_text())["least_normal_force"] < 0
     assert main([*stone, "--detachment"]) == FAILED_SOLVE
     said(capsys.readouterr().err, "The run")
-    assert main([*stone, "--friction", "0.5"]) == FAILED_SOLVE
-    said(capsys.readouterr().err, "The run")
 
 
 @pytest.mark.long
