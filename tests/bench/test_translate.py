@@ -15,8 +15,7 @@ MATH = {"sin": math.sin, "cos": math.cos}
 CASES = [
     pytest.param(problem, piece, id=f"{name}-{piece.start:g}")
     for name, problem in ALL.items()
-    for piece in problem.pieces
-    if problem.constraint is not None or piece is problem.pieces[0]
+    for piece in {piece.algebraic: piece for piece in reversed(problem.pieces)}.values()
 ]
 
 
@@ -131,9 +130,8 @@ class TestWholeInterval:
         assert problem.error(form.final(np.asarray(solve(problem, form.field, form.initial)))) < 1e-11
 
     @pytest.mark.long
-    @pytest.mark.parametrize("name", ["disk", "ball"])
-    def test_field_with_its_parameters_ends_in_the_reference(self, name):
-        problem = ALL[name]
+    def test_field_with_its_parameters_ends_in_the_reference(self):
+        problem = ALL["disk"]
         field, parameters = translate.jax_field(problem.rates), translate.jax_parameters(problem)
         x = solve(problem, lambda t, x, args: field(t, x, parameters(t)), problem.initial)
         assert problem.error(np.asarray(x)) < 1e-11

@@ -1,4 +1,4 @@
-"""Runs of the Adams method: its work and accuracy on DETEST, and the work of a step."""
+"""Runs of the Adams method: its work and accuracy on DETEST, and how it starts."""
 
 import functools
 
@@ -86,6 +86,13 @@ class TestDetest:
 
 
 class TestOneRun:
+    @pytest.mark.thorough
+    def test_starts_with_short_steps_that_double(self):
+        solution = solve(oscillator, 20.0, START, saveat=diffrax.SaveAt(steps=True))
+        lengths = np.diff(solution.ts[:8], prepend=0.0)
+        assert lengths[0] < 1e-4
+        np.testing.assert_allclose(lengths[1:] / lengths[:-1], 2, rtol=1e-6)
+
     @pytest.mark.thorough
     def test_a_step_is_two_evaluations(self):
         count = []

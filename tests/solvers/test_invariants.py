@@ -72,12 +72,11 @@ def errors(solver, steps, times=ENDS):
 
 GAUSS = [
     pytest.param(solvers.Gauss(2, root_finder=NEWTON), id="2 stages"),
-    pytest.param(solvers.Gauss(4, root_finder=NEWTON), id="4 stages"),
     pytest.param(solvers.Gauss(8, root_finder=FIXED_POINT), id="8 stages, fixed-point iteration"),
 ]
 
 
-@pytest.mark.long
+@pytest.mark.thorough
 @pytest.mark.parametrize("solver", GAUSS)
 @pytest.mark.parametrize("steps", [40, 80, 400])
 def test_gauss_keeps_the_norm_at_any_step_size(solver, steps):
@@ -87,8 +86,8 @@ def test_gauss_keeps_the_norm_at_any_step_size(solver, steps):
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     ("solver", "loss"),
-    [(diffrax.Dopri8(), 1e-6), (solvers.RadauIIA(3, root_finder=NEWTON), 1e-4), (diffrax.Tsit5(), 1e-5)],
-    ids=["Dopri8", "Radau IIA, 3 stages", "Tsit5"],
+    [(solvers.RadauIIA(3, root_finder=NEWTON), 1e-4), (diffrax.Tsit5(), 1e-5)],
+    ids=["Radau IIA, 3 stages", "Tsit5"],
 )
 def test_other_methods_lose_it(solver, loss):
     assert off_the_sphere(turn(solver, 40)) > loss
@@ -107,11 +106,10 @@ def test_gauss_keeps_the_norm_of_a_wrong_solution():
     ("solver", "returns"),
     [
         (solvers.Gauss(2, root_finder=NEWTON), True),
-        (solvers.Gauss(4, root_finder=NEWTON), True),
         (solvers.Gauss(8, root_finder=FIXED_POINT), True),
         (solvers.RadauIIA(3, root_finder=NEWTON), False),
     ],
-    ids=["Gauss, 2 stages", "Gauss, 4 stages", "Gauss, 8 stages", "Radau IIA, 3 stages"],
+    ids=["Gauss, 2 stages", "Gauss, 8 stages", "Radau IIA, 3 stages"],
 )
 def test_symmetric_methods_return_to_the_start(solver, returns):
     """There and back again in the same steps undoes the errors of the way there."""

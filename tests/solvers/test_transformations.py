@@ -136,10 +136,9 @@ class TestSaving:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", ["radau 5", "tr-bdf2"])
-def test_event(name):
+def test_event():
     """The oscillation passes zero at π/2, within a step."""
-    solver, tolerance, _, bound, _ = SOLVERS[name]
+    solver, tolerance, _, bound, _ = SOLVERS["radau 5"]
     event = diffrax.Event(lambda t, y, args, **_: y["place"][0], root_finder=optimistix.Newton(1e-13, 1e-13))
     solution = solve(OSCILLATOR, solver, oscillation(jnp.asarray(0.0)), 5.0, tolerance, event=event)
     assert explain(solution.result) == "An event ended the solve."
@@ -188,10 +187,7 @@ def relaxed(solver, start, algebraic=False):
 
 class TestFloat32:
     @pytest.mark.long
-    @pytest.mark.parametrize(
-        "solver",
-        [RadauIIA(3), Gauss(8), Gauss(8, root_finder=SimplifiedNewton()), Trapezoidal(), TRBDF2()],
-    )
+    @pytest.mark.parametrize("solver", [Gauss(8), Trapezoidal()])
     def test_where_it_is_the_default(self, solver):
         with jax.enable_x64(False):
             x = relaxed(solver, jnp.asarray(0.0))
