@@ -7,8 +7,8 @@ import pytest
 
 from jaxball import Ball, BallState, Contact, Disk, DiskState, HardStops, Resistance, ring_rotor, simulate
 from jaxball.control.estimation import ErrorStateFilter, chi2_bounds
-from jaxball.control.slipping import SlippingState
 from jaxball.physics import ReleasedState
+from jaxball.physics.contact.slipping import SlippingState
 from jaxball.physics.sensors import Gyroscope, Position, SensorErrors
 from tests.support.sentences import refuses
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from jaxball.control.estimation.estimate import Belief, Followed, LoopEstimate
-from jaxball.control.loop import FeedbackHistory
+from jaxball.control.history import FeedbackHistory
 from jaxball.physics.hybrid import NO_HISTORY
 from jaxball.plot.view.feedback import half_axes
 from tests.support.browser import SOFTWARE, chromium, needs_chromium

@@ -9,10 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from scipy.stats import chi2
 
 from ..control.basins import Basin
-from ..control.estimation.estimate import AbstractEstimate
+from ..control.estimation.estimate import AbstractEstimate, bounds_of_squares
 from ..control.loop import ClosedLoop
 from ..control.track import Track
 from ..interface.arguments import require
@@ -218,10 +217,3 @@ def _draw_squares(
     lines.insert(0, Series(squares, "", COMPONENTS[0]))
     over_time(None, times, lines, name, ax)
     label_axes(ax, "$t$", name)
-
-
-def bounds_of_squares(degrees: Int[np.ndarray, " K"], confidence: float) -> list[Float[np.ndarray, " K"]]:
-    """Returns the bounds between which squares lie that are distributed as χ²; NaN without degrees of freedom."""
-    tails = (1 - confidence) / 2, (1 + confidence) / 2
-    # `maximum`, because ppf has no value without degrees of freedom, and `where` computes both.
-    return [np.where(degrees > 0, chi2.ppf(tail, np.maximum(degrees, 1)), np.nan) for tail in tails]

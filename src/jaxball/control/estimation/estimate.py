@@ -17,7 +17,7 @@ from ...interface.compat import is_traced
 from ...interface.names import leave_to
 from ...interface.printing import Printed
 from ...interface.wording import number_of
-from ..slipping import Estimated
+from ...physics.contact.slipping import Estimated
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -321,3 +321,12 @@ def _smooth(estimate: Estimate) -> Estimate:
 def _weigh(P: Float[Array, "n n"], x: Float[Array, " n"]) -> Float[Array, ""]:
     """Computes xᵀP⁻¹x, without what is known."""
     return x @ inverse(P) @ x
+
+
+def bounds_of_squares(degrees: Int[np.ndarray, " K"], confidence: float) -> list[Float[np.ndarray, " K"]]:
+    """Returns the bounds between which squares lie that are distributed as χ²; NaN without degrees of freedom."""
+    from scipy.stats import chi2  # takes a third of a second to import
+
+    tails = (1 - confidence) / 2, (1 + confidence) / 2
+    # `maximum`, because ppf has no value without degrees of freedom, and `where` computes both.
+    return [np.where(degrees > 0, chi2.ppf(tail, np.maximum(degrees, 1)), np.nan) for tail in tails]

@@ -30,6 +30,7 @@ from ...physics.contact.history import ContactHistory
 from ...physics.contact.law import Contact
 from ...physics.contact.modes import ContactState
 from ...physics.contact.released import ReleasedState
+from ...physics.contact.slipping import Estimated, SlippingState
 from ...physics.sensors import AbstractSensor
 from ...physics.sensors.base import SAME_TIME, Measurement, measurement_of
 from ...physics.state import PlacedState
@@ -38,7 +39,7 @@ from ...simulation import DEFAULT_TOLERANCE
 from ...simulation.arguments import require_single
 from ...simulation.trajectory import Trajectory
 from ..sampled import SampledSystem, in_words, null_space, reachability_factor
-from ..slipping import Estimated, SlippingState, body_of, follow, moving, of_rolling, with_law
+from ..slipping import body_of, follow, moving, of_rolling, with_law
 from ..weights import by_name
 from .estimate import Belief, Estimate, Filtered, propagate, symmetric
 

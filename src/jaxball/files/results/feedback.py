@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...control.estimation.estimate import Belief, Followed, LoopEstimate
-from ...control.loop import FeedbackHistory
+from ...control.history import FeedbackHistory
 from ...numerics.arrays import arrays_of, to_array
 from ...physics.hybrid import AbstractHistory
 from ...simulation.variables import Variable

@@ -271,6 +271,7 @@ def rate_of_carrier(
     return apply(state.Lambda.T, Footing(axes).to_space(rate))
 
 
+@eqx.filter_jit  # a function of programs, which ask for it at many places
 def _axes_and_spin(
     ground: AbstractGround, t: Float[Array, ""], r: Float[Array, ""], u: Coordinates
 ) -> tuple[Float[Array, "3 3"] | None, Float[Array, "3"] | None]:

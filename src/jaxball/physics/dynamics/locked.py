@@ -221,6 +221,7 @@ def field_of_locked(system: BodyParameters, t: Float[Array, ""], packed: AnyStat
     )
 
 
+@eqx.filter_jit  # a function of programs, which pack and unpack at many places
 def _move(system: BodyParameters, t: Float[Array, ""], state: AnyState, sign: float) -> AnyState:
     body_moments, links = _stop_joints(system, t, state)
     r, lever = system.radius, Lever.of(system, contact_normal(system, t, state), body_moments)

@@ -206,7 +206,7 @@ def _places(system: BodyParameters) -> Int[np.ndarray, " n"]:
     return np.asarray(sorted(range(len(keys)), key=keys.__getitem__), dtype=int)
 
 
-Part = tuple[Float[Array, " m"], Any]
+Part = tuple[Float[Array, " _"], Any]
 
 
 def _velocities_by_group(

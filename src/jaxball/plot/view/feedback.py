@@ -11,9 +11,9 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from ...control.loop import FeedbackHistory
+from ...control.estimation.estimate import bounds_of_squares
+from ...control.history import FeedbackHistory
 from ...simulation.trajectory import Trajectory
-from ..control import bounds_of_squares
 from ..palette import DASHED, Line
 from ..record import columns_by_field, finite_rows
 from ..shapes import Setting
