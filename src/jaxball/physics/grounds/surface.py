@@ -342,8 +342,8 @@ class AbstractSurface(AbstractGround):
             turning=cross(contact.n, normal_rate),
         )
 
-    # A function of programs, as are the two below: a body with a law of contact asks for it at many places. When it was
-    # written at each of them, programs were three times as long, and a first run on a plate that tilts took two minutes.
+    # A function of programs, as are the two below: a body with a law of contact asks for it at many places. Written
+    # at each of them, programs were three times as long, and a first run on a plate that tilts took two minutes.
     @eqx.filter_jit
     def touch_at(self, t: Time, u: Coordinates) -> Touch:
         """Computes place, normal and velocity of a piece, and the direction in which u1, or a disk's z, grows."""
