@@ -177,6 +177,53 @@ def test_an_impact_sticks_if_friction_can_stop_the_slip(mu, sticks):
 
 
 @pytest.mark.long
+def test_flight_keeps_the_angular_momentum_and_the_centre_of_mass_falls():
+    """About the centre of mass, with masses that move in the ball."""
+    ball = jaxball.Ball(
+        mass=M,
+        inertia=(0.5, 0.6, 0.7),
+        radius=R,
+        gravity=G,
+        offset=(0.05, 0.0, -0.1),
+        masses=[jaxball.PointMass(0.4, jaxball.OnRail(jaxball.Circle(0.7), jaxball.ConstantRate(0.0, 2.0)))],
+    )
+    times = np.linspace(0.0, 1.5, 16)
+    thrown = ReleasedState(jaxball.BallState(q=Q, Omega=(0.4, -1.0, 0.3)), (0.5, 0.2, 1.0), 2.0)
+    run = jaxball.simulate(ball, times, thrown, contact=Contact(0.3), **FINE)
+    assert np.all(np.asarray(run.contact.mode) == Mode.FLIGHT)
+    total, seen, L = M + 0.4, run.observables, []
+    centre = np.asarray(seen.geometric_centre + seen.centre_of_mass_space)
+    first = centre[0]
+    velocity = np.asarray([momentum(ball, t, run, k) / total for k, t in enumerate(times)])
+    expected = first + velocity[0] * times[:, None] - 0.5 * G * np.outer(times**2, E3)
+    np.testing.assert_allclose(centre, expected, atol=CLOSE)
+    L = np.array([spin(ball, t, run, k, centre[k], velocity[k]) for k, t in enumerate(times)])
+    np.testing.assert_allclose(L, np.tile(L[0], (times.size, 1)), atol=CLOSE)
+
+
+def particles(ball, t, run, k):
+    """Mass, place and velocity of the shell's centre of mass and of the point mass on its circle, in space."""
+    turned, V = turn(np.asarray(run.state.q)[k]), np.asarray(run.contact.V)[k]
+    Omega = np.asarray(run.state.Omega)[k]
+    place = np.append(np.asarray(run.state.z)[k], run.contact.height[k])
+    angle = 2.0 * t
+    circle = jaxball.Circle(0.7).prepare().points(jnp.array([angle, angle + 1e-6, angle - 1e-6]))
+    chi, rate = np.asarray(circle[0]), np.asarray(circle[1] - circle[2]) / 2e-6 * 2.0
+    for m, x, xdot in ((M, np.array([0.05, 0.0, -0.1]), np.zeros(3)), (0.4, chi, rate)):
+        yield m, place + turned @ x, V + turned @ (np.cross(Omega, x) + xdot)
+
+
+def momentum(ball, t, run, k):
+    return sum(m * v for m, _, v in particles(ball, t, run, k))
+
+
+def spin(ball, t, run, k, centre, velocity):
+    turned = turn(np.asarray(run.state.q)[k])
+    own = turned @ (np.array([0.5, 0.6, 0.7]) * np.asarray(run.state.Omega)[k])
+    return own + sum(m * np.cross(x - centre, v - velocity) for m, x, v in particles(ball, t, run, k))
+
+
+@pytest.mark.long
 def test_jelletts_integral_under_any_friction():
     """(ΛI Ω)·r with r from the centre of mass to the contact point, of a body with a rotational symmetry."""
     A, C, low = 0.5, 0.7, 0.2

@@ -12,18 +12,24 @@ from jaxball import (
     BallState,
     Bowl,
     Contact,
+    Ground,
     HarmonicSeries,
     HeightField,
     Oscillating,
+    Pulse,
+    Turntable,
     simulate,
 )
 from jaxball.physics import (
     Cylinder,
     Mode,
+    MovingFrame,
+    Paraboloid,
     ReleasedState,
     SphereOutside,
     SwitchCause,
     TiltingPlane,
+    Turn,
     Washboard,
 )
 from jaxball.simulation.ensemble import simulate_ensemble
@@ -115,6 +121,30 @@ def test_a_ball_with_great_friction_rolls_off_a_sphere():
     run = off_sphere(friction=1.0, static_friction=1e9)
     np.testing.assert_allclose(np.cos(angles(run)), 10 / 17 * np.cos(PHI), atol=1e-7)
     require_parabola(run)
+
+
+@pytest.mark.long
+def test_a_plane_that_turns_is_a_turntable():
+    """A ball that is dropped on it, bounces, slips and is carried along."""
+    spin, centre = Pulse(0.3, height=2.0, rate=0.5), (0.5, -0.2)
+    frame = MovingFrame([Turn((0.0, 0.0, 1.0), Pulse(0.0, height=2.0, rate=0.5))], pivot=(*centre, 0.0))
+    thrown, law = released((0.3, 0.1), (1.2, 0.5, 1.0), 0.2, (1.0, 2.0, 3.0)), Contact(0.15, 0.2, 0.5, slowest=0.05)
+    times = np.linspace(0.0, 2.0, 9)
+    # The coordinates on the plane turn with it, by nothing at the start.
+    one, other = (
+        simulate(Ball(**UNEVEN, ground=ground), times, thrown, contact=law, **FINE)
+        for ground in (Ground(turntable=Turntable(spin, centre)), Paraboloid((0.0, 0.0), motion=frame))
+    )
+    count = int(one.contact.switches.count)
+    assert count > 3
+    np.testing.assert_allclose(one.contact.switches.times[:count], other.contact.switches.times[:count], atol=CLOSE)
+    lifted = np.asarray(other.observables.geometric_centre) - [0.0, 0.0, UNEVEN["radius"]]
+    np.testing.assert_allclose(one.observables.geometric_centre, lifted, atol=CLOSE)
+    np.testing.assert_allclose(one.contact.V, other.contact.V, atol=CLOSE)
+    for field in ("contact_force", "power", "kinetic_energy"):
+        np.testing.assert_allclose(
+            getattr(one.observables, field), getattr(other.observables, field), atol=1e-8, err_msg=field
+        )
 
 
 def ramp(t, x, y, _):

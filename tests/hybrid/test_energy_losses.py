@@ -127,3 +127,19 @@ def test_a_turntable_gives_back_what_is_not_lost():
     run = simulate(resting, jnp.linspace(0.0, 1.0, 3), BallState(Omega=(0.0, 0.0, W)), **TIGHT)
     np.testing.assert_array_equal(run.observables.dissipation, 0.0)
     np.testing.assert_array_equal(run.energy_losses().dry, 0.0)
+
+
+@pytest.mark.long
+def test_a_limit_surface_takes_what_the_spin_over_a_turntable_has():
+    """A ball that spins on the axis of a table is turned at the rate μ m g ρ / I until it turns with the table."""
+    mu, rho, w, W = 0.3, 0.02, 5.0, 2.0
+    table = jaxball.Turntable(jaxball.ConstantRate(0.0, rate=W))
+    law = Contact(jaxball.physics.LimitSurface(mu, rho))
+    start = ReleasedState(BallState(Omega=(0.0, 0.0, w)), V=(0.0, 0.0, 0.0))
+    run = simulate(ball(ground=jaxball.Ground(turntable=table)), jnp.linspace(0.0, 8.0, 5), start, contact=law, **TIGHT)
+    apart = np.maximum(w - W - mu * M * G * rho / SOLID * np.asarray(run.times), 0.0)
+    assert apart[1] > 0 == apart[-1]
+    found = run.energy_losses()
+    np.testing.assert_allclose(found.slip, SOLID / 2 * (apart[0] ** 2 - apart**2), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(found.total, found.slip, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(run.state.Omega[:, 2], W + apart, rtol=1e-9)

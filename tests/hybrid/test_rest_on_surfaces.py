@@ -112,6 +112,20 @@ def test_it_stays_where_it_is_placed_up_to_the_angle_of_its_resistance(share):
     assert (moved == 0) == (share < 1)
 
 
+@pytest.mark.long
+def test_a_plate_that_tilts_carries_a_ball_until_its_weight_exceeds_resistance():
+    """About the foot of the ball: M g r sin a = c N r, with N = M (g cos a − r ȧ²) of a ball that is carried."""
+    rate = 0.5
+    plane = TiltingPlane(about_e2=ConstantRate(0.0, rate))
+    state = BallState(Omega=(0.0, rate, 0.0))
+    run = jaxball.simulate(ball(plane), (0.0, 0.1, 0.3), state, throw=True)
+    loose = brentq(lambda t: G * np.sin(rate * t) - C * (G * np.cos(rate * t) - R * rate**2), 0.0, 1.0, xtol=1e-14)
+    np.testing.assert_allclose(run.switches.times[0], loose, rtol=1e-9)
+    assert run.switches.lines[0].endswith("the body rolls")
+    np.testing.assert_allclose(run.state.z[1], 0.0, atol=1e-15)
+    np.testing.assert_allclose(run.state.Omega[1], [0.0, rate, 0.0], rtol=1e-14, atol=1e-15)
+
+
 THROWN = BallState(z=(0.8, 0.3), Omega=(2.0, 3.0, 4.0))
 
 

@@ -24,7 +24,7 @@ def test_documented_files_are_read_and_written(text):
     assert same_objects(scenario, read_scenario(write_scenario(scenario)))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("text", DOCUMENTED)
 def test_documented_files_run(text):
     assert read_scenario(text).simulate().ok
