@@ -90,6 +90,29 @@ def field() -> tuple[Callable, Any]:
     return run, jnp.asarray([0.1, 4.0, 0.2])
 
 
+def plate() -> tuple[Callable, Any]:
+    """A ball on a plate that tilts, with sliding friction that acts against its spin as well."""
+    import jax.numpy as jnp
+
+    import jaxball
+    from jaxball.physics import LimitSurface, ReleasedState, TiltingPlane
+
+    body = jaxball.Ball(
+        mass=1.0,
+        inertia=(0.4, 0.45, 0.5),
+        offset=(0.0, 0.0, -0.1),
+        gravity=9.81,
+        ground=TiltingPlane(about_e2=jaxball.ConstantRate(0.1)),
+    )
+    law = jaxball.Contact(LimitSurface(0.25, 0.1), restitution=0.3)
+
+    def run(Omega):
+        start = ReleasedState(jaxball.BallState(Omega=Omega), V=(-1.5, 0.7, 0.5))
+        return jaxball.simulate(body, (0.0, 2.0), start, contact=law).state.z[-1].sum()
+
+    return run, jnp.asarray([1.0, 3.0, 5.0])
+
+
 def event() -> tuple[Callable, Any]:
     """When the paper's ball would slip."""
     import jax.numpy as jnp
@@ -124,6 +147,7 @@ CASES = {
     "contact disk": contact_disk,
     "contact ball": contact_ball,
     "field": field,
+    "plate": plate,
     "event": event,
     "extremes": extremes,
 }
