@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from scipy.stats import chi2
 
 from ..control.basins import Basin
 from ..control.estimation.estimate import AbstractEstimate, bounds_of_squares
