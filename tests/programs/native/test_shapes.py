@@ -1,9 +1,12 @@
 """Operations that move elements, of arrays in registers and of larger ones."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
+
+from jaxball.programs.native.pipeline import emit, read_functions
 
 from .comparison import agree
 
@@ -33,6 +36,17 @@ def test_moves(shape):
         )
 
     agree(moves, numbers(shape))
+
+
+def test_a_constant_that_repeats_its_numbers_holds_them_once():
+    few, shape = jnp.array([2.0, -0.0, 3.0]), (4, 3, 50, 60)
+
+    def scaled(x):
+        return x * jnp.broadcast_to(few[:, None, None], shape), x + lax.broadcast_in_dim(few, (4, 3, 50, 60), (1,))
+
+    agree(scaled, numbers(shape))
+    module = jax.jit(scaled).lower(numbers(shape)).compiler_ir("stablehlo")
+    assert len(emit(read_functions(module, 1)).main.body) < 20_000  # 36,000 numbers would be of 860,000 characters
 
 
 @pytest.mark.parametrize("shape", SHAPES)

@@ -93,6 +93,7 @@ class Signature:
     - ``name``: its name, made of the function's and of the properties of its arguments.
     - ``arguments``, ``results``: the form of each.
     - ``mask_writes``: whether it is called in some lanes only, which are then its last argument in a register.
+    - ``type``: the name of the type of what it returns.
     """
 
     def __init__(self, function: Function, name: str, block: Block, varying: Sequence[bool]):
@@ -108,12 +109,17 @@ class Signature:
         # have in common stays a single number.
         pattern = "".join("v" if varies else "s" for varies in varying) + ("m" if self.mask_writes else "")
         self.name = f"{name}.{pattern}" if function.in_lanes else name
-        kinds = [vector_type(dtype, LANES * wide) for dtype, wide in self.types_of_results()]
-        self.type = f"{{ {', '.join(kinds)} }}" if kinds else "void"
+        # By a name: were all types listed in each line about one of hundreds of results, the text would be quadratic.
+        self.type = f"%{self.name}.results" if self.types_of_results() else "void"
 
     def types_of_results(self) -> list[tuple[np.dtype, bool]]:
         """Returns the types of the numbers that are returned, and whether they are vectors."""
         return [kind for form in self.results for kind in form.kinds]
+
+    def declaration(self) -> str:
+        """Returns the line that says what its type is."""
+        kinds = [vector_type(dtype, LANES * wide) for dtype, wide in self.types_of_results()]
+        return f"{self.type} = type {{ {', '.join(kinds)} }}"
 
 
 def compile_function(caller: Function, name: str, varying: Sequence[bool]) -> Signature:
@@ -123,7 +129,11 @@ def compile_function(caller: Function, name: str, varying: Sequence[bool]) -> Si
     signature = Signature(caller, name, block, varying)
     if signature.name in compiler.compiled:
         return signature
-    function = Function(compiler, "ret void" if signature.type == "void" else f"ret {signature.type} zeroinitializer")
+    if signature.type == "void":
+        function = Function(compiler, "ret void")
+    else:
+        compiler.module.declared[signature.type] = signature.declaration()
+        function = Function(compiler, f"ret {signature.type} zeroinitializer")
     # Where it computes one number of each lane, its own loops cannot be in lanes.
     function.in_lanes = caller.in_lanes
     b, storage = function.builder, function.storage
