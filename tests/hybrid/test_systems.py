@@ -127,12 +127,12 @@ def test_second_derivatives_go_through_the_times_of_events(twice):
     np.testing.assert_allclose(jax.jit(twice(times_and_end))(P), expected, **NEXT_TO)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_third_derivatives_are_refused():
     """The state at an event is moved along its field to second order only."""
     thrice = jax.jacfwd(jax.jacfwd(jax.jacfwd(lambda p: times_and_end(p, diffrax.ForwardMode()))))
     with refuses(TypeError):
-        jax.eval_shape(thrice, P)
+        thrice(P)
 
 
 @pytest.mark.thorough
