@@ -17,6 +17,7 @@ from jaxball.analysis.verify import check_laws
 from jaxball.physics import ReleasedState
 from jaxball.physics.contact import friction
 from jaxball.physics.contact.released import rates, release, response
+from jaxball.simulation.ensemble import simulate_ensemble
 from tests.support import newton_euler, robots
 from tests.support.robot_balls import ball_of, state_of
 from tests.support.robots import Pushed
@@ -54,24 +55,19 @@ def gusts(t, motion, strength):
     return Wrench(force, strength * (jnp.sum(motion.thetadot) * turned - motion.Lambda @ motion.Omega))
 
 
-@jaxball.jit
-def slowed(v0, c):
-    """The speed of a ball that rolls, and its derivative by the coefficient."""
+@pytest.mark.long
+@pytest.mark.parametrize("v0", [1.5, -0.4])
+def test_quadratic_drag_slows_a_rolling_ball_as_one_over_the_time(v0):
+    """(m + d/r²) v̇ = −c v |v|: v = v0 / (1 + k |v0| t), k = c / (m + d/r²), so that ∂v/∂c is known, too."""
+    inertia = M + D / R**2
 
     def speeds(c):
         state = BallState(Omega=jnp.stack([0.0 * c, v0 / R + 0.0 * c, 0.0 * c]))
         ball = homogeneous(FunctionWrench(quadratic, c))
         return R * jaxball.simulate(ball, TIMES, state, **FINE, adjoint=diffrax.ForwardMode()).state.Omega[:, 1]
 
-    return jax.jvp(speeds, (c,), (jnp.ones(()),))
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("v0", [1.5, -0.4])
-def test_quadratic_drag_slows_a_rolling_ball_as_one_over_the_time(v0):
-    """(m + d/r²) v̇ = −c v |v|: v = v0 / (1 + k |v0| t), k = c / (m + d/r²), so that ∂v/∂c is known, too."""
-    inertia, c = M + D / R**2, 0.7
-    found, slope = slowed(v0, c)
+    c = 0.7
+    found, slope = jax.jvp(speeds, (jnp.asarray(c),), (jnp.ones(()),))
     grown = 1 + c / inertia * abs(v0) * TIMES
     np.testing.assert_allclose(found, v0 / grown, rtol=0, atol=1e-11)
     np.testing.assert_allclose(slope, -v0 * abs(v0) * TIMES / inertia / grown**2, rtol=0, atol=1e-10)
@@ -106,23 +102,16 @@ def constant(t, motion, force):
     return force
 
 
-@jax.jit
-def seen(body, state):
-    """What is observed, and the rates of the state."""
-    t = jnp.zeros(())
-    return jaxball.observe(body, t, state), jaxball.physics.vector_field(body, t, state)
-
-
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_constant_function_is_a_constant_force():
-    force, q = (0.1, 0.0, -0.3), np.array([0.7, 0.1, -0.5, 0.5])
-    for body, state in ((Ball, BallState(q=q, Omega=(0.1, 0.5, 0.2))), (Disk, DiskState(phi=0.4, phidot=0.5))):
+    force = (0.1, 0.0, -0.3)
+    for body, start in ((Ball, BallState(Omega=(0.1, 0.5, 0.2))), (Disk, DiskState(phidot=0.5))):
         arguments = {"mass": M, "inertia": D if body is Disk else (D, 0.7, 0.8), "offset": (0.1, 0.0, 0.2)}
-        found = [
-            seen(body(**arguments, force=given), state)
+        runs = [
+            jaxball.simulate(body(**arguments, force=given), TIMES, start, **FINE)
             for given in (FunctionWrench(constant, jnp.asarray(force)), jaxball.physics.HarmonicForce(force))
         ]
-        for one, other in zip(*map(jax.tree.leaves, found), strict=True):
+        for one, other in zip(*(jax.tree.leaves(run.observables) for run in runs), strict=True):
             np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
 
 
@@ -260,6 +249,17 @@ def test_the_laws_of_mechanics_hold_under_wind_and_magnets():
     said(report["chaplygin"].reason)
 
 
+@pytest.mark.long
+def test_runs_of_an_ensemble_are_single_runs():
+    c = jnp.linspace(0.0, 0.8, 5)
+    start = BallState(Omega=(0.1, 1.0, 0.0))
+    balls = jax.vmap(lambda c: homogeneous(FunctionWrench(quadratic, c)))(c)
+    many = simulate_ensemble(balls, TIMES, start, in_axes=(0, None), lanes=2).trajectory
+    for k in (0, 3):
+        one = jaxball.simulate(homogeneous(FunctionWrench(quadratic, c[k])), TIMES, start)
+        np.testing.assert_allclose(many.state.z[k], one.state.z, rtol=0, atol=1e-9)
+
+
 def sideways(t, motion, p):
     return Wrench(jnp.array([0.1, 5.0, 0.2]), jnp.array([3.0, 0.3, -4.0]))
 
@@ -268,15 +268,15 @@ def in_plane(t, motion, p):
     return Wrench(jnp.array([0.1, 0.0, 0.2]), jnp.array([0.0, 0.3, 0.0]))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_what_is_beside_the_plane_of_a_disk_is_taken_by_what_holds_it_upright():
-    found = [
-        seen(
-            Disk(mass=M, inertia=D, offset=(0.1, 0.0, 0.2), force=FunctionWrench(force)), DiskState(phi=0.4, phidot=0.5)
+    runs = [
+        jaxball.simulate(
+            Disk(mass=M, inertia=D, offset=(0.1, 0.0, 0.2), force=FunctionWrench(force)), TIMES, DiskState(phidot=0.5)
         )
         for force in (sideways, in_plane)
     ]
-    for one, other in zip(*map(jax.tree.leaves, found), strict=True):
+    for one, other in zip(*(jax.tree.leaves(run.observables) for run in runs), strict=True):
         np.testing.assert_array_equal(one, other)
 
 

@@ -6,7 +6,6 @@ import pytest
 from jaxball import ScenarioError, Status
 from jaxball.plot.sweeps.axes import NOT_FINITE, outcomes
 from jaxball.studies.sweep import StudyError, open_store
-from jaxball.studies.sweep.rows import read_rows
 from tests.scenario.documents import BALL
 from tests.support.sentences import refuses
 from tests.sweep.studies import study
@@ -79,6 +78,22 @@ def test_a_row_without_an_event_of_its_own_is_the_same_run(tmp_path):
     np.testing.assert_array_equal(np.isnan(data["z"][0]), [False, False, False, True, True])
 
 
+@pytest.mark.long
+def test_events_and_detachment_end_rows_together(tmp_path):
+    thrown = """
+[events.half]
+of = "phi"
+level = 0.5
+"""
+    from tests.sweep.test_detachment import SPEEDS as OF_THE_WHEEL, WHEEL, detachment
+
+    _, data = solved(tmp_path, "detachment = true\ncontact = true", OF_THE_WHEEL, WHEEL + thrown)
+    np.testing.assert_allclose(data["reached"][1], detachment(4.0), rtol=1e-6)
+    assert "detachment_count" not in data
+    assert data["half_count"][1] == 1
+    assert data["half_time"][1] < data["reached"][1]
+
+
 def test_rooms_and_names_that_do_not_fit_are_refused(tmp_path):
     axes = '[[axes]]\npath = "events.near.capacity"\nvalues = [1, 2]'
     with refuses(ScenarioError, "events.near.capacity"):
@@ -93,16 +108,21 @@ def test_rooms_and_names_that_do_not_fit_are_refused(tmp_path):
         taken.run(tmp_path / "taken.zarr")
 
 
+@pytest.mark.long
 def test_rows_that_are_read_one_by_one_have_their_levels(tmp_path):
     """Those where angles of `balance` may change, which cannot be traced."""
-    event = '[events.late]\nof = "z[0]"\nlevel = 0.1\n'
+    event = '[events.late]\nof = "tests.sweep.test_events_of_rows:clock"\nlevel = 0.1\n'
     axes = """
     [[axes]]
     zip = [{ path = "body.mass", values = [1.0, 2.0] }, { path = "events.late.level", values = [0.5, 1.5] }]
     """
-    found = study(tmp_path, axes=axes, scenario=BALL + "[initial]\nbalance = { masses = [0] }\n" + event)
-    _, batch = read_rows(found, found.template(), np.arange(2), found.values(np.arange(2)))
-    np.testing.assert_array_equal(batch.events["late"].level, [0.5, 1.5])
+    _, data = solved(tmp_path, "", axes, BALL + "[initial]\nbalance = { masses = [0] }\n" + event)
+    np.testing.assert_allclose(data["late_time"], [0.5, 1.5], rtol=1e-12)
+
+
+def clock(system, t, state):
+    """An event at a time."""
+    return t
 
 
 def test_figures_show_what_is_known_of_rows_that_an_event_ended():

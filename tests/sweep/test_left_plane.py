@@ -58,6 +58,17 @@ def test_wheels_that_leave_the_plane_have_the_flag(tmp_path):
     )
 
 
+@pytest.mark.thorough
+def test_rows_that_end_there_have_the_flag_and_are_not_counted_again(tmp_path):
+    whole = study(tmp_path, axes=SPEEDS, settings="contact = true\ndetachment = true", scenario=WHEEL)
+    whole.run(tmp_path / "s.zarr")
+    data = open_store(tmp_path / "s.zarr").dataset().load()
+    np.testing.assert_array_equal(data["status"], np.where(DETACHED, Status.DETACHED, Status.SUCCESS))
+    np.testing.assert_array_equal(data["left_plane"], DETACHED.astype(int))
+    assert "2 DETACHED" in open_store(tmp_path / "s.zarr").describe()
+    assert "left_plane" not in open_store(tmp_path / "s.zarr").describe()
+
+
 @pytest.mark.long
 def test_rows_of_a_rattleback_have_the_flag(tmp_path):
     """Thrown from ten degrees at a high spin; at rest or slow it only rocks."""
