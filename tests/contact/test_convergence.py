@@ -86,10 +86,23 @@ def test_a_body_that_lifts_slowly_does_not_land_again_by_rounding():
         np.testing.assert_array_equal(run.contact.switches.cause, causes)
 
 
-def end_of_slip(mu, tolerance):
-    """When a homogeneous ball with slip and spin about all axes begins to roll, dropped on the plane."""
+@pytest.mark.long
+def test_what_friction_takes_is_what_the_energy_loses():
+    """On a plane at rest, without joints that move, at every tolerance."""
+    case = slipping_bodies.masses_on_a_slope()
+    still = jaxball.Ball(mass=1.0, inertia=(0.4, 0.45, 0.5), offset=(0.15, 0.1, -0.2), ground=jaxball.Ground(0.3, 0.4))
+    for tolerance in (1e-6, 1e-8, 1e-10):
+        run = simulated(case._replace(body=still), Contact(0.1, 0.11), tolerance)
+        energy = run.observables.energy
+        assert run.ok
+        assert run.contact.friction_loss[-1] > 0.01
+        np.testing.assert_allclose(energy + run.contact.friction_loss, energy[0], rtol=0, atol=MOST * tolerance)
+
+
+def end_of_slip(mu, tolerance, height):
+    """When a homogeneous ball with slip and spin about all axes begins to roll, on the plane or dropped on it."""
     ball = jaxball.Ball(mass=1.0, inertia=(0.4, 0.4, 0.4))
-    start = ReleasedState(jaxball.BallState(q=(0.6, 0.0, 0.8, 0.0), Omega=(0.5, -1.0, 0.7)), (1.0, 0.4, 0.0), 0.3)
+    start = ReleasedState(jaxball.BallState(q=(0.6, 0.0, 0.8, 0.0), Omega=(0.5, -1.0, 0.7)), (1.0, 0.4, 0.0), height)
     run = jaxball.simulate(
         ball,
         jnp.array([0.0, 8.0]),
@@ -103,10 +116,13 @@ def end_of_slip(mu, tolerance):
     return switches.times[jnp.argmax(switches.cause == SwitchCause.STOPS)]
 
 
-@pytest.mark.slow
-def test_the_derivative_of_the_time_at_which_a_slip_ends():
+@pytest.mark.long
+@pytest.mark.parametrize("height", [0.0, pytest.param(0.3, marks=SLOW)])
+def test_the_derivative_of_the_time_at_which_a_slip_ends(height):
     """t is in inverse proportion to μ, also after bounces, by which the mean normal force stays the weight."""
-    time_and_rate = jaxball.jit(lambda mu, tolerance: jax.jvp(lambda mu: end_of_slip(mu, tolerance), (mu,), (1.0,)))
+    time_and_rate = jaxball.jit(
+        lambda mu, tolerance: jax.jvp(lambda mu: end_of_slip(mu, tolerance, height), (mu,), (1.0,))
+    )
     for tolerance, close in ((1e-8, 1e-6), (1e-10, 1e-8), (1e-12, 1e-9)):
         time, rate = time_and_rate(0.2, tolerance)
         assert float(rate) == pytest.approx(-float(time) / 0.2, abs=close)

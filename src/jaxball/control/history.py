@@ -1,6 +1,6 @@
 """What a run under feedback records besides its states: the motion that it holds, its inputs and estimates.
 
-Files and the page that shows a run have it from there; ``results.loading`` makes it again from a file.
+Files and the page that shows a run read it; ``results.loading`` makes it again from a file.
 """
 
 import dataclasses

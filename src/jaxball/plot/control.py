@@ -9,10 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from scipy.stats import chi2
 
 from ..control.basins import Basin
-from ..control.estimation.estimate import AbstractEstimate, bounds_of_squares
+from ..control.estimation.estimate import AbstractEstimate, bounds_of_squares, largest_square
 from ..control.loop import ClosedLoop
 from ..control.track import Track
 from ..interface.arguments import require
@@ -169,7 +168,7 @@ def estimate(estimate: AbstractEstimate, truth: PlacedState | None = None, confi
         squares.insert(0, (r"$\xi^\top P^{-1}\xi$", *nees))
     count = len(groups) + len(squares)
     figure, panels = stacked_panels(count, ESTIMATE_PANEL_HEIGHT, 0.0, None)
-    width = float(np.sqrt(chi2.ppf(confidence, 1)))
+    width = float(np.sqrt(largest_square(confidence, 1)))
     for ax, (group, places) in zip(panels, groups.items(), strict=False):
         _draw_errors(ax, estimate, group, places, errors, width)
     for ax, square in zip(panels[len(groups) :], squares, strict=True):

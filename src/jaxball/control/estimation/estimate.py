@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
+from scipy.special import gammaincinv
 
 from ... import programs
 from ...interface.arguments import refusal, require_count
@@ -289,11 +290,20 @@ def chi2_bounds(degrees: int, runs: int = 1, confidence: float = 0.95) -> tuple[
     - ``runs``: how many are averaged.
     - ``confidence``: the probability.
     """
-    from scipy.stats import chi2  # here, because it takes longer than all of jaxball's own modules
+    low, high = bounds_of_squares(np.asarray(degrees * runs), confidence)
+    return float(low) / runs, float(high) / runs
 
+
+def bounds_of_squares(degrees: Int[np.ndarray, "*K"], confidence: float) -> list[Float[np.ndarray, "*K"]]:
+    """Returns the bounds between which squares lie that are distributed as χ²; NaN without degrees of freedom."""
     tail = (1 - confidence) / 2
-    low, high = (chi2.ppf(p, degrees * runs) / runs for p in (tail, 1 - tail))
-    return float(low), float(high)
+    return [np.where(degrees > 0, largest_square(p, np.maximum(degrees, 1)), np.nan) for p in (tail, 1 - tail)]
+
+
+def largest_square(share: float, degrees: Int[np.ndarray, "*K"] | int) -> Float[np.ndarray, "*K"]:
+    """Computes the number below which a share of squares lies that are distributed as χ²."""
+    # `scipy.stats` has it, too, and takes a second to import.
+    return np.asarray(2 * gammaincinv(np.asarray(degrees) / 2, share))
 
 
 @programs.filter_jit
@@ -321,12 +331,3 @@ def _smooth(estimate: Estimate) -> Estimate:
 def _weigh(P: Float[Array, "n n"], x: Float[Array, " n"]) -> Float[Array, ""]:
     """Computes xᵀP⁻¹x, without what is known."""
     return x @ inverse(P) @ x
-
-
-def bounds_of_squares(degrees: Int[np.ndarray, " K"], confidence: float) -> list[Float[np.ndarray, " K"]]:
-    """Returns the bounds between which squares lie that are distributed as χ²; NaN without degrees of freedom."""
-    from scipy.stats import chi2  # takes a third of a second to import
-
-    tails = (1 - confidence) / 2, (1 + confidence) / 2
-    # `maximum`, because ppf has no value without degrees of freedom, and `where` computes both.
-    return [np.where(degrees > 0, chi2.ppf(tail, np.maximum(degrees, 1)), np.nan) for tail in tails]

@@ -16,7 +16,6 @@ from ...physics.contact.released import ReleasedState
 from ...physics.sensors import AbstractSensor
 from ...physics.state import ReducedState, RotationState
 from ...simulation.events import prefix_of_event
-from ...simulation.extremes import contact_extremes
 from ...simulation.trajectory import Trajectory, always_rolls
 from ...simulation.variables import Variable
 from ..scenario.errors import ScenarioError
@@ -81,6 +80,8 @@ def attributes(
     run |= history_attributes(trajectory.history)
     run |= {f"{prefix_of_event(name)}_count": int(seen.count) for name, seen in trajectory.events.items()}
     if always_rolls(trajectory) and trajectory.interpolant is not None:
+        from ...simulation.extremes import contact_extremes  # with the solvers, which a run that is drawn does without
+
         extremes = contact_extremes(trajectory)
         names = [field.name for field in dataclasses.fields(extremes) if field.name != "constant"]
         run |= {name: float(getattr(extremes, name)) for name in names}

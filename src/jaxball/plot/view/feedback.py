@@ -9,9 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
 
-from ...control.estimation.estimate import bounds_of_squares
+from ...control.estimation.estimate import bounds_of_squares, largest_square
 from ...control.history import FeedbackHistory
 from ...simulation.trajectory import Trajectory
 from ..palette import DASHED, Line
@@ -113,7 +112,7 @@ def half_axes(covariances: Float[np.ndarray, "T d d"]) -> Float[np.ndarray, "T 2
     """Returns the half axes, in space axes, of the ellipses in which places lie with 95 % probability; for a line, one
     is 0.
     """
-    size, d = np.sqrt(chi2.ppf(CONFIDENCE, covariances.shape[1])), covariances.shape[1]
+    size, d = np.sqrt(largest_square(CONFIDENCE, covariances.shape[1])), covariances.shape[1]
     values, vectors = np.linalg.eigh(covariances)
     axes = np.zeros((len(covariances), 2, 3))
     # The square of the distance, in standard deviations, is distributed as χ²; rounding can make an eigenvalue of a
