@@ -38,15 +38,24 @@ def test_moves(shape):
     agree(moves, numbers(shape))
 
 
-def test_a_constant_that_repeats_its_numbers_holds_them_once():
-    few, shape = jnp.array([2.0, -0.0, 3.0]), (4, 3, 50, 60)
+@pytest.mark.parametrize("dtype", [float, complex, np.int32, bool])
+def test_a_constant_that_repeats_its_numbers_holds_them_once(dtype):
+    few, shape = jnp.array([2.0, -0.0, 3.0], dtype), (4, 3, 50, 60)
 
-    def scaled(x):
-        return x * jnp.broadcast_to(few[:, None, None], shape), x + lax.broadcast_in_dim(few, (4, 3, 50, 60), (1,))
+    def repeated(x):
+        rows = jnp.broadcast_to(few[:, None, None], shape)
+        return (
+            jnp.where(x > 0, rows, few[0]),
+            jnp.where(x > 0, lax.broadcast_in_dim(few, shape, (1,)), rows),
+            rows[:, :0],
+        )
 
-    agree(scaled, numbers(shape))
-    module = jax.jit(scaled).lower(numbers(shape)).compiler_ir("stablehlo")
-    assert len(emit(read_functions(module, 1)).main.body) < 20_000  # 36,000 numbers would be of 860,000 characters
+    agree(repeated, numbers(shape))
+    agree(jax.vmap(lambda x: jnp.where(x > 0, jnp.broadcast_to(few[:, None, None], shape[1:]), few[2])), numbers(shape))
+    module = jax.jit(repeated).lower(numbers(shape)).compiler_ir("stablehlo")
+    assert (
+        len(emit(read_functions(module, 1)).main.body) < 20_000
+    )  # 36,000 numbers would be of 100,000 characters or more
 
 
 @pytest.mark.parametrize("shape", SHAPES)
